@@ -194,3 +194,14 @@ def test_episodes_of_different_kinds_do_not_fit_into_one_table(tmp_path):
 def test_bad_rates(done, rate):
     with pytest.raises(OptionError, match="--rate"):
         next(episodes_of(done[0], done[0].parent, rate))
+
+
+def test_lerobot_itself_reads_it(done):
+    """Where the package is installed, its loader gives the same numbers, and finds single episodes."""
+    package = pytest.importorskip("lerobot.datasets.lerobot_dataset")
+    folder, episodes = done
+    dataset = package.LeRobotDataset("comove/posts", root=folder / "lerobot")
+    assert (dataset.num_episodes, dataset.num_frames) == (3, sum(len(e.time) for e in episodes))
+    alone = package.LeRobotDataset("comove/posts", root=folder / "lerobot", episodes=[1])
+    found = np.array([alone[i][STATE].numpy() for i in range(alone.num_frames)])
+    assert np.array_equal(found, episodes[1].position.reshape(len(found), -1).astype(np.float32))

@@ -1,7 +1,9 @@
 """Whatever is killed, each run of a study is in its store once, and as if nothing had been killed."""
 
+import contextlib
 import os
 import random
+import resource
 import signal
 import sqlite3
 import subprocess
@@ -28,7 +30,7 @@ def rows(folder):
     return runs, [motion for _, motion in store.motions()]
 
 
-def start(folder, *, workers=2, total=40, pause=0.02):
+def start(folder, *, workers=2, total=40, pause=0.02, room=None):
     path = os.pathsep.join([str(ROOT), str(ROOT / "src")])
     log = folder.with_suffix(".log")
     return subprocess.Popen(
@@ -38,6 +40,7 @@ def start(folder, *, workers=2, total=40, pause=0.02):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=None if room is None else lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (room, room)),
     )
 
 
@@ -82,7 +85,10 @@ def test_what_is_there_is_not_run_again_and_more_can_be_asked_for(tmp_path, whol
 
 
 def test_three_kills_mark_a_run_and_the_rest_goes_on(tmp_path):
-    run_study(FakeStudy(12, killers=(3, 7), raisers=(5,)), tmp_path / "study", on_processes(2))
+    study = FakeStudy(12, killers=(3, 7), raisers=(5,), log=tmp_path / "log")
+    run_study(study, tmp_path / "study", on_processes(2))
+    begun = (tmp_path / "log").read_text().split()
+    assert begun.count("3") == begun.count("7") == 3 and len(begun) == 16
     found = {run.number: (run.status, run.reason) for run in rows(tmp_path / "study")[0]}
     assert found.pop(3) == found.pop(7) == ("killed", "its process was killed 3 times")
     assert found.pop(5) == ("refused", "not 5; another")
@@ -147,6 +153,19 @@ def test_a_store_of_another_version_is_refused(tmp_path):
         run_study(FakeStudy(1), tmp_path, on_processes(1))
 
 
+@pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="files have no limit here")
+def test_a_full_disk_is_told_and_what_had_ended_is_there(tmp_path, whole):
+    """The disk is full in the middle: one sentence; with room again, the same call goes on."""
+    driver = start(tmp_path / "study", workers=1, pause=0.0, room=40_000)
+    _, err = driver.communicate(timeout=60)
+    assert driver.returncode == 1
+    assert "comove.errors.ResultError: " in err.splitlines()[-1] and "make room" in err.splitlines()[-1]
+    before = rows(tmp_path / "study")
+    assert 0 < len(before[0]) < 40 and before[0] == whole[0][: len(before[0])]
+    run_study(FakeStudy(40), tmp_path / "study", on_processes(1))
+    assert rows(tmp_path / "study") == whole
+
+
 @pytest.mark.parametrize("text", ["1", "0/2", "3/2", "a/b", "1/2/3", "-1/2"])
 def test_bad_shards(text):
     with pytest.raises(OptionError, match="--shard"):
@@ -160,30 +179,23 @@ def test_shards_divide_all_runs():
 
 
 @pytest.mark.slow
-def test_kills_at_random_moments_lose_nothing(tmp_path, whole):
-    """Workers, the driver, and all at once as in a power cut, until the study is done."""
-    rng, folder, kills = random.Random(0), tmp_path / "study", 0
-    while kills < 20:
-        driver = start(folder, pause=0.05)
-        time.sleep(rng.uniform(0.3, 1.2))
-        if driver.poll() is not None:
-            break
-        victims = {"worker": [], "driver": [driver.pid], "all": [driver.pid]}
-        what = rng.choice(["worker", "driver", "all"])
-        if what != "driver":
-            victims[what] += children(driver.pid)[: 1 if what == "worker" else None]
-        for pid in victims[what]:
-            try:
+def test_kills_at_random_moments_lose_nothing(tmp_path):
+    """Workers, the driver, and all at once as in a power cut, twenty times, until the study is done."""
+    rng, folder, total = random.Random(0), tmp_path / "study", 2000
+    for what in rng.choices(["worker", "driver", "all"], k=20):
+        driver = start(folder, total=total, pause=0.01)
+        if rng.random() < 0.7:  # else while it starts
+            driver.stdout.readline()
+        time.sleep(rng.uniform(0.0, 1.0))
+        victims = [] if what == "driver" else children(driver.pid)
+        for pid in victims[:1] if what == "worker" else [*victims, driver.pid]:
+            with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-                kills += 1
-            except ProcessLookupError:
-                pass
-        if what == "worker":
-            time.sleep(rng.uniform(0.0, 0.5))
-            driver.kill()
+        time.sleep(rng.uniform(0.0, 0.5))
+        driver.kill()
         driver.communicate(timeout=60)
-    last = start(folder)
-    _, err = last.communicate(timeout=120)
+    last = start(folder, total=total, pause=0.0)
+    _, err = last.communicate(timeout=240)
     assert last.returncode == 0, err
-    assert kills >= 5
-    assert rows(folder) == whole
+    run_study(FakeStudy(total), tmp_path / "whole", on_processes(1))
+    assert rows(folder) == rows(tmp_path / "whole")
