@@ -174,15 +174,14 @@ def crowded(n_obstacles, seed):
     }
 
 
-INTERVALS = """seconds => new Promise(done => {
+INTERVALS = """count => new Promise(done => {
     const times = [];
-    const end = performance.now() + 1e3 * seconds;
-    const next = now => { times.push(now); now < end ? requestAnimationFrame(next) : done(times); };
+    const next = now => { times.push(now); times.length <= count ? requestAnimationFrame(next) : done(times); };
     requestAnimationFrame(next);
 })"""
 
 
-def frames(n_obstacles, seed, seconds=10.0):
+def frames(n_obstacles, seed, n_frames=30):
     """Print how long a state takes to be sent, and how often a browser draws without graphics card."""
     from tests.workbench.browser import Bench, browser
 
@@ -201,7 +200,7 @@ def frames(n_obstacles, seed, seconds=10.0):
                 sent.append(time.perf_counter() - begun)
 
             session._show = timed
-            drawn = 1e-3 * np.diff(bench.page.evaluate(INTERVALS, seconds))
+            drawn = 1e-3 * np.diff(bench.page.evaluate(INTERVALS, n_frames))
             report(f"a state is sent, {n_obstacles} obstacles", sent)
             report("between two pictures of the browser", drawn)
         finally:
