@@ -219,7 +219,7 @@ class Stage:
             self._draw_bodies(pale)
         self._draw_paths(recording, pale)
         for handle, body in self._links:
-            if handle.color != (wanted := GREY if pale else body.colour):
+            if tuple(handle.color) != (wanted := GREY if pale else body.colour):
                 handle.color = wanted
         every = np.linspace(0, len(recording.time) - 1, N_GHOSTS).round().astype(int)
         for piece in pieces:
