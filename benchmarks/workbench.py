@@ -25,7 +25,7 @@ import yaml
 
 import comove
 from comove.workbench.edits import Draft, contents_of, grips_of, moved, place_of
-from comove.workbench.link import Link
+from comove.workbench.link import BUDGET, BUDGET_WITH_ARMS, Link
 from comove.workbench.shelf import read_scene, shelf_of
 
 STEPS, PERIOD = 5, 0.05  # s
@@ -46,6 +46,11 @@ def answer_to(number, answers, kinds=("kept", "found", "solved", "failed")):
             return header["kind"], time.perf_counter()
 
 
+def budget_of(scene):
+    """Return the time of a search on a page [s]."""
+    return BUDGET if scene.file.robot is None else BUDGET_WITH_ARMS
+
+
 def dragged(scene, link, answers, rng):
     """Make one drag; return what came of it and after which time [s]."""
     contents = contents_of(scene)
@@ -56,7 +61,10 @@ def dragged(scene, link, answers, rng):
     there[: scene.n_dims] += rng.uniform(-reach, reach, scene.n_dims)
     for step in range(1, STEPS + 1):
         draft = Draft(moved(contents, grip, home + step / STEPS * (there - home)))
-        begun, number = time.perf_counter(), link.submit(draft, dragging=step < STEPS)
+        begun, number = (
+            time.perf_counter(),
+            link.submit(draft, dragging=step < STEPS, budget=budget_of(scene)),
+        )
         if step < STEPS:
             time.sleep(PERIOD)
     kind, arrived = answer_to(number, answers)
@@ -73,7 +81,8 @@ def measured(path, n_drags, seed):
     """Drag many times in one scene, and print a row of the table."""
     scene, answers, rng = read_scene(path), queue.Queue(), np.random.default_rng(seed)
     link = Link(path.parent, answers.put)
-    answer_to(link.submit(Draft(contents_of(scene))), answers, ("solved",))  # kernels are loaded
+    number = link.submit(Draft(contents_of(scene)), budget=budget_of(scene))
+    answer_to(number, answers, ("solved",))  # kernels are loaded
     for _ in range(10):
         dragged(scene, link, answers, rng)
     before = memory_of(link.pid)
@@ -174,15 +183,14 @@ def crowded(n_obstacles, seed):
     }
 
 
-INTERVALS = """seconds => new Promise(done => {
+INTERVALS = """count => new Promise(done => {
     const times = [];
-    const end = performance.now() + 1e3 * seconds;
-    const next = now => { times.push(now); now < end ? requestAnimationFrame(next) : done(times); };
+    const next = now => { times.push(now); times.length <= count ? requestAnimationFrame(next) : done(times); };
     requestAnimationFrame(next);
 })"""
 
 
-def frames(n_obstacles, seed, seconds=10.0):
+def frames(n_obstacles, seed, n_frames=30):
     """Print how long a state takes to be sent, and how often a browser draws without graphics card."""
     from tests.workbench.browser import Bench, browser
 
@@ -201,7 +209,7 @@ def frames(n_obstacles, seed, seconds=10.0):
                 sent.append(time.perf_counter() - begun)
 
             session._show = timed
-            drawn = 1e-3 * np.diff(bench.page.evaluate(INTERVALS, seconds))
+            drawn = 1e-3 * np.diff(bench.page.evaluate(INTERVALS, n_frames))
             report(f"a state is sent, {n_obstacles} obstacles", sent)
             report("between two pictures of the browser", drawn)
         finally:

@@ -22,6 +22,7 @@ HEIGHT = 0.03  # of the longest side of a planar workspace: height of its obstac
 THIN = 0.004  # of the longest side: least radius with which rods are drawn
 HAND = 0.011  # of the longest side: radius of the ball that stands for a hand
 AROUND, ALONG = 32, 17  # directions in which round bodies are sampled, about the vertical and along it
+MANY = 60  # obstacles, from which on each is drawn with a quarter of the triangles and without a shadow
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +78,7 @@ def longest_side(scene: Scene) -> float:
 def obstacle_surfaces(scene: Scene) -> tuple[Surface, ...]:
     """Return the surfaces of all obstacles, each relative to its centre but turned as in the scene."""
     meshes = {int(owner): mesh for mesh, owner in enumerate(scene.surfaces.owner)}
+    directions = _directions(2 if len(scene.first_rows) >= MANY else 1)
     found = []
     for obstacle, row in enumerate(scene.first_rows):
         if obstacle in meshes:
@@ -84,17 +86,16 @@ def obstacle_surfaces(scene: Scene) -> tuple[Surface, ...]:
         elif scene.n_dims == 2:
             triangles = _prism(outline(scene.obstacles[row], (0, 1)), HEIGHT * longest_side(scene))
         else:
-            triangles = hull_faces(support_points(scene.obstacles[row], _directions()))
+            triangles = hull_faces(support_points(scene.obstacles[row], directions))
         found.append(Surface.of(triangles - scene.centers[obstacle]))
     return tuple(found)
 
 
-@lru_cache(maxsize=1)
-def _directions() -> Array:
-    """Return unit vectors all around; array, shape (n, 3)."""
-    u, v = np.meshgrid(
-        0.01 + np.linspace(0.0, 2 * np.pi, AROUND, endpoint=False), np.linspace(-1.0, 1.0, ALONG)
-    )
+@lru_cache(maxsize=2)
+def _directions(coarser: int = 1) -> Array:
+    """Return unit vectors all around, every one or every `coarser`-th each way; array, shape (n, 3)."""
+    around = 0.01 + np.linspace(0.0, 2 * np.pi, AROUND // coarser, endpoint=False)
+    u, v = np.meshgrid(around, np.linspace(-1.0, 1.0, (ALONG - 1) // coarser + 1))
     ring, height = np.cos(0.5 * np.pi * v), np.sin(0.5 * np.pi * v)
     return np.stack([ring * np.cos(u), ring * np.sin(u), height], axis=-1).reshape(-1, 3)
 

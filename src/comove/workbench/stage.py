@@ -22,6 +22,7 @@ from comove.workbench.edits import Grip, contents_of, grips_of, place_of
 from comove.workbench.geometry import (
     HAND,
     HEIGHT,
+    MANY,
     Piece,
     ball,
     clearance_colours,
@@ -105,7 +106,7 @@ class Stage:
         """Draw the obstacles, where they are at 0 s."""
         for handle in self.obstacles:
             handle.remove()
-        moving = self.scene.moving
+        moving, few = self.scene.moving, len(self.scene.moving) < MANY
         self.obstacles = [
             self.api.add_mesh_simple(
                 f"{self.prefix}/obstacle_{i}",
@@ -114,6 +115,8 @@ class Stage:
                 color=colour_of(MOVING) if moving[i] else STILL,
                 opacity=None if self.scene.n_dims == 2 else 0.55,
                 side="double",
+                cast_shadow=few,
+                receive_shadow=few,
                 position=tuple(self.scene.centers[i]),
             )
             for i, surface in enumerate(obstacle_surfaces(self.scene))
@@ -216,7 +219,7 @@ class Stage:
             self._draw_bodies(pale)
         self._draw_paths(recording, pale)
         for handle, body in self._links:
-            if handle.color != (wanted := GREY if pale else body.colour):
+            if tuple(handle.color) != (wanted := GREY if pale else body.colour):
                 handle.color = wanted
         every = np.linspace(0, len(recording.time) - 1, N_GHOSTS).round().astype(int)
         for piece in pieces:
