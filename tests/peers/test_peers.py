@@ -1,6 +1,6 @@
 """The own tests of movement_primitives and cmaes, run on comove's classes in the place of theirs.
 
-The peers' tests do not come with their packages: name a folder that holds checkouts `movement_primitives` and `cmaes`,
+The tests do not come with their packages: name a folder that holds checkouts `movement_primitives` and `cmaes`,
 
     COMOVE_PEER_TESTS=FOLDER pytest tests/peers
 
