@@ -3,7 +3,8 @@
 ``bbob`` (54 functions, `--dimension`, `--instances`): share of 51 targets 1e2 .. 1e-8 above the optimum that are
 reached by feasible points within 10^4 n evaluations of the constraints, and of the objective. ``cec2006`` (g03 g05
 g11 g13 g14 g15 g17 g21 g23, equalities within 1e-4, `--seeds`): feasible points within 1e-4 of the best known value,
-500,000 evaluations (`--evaluations`); those without equalities are `--functions 1 2 4 6 7 8 9 10 12 16 18 19 24`. ``unconstrained``: bbob, one instance, targets 1e2 .. 1e-8 within 10^4 n evaluations.
+500,000 evaluations (`--evaluations`); those without equalities are `--functions 1 2 4 6 7 8 9 10 12 16 18 19 24`.
+``unconstrained``: bbob, one instance, targets 1e2 .. 1e-8 within 10^4 n evaluations.
 
 Everybody begins at COCO's initial solution with step size 1 (in the middle of nowhere with 2 where there are no
 constraints), or at a random point of the box with 0.3 of its width, and restarts until the evaluations are used.
