@@ -6,6 +6,9 @@
   installed, with as many weights a dimension;
 - conditioning: the recording left out is given at 1 and at 3 instants; error of the mean elsewhere, as a share of the
   error before;
+- bimanual: two hands whose deviations hang together, drawn anew (each set 8 recordings and one left out): the log
+  density of both hands, and the error of the right hand's mean, over that before, once the left hand of the recording
+  left out is given at 3 instants;
 - time of a fit of 6 recordings, and of 1000 samples of 201 steps;
 - scenes: fresh planar draws with one hand and circles, demonstrations that vary in a part of the way: distance
   weighted by precision, of motions with the distribution and with its mean alone;
@@ -49,12 +52,15 @@ def main() -> None:
     parser.add_argument("--shapes", type=int, default=30)
     parser.add_argument("--scenes", type=int, default=50)
     parser.add_argument("--picture", help="where to draw the tube")
-    parser.add_argument("--only", nargs="*", choices=("handwriting", "scenes"))
+    parser.add_argument("--only", nargs="*", choices=("handwriting", "bimanual", "scenes"))
+    parser.add_argument("--sets", type=int, default=30, help="of two hands")
     asked = parser.parse_args()
     on_one_thread()
     warnings.simplefilter("ignore")
     if asked.only is None or "handwriting" in asked.only:
         handwriting(asked.shapes)
+    if asked.only is None or "bimanual" in asked.only:
+        bimanual(asked.sets)
     if asked.only is None or "scenes" in asked.only:
         scenes(asked.scenes)
     if asked.picture:
@@ -192,6 +198,120 @@ def _measures(
         fit,
         drawn,
     )
+
+
+def two_hands(rng: np.random.Generator, n: int = 9) -> list[Array]:
+    """Return recordings of two planar hands, arrays (101, 4): what the left one does aside, the right one follows."""
+    s = np.linspace(0.0, 1.0, 101)
+    way = s**3 * (10 - 15 * s + 6 * s**2)
+    bends = np.stack([np.sin(np.pi * k * way) / k for k in (1, 2, 3)])
+    base = np.stack(
+        [way, rng.uniform(-0.3, 0.3) * bends[0], way, 0.4 + rng.uniform(-0.3, 0.3) * bends[1]], axis=1
+    )
+    together = np.tile(rng.uniform(0.5, 1.0, (2, 2)) * np.sign(rng.standard_normal((2, 2))), 1)
+    found = []
+    for _ in range(n):
+        left = 0.05 * np.einsum("kd,kt->td", rng.standard_normal((3, 2)), bends)
+        own = 0.01 * np.einsum("kd,kt->td", rng.standard_normal((3, 4)), bends)
+        found.append(base + np.concatenate([left, left @ together.T], axis=1) + own)
+    return found
+
+
+class TwoHands:
+    """A distribution of comove of both hands, or of each for itself."""
+
+    def __init__(self, takes: list[Array], together: bool = True) -> None:
+        s = np.linspace(0.0, 1.0, len(takes[0]))
+        demos = [
+            {
+                name: Demonstration(s, take[:, part])
+                for name, part in (("left", slice(2)), ("right", slice(2, 4)))
+            }
+            for take in takes
+        ]
+        if together:
+            self.parts = [ProMP.fit(demos, n_basis=N_WEIGHTS)]
+        else:
+            self.parts = [
+                ProMP.fit([demo[name] for demo in demos], n_basis=N_WEIGHTS) for name in ("left", "right")
+            ]
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean and covariance of both hands at the instants."""
+        mean = np.concatenate([part.mean_at(INSTANTS) for part in self.parts], axis=1)
+        covariance, first = np.zeros((len(INSTANTS), 4, 4)), 0
+        for part in self.parts:
+            last = first + part.n_columns
+            covariance[:, first:last, first:last] = part.covariance_at(INSTANTS) + np.diag(part.noise**2)
+            first = last
+        return mean, covariance
+
+    def right(self, left: Array) -> Array:
+        """Return the mean of the right hand where the left one is known at three instants."""
+        if len(self.parts) > 1:
+            return self.parts[1].mean_at(INSTANTS)
+        via = [ViaPoint(INSTANTS[i], left[i]) for i in GIVEN[1]]
+        told = self.parts[0].condition(*via, position_covariance=1e-6, manipulator="left")
+        return told.mean_at(INSTANTS)[:, 2:]
+
+
+class PeerOfTwoHands:
+    """A distribution of movement_primitives in four dimensions."""
+
+    def __init__(self, takes: list[Array]) -> None:
+        from movement_primitives.promp import ProMP as Peer
+
+        self.promp = Peer(n_dims=4, n_weights_per_dim=N_WEIGHTS)
+        self.promp.imitate(np.stack([np.linspace(0.0, 1.0, len(takes[0]))] * len(takes)), np.stack(takes))
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean and covariance of both hands at the instants."""
+        n = len(INSTANTS)
+        whole = self.promp.cov_trajectory(INSTANTS).reshape(4, n, 4, n)
+        return self.promp.mean_trajectory(INSTANTS), np.einsum(
+            "ctdt->tcd", whole
+        ) + self.promp.variance * np.eye(4)
+
+    def right(self, left: Array) -> Array:
+        """Return the mean of the right hand where the left one is known at three instants."""
+        promp, unknown = self.promp, np.diag([1e-6, 1e-6, 1e6, 1e6])
+        for i in GIVEN[1]:
+            promp = promp.condition_position(
+                np.append(left[i], [0.0, 0.0]), y_cov=unknown, t=INSTANTS[i], t_max=1.0
+            )
+        return promp.mean_trajectory(INSTANTS)[:, 2:]
+
+
+def bimanual(count: int) -> None:
+    """Compare on two hands whose deviations hang together."""
+    kinds: dict[str, Callable[[list[Array]], Any]] = {
+        "comove, both hands": TwoHands,
+        "comove, each for itself": lambda takes: TwoHands(takes, together=False),
+    }
+    if importlib.util.find_spec("movement_primitives") is None:
+        print(NOT_INSTALLED)
+    else:
+        kinds["movement_primitives, ProMP"] = PeerOfTwoHands
+    rows = []
+    rng = np.random.default_rng(SEED)
+    sets = [two_hands(rng) for _ in range(count)]
+    for name, kind in kinds.items():
+        values = []
+        for takes in sets:
+            started = time.perf_counter()
+            model = kind(takes[:-1])
+            fit = time.perf_counter() - started
+            position = takes[-1][:: (len(takes[-1]) - 1) // (len(INSTANTS) - 1)]
+            mean, covariance = model.moments()
+            away = (position - mean)[1:-1]
+            square = np.einsum("ti,tij,tj->t", away, np.linalg.inv(covariance[1:-1]), away)
+            density = -0.5 * (square + np.linalg.slogdet(2 * np.pi * covariance[1:-1])[1])
+            after = model.right(position[:, :2]) - position[:, 2:]
+            ratio = np.linalg.norm(after) / np.linalg.norm((position - mean)[:, 2:])
+            values.append((density.mean() / 4, ratio, fit))
+        middle = np.median(values, axis=0)
+        rows.append([name, f"{middle[0]:.3f}", f"{middle[1]:.3f}", f"{number(1e3 * middle[2])} ms"])
+    print_table([f"{count} sets of two hands, medians", "log density", "right, given left", "fit"], rows)
 
 
 def recordings(rng: np.random.Generator, n: int = 10) -> list[Demonstration]:

@@ -157,7 +157,6 @@ class DMP:
         if len(time) < 2 or not time[-1] > 0:
             raise DemonstrationError("the recording lasts no time", way_out="give two samples or more")
         position = demonstration.position
-        _tell_few(len(time), n_basis, 0 if variant is Variant.RHYTHMIC else 2)
         if variant is Variant.RHYTHMIC:
             if phase is not None:
                 raise OptionError(
@@ -165,9 +164,11 @@ class DMP:
                 )
             if not at_rest:
                 raise OptionError("a rhythmic movement has no end", key="at_rest", way_out="leave it out")
+            _tell_few(len(time), n_basis, 0)
             return cls._fit_cycle(time, position, n_basis, period)
         if period is not None:
             raise OptionError(f"period = {period!r} of a movement that ends", way_out="leave it out")
+        _tell_few(len(time), n_basis, 2)
         dmp = cls(
             weights=np.zeros((position.shape[1], n_basis)),
             start=position[0],
