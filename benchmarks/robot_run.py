@@ -75,7 +75,8 @@ def main() -> None:
     warnings.simplefilter("ignore")
     print(
         "| scene | witnessed | arrived [s] | contacts | hold, commanded | hands apart [mm] | links [mm] "
-        "| load [mm] | plans | relaxed [m/s] | stopped | step [ms], median and 99.9 % |\n|---|---|---|---|---|---|---|---|---|---|---|---|"
+        "| load [mm] | plans | relaxed [m/s] | stopped | step [ms], median and 99.9 % |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|---|"
     )
     well, control = [], []
     for name in options.robots:
