@@ -4,7 +4,9 @@
     python benchmarks/robot_run.py --scenes 5 --robots gap_30
 
 Balls of 16 cm fly straight, at 0.2 to 0.5 m/s, through a random point near the middle of the workspace, while the
-carry is under way. Nobody knows whether they can be dodged: there are no witnesses.
+carry is under way. Some of them cannot be dodged, as they fly through a shoulder. So a scene counts as *witnessed*
+where the plan itself, halted at some point until all balls are gone, keeps clear of them; who halts so needs to know
+the future.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from comove.planning import SceneKind
 from comove.robots import Robot
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.online.executor import JointExecutor
+from comove.robots.online.link_rows import first_contact
 from comove.scenes import Scene
 from comove.simulators.live import run_live
 from comove.simulators.live_record import judge_run
@@ -46,6 +49,23 @@ def drawn(name: str, seed: int) -> Scene:
     return Scene.from_dict({**data, "name": f"{name} {seed}", "demonstration": None})
 
 
+def witnessed(executor: JointExecutor) -> bool:
+    """Whether the plan touches nothing if it is halted somewhere until the balls are gone, by capsules of links."""
+    plan, scene, arms = executor.plan, executor.scene, executor.carrier.arms
+    times, motion = np.arange(0.0, LONGEST, 0.05), plan.motion.motion
+    gone = 15.0  # s, after which every ball is far away
+    need = np.where(scene.moving[scene.owners], scene.clearance, -np.inf)
+    for halt in np.linspace(0.0, plan.joints.duration, 21):
+        phase = np.where(times < gone, np.minimum(times, halt), halt + times - max(gone, halt))
+        phase = np.clip(phase, 0.0, plan.joints.duration)
+        joints = np.ascontiguousarray(plan.joints.at(phase)[0][:, executor.columns])
+        nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(phase / plan.joints.duration))[0])
+        met = first_contact(arms, joints, nodes, executor.observer.observe(0.0), times, need)
+        if met == len(times):
+            return True
+    return False
+
+
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -54,8 +74,9 @@ def main() -> None:
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     print(
-        "| scene | arrived [s] | contacts | hold, commanded | hands apart [mm] | links [mm] | load [mm] | plans |"
-        " relaxed [m/s] | stopped | step [ms], median and 99.9 % |\n|---|---|---|---|---|---|---|---|---|---|---|"
+        "| scene | witnessed | arrived [s] | contacts | hold, commanded | hands apart [mm] | links [mm] "
+        "| load [mm] | plans | relaxed [m/s] | stopped | step [ms], median and 99.9 % |\n"
+        "|---|---|---|---|---|---|---|---|---|---|---|---|"
     )
     well, control = [], []
     for name in options.robots:
@@ -63,25 +84,28 @@ def main() -> None:
         load_robot_kernels(SceneKind.of(drawn(name, 0)))
         for seed in range(options.scenes):
             executor = JointExecutor(drawn(name, seed), robot, seed=seed)
+            known = witnessed(executor)
             record = run_live(executor, LONGEST)
             report, log = judge_run(record, stride=10), executor.log
             steps = 1e3 * np.array(log.control)
-            well.append((record.arrived, not record.contacts, not report.reasons))
+            well.append((known, record.arrived, not record.contacts, not report.reasons))
             control.append(steps)
             print(
-                f"| {name} {seed} | {f'{report.duration_s:.1f}' if record.arrived else '-'} "
+                f"| {name} {seed} | {'yes' if known else 'no'} "
+                f"| {f'{report.duration_s:.1f}' if record.arrived else '-'} "
                 f"| {len(record.contacts)} | {report.hold_error_max:.0e} "
                 f"| {1e3 * report.distance_error_max:.2f} | {1e3 * report.clearance_scene:.1f} "
                 f"| {1e3 * report.clearance_carried:.1f} | {len(log.planning)} | {log.relaxed:.3f} "
                 f"| {log.stopped} | {np.median(steps):.2f}, {np.quantile(steps, 0.999):.2f} |",
                 flush=True,
             )
-    arrived, clean, all_well = np.array(well).sum(axis=0)
     steps = np.concatenate(control)
-    print(
-        f"\nof {len(well)}: {arrived} arrived, {clean} without contact, {all_well} as they should; control step "
-        f"{np.median(steps):.2f} ms, 99.9 % within {np.quantile(steps, 0.999):.2f} ms"
-    )
+    for words, rows in (("witnessed", [row for row in well if row[0]]), ("all", well)):
+        arrived, clean, all_well = np.array(rows, dtype=int).reshape(-1, 4)[:, 1:].sum(axis=0)
+        print(
+            f"\n{words}: of {len(rows)} scenes {arrived} arrived, {clean} without contact, {all_well} as they should"
+        )
+    print(f"control step {np.median(steps):.2f} ms, 99.9 % within {np.quantile(steps, 0.999):.2f} ms")
 
 
 if __name__ == "__main__":

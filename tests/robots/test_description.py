@@ -17,6 +17,7 @@ from comove.robots.description import (
     Uncertainty,
     load_description,
 )
+from tests.robots.small_robots import BUNDLED
 
 GOOD = "name: r\nmodels: [{urdf: r.urdf}]\narms: {left: {tip: hand}}\n"
 
@@ -45,7 +46,7 @@ def test_bundled_descriptions_are_found_by_name_and_have_homes(name):
 
 
 def test_the_bundled_robots_are_those_of_the_examples():
-    assert bundled_robots() == ("baxter", "two_pandas", "two_ur10", "two_xarm7", "ur5_and_panda")
+    assert bundled_robots() == BUNDLED
 
 
 def test_descriptions_are_found_by_path_and_beside_a_scene(tmp_path):
@@ -59,7 +60,7 @@ def test_descriptions_are_found_by_path_and_beside_a_scene(tmp_path):
 @pytest.mark.parametrize("name", ["baxtr", "no/such.yaml", "x" * 5000, "a\0b", "."])
 def test_a_robot_that_is_not_there_is_told_with_those_that_are(name, tmp_path):
     message = told(find_description, name, tmp_path)
-    assert "known: baxter, two_pandas, two_ur10, two_xarm7, ur5_and_panda" in message
+    assert f"known: {', '.join(BUNDLED)}" in message
     assert ("did you mean 'baxter'?" in message) == (name == "baxtr")
 
 

@@ -119,7 +119,7 @@ class RobotCarrier:
                 scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
         if scene.moving.any():
-            way_out = "leave out motion, and stop the robot where something comes near"
+            way_out = "carry it out step by step: comove robot run SCENE"
             raise _unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise _unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")

@@ -37,7 +37,7 @@ MADE = {  # joints from the base: where each is in the frame of the one before, 
     "iiwa": [
         ("0 0 .34", Z), ("0 0 0", Y), ("0 0 .4", Z), ("0 0 0", Y), ("0 0 .4", Z), ("0 0 0", Y), ("0 0 .1", Z)
     ],
-    "pr2": [
+    "pr2 alike": [
         ("0 0 .3", Z), (".1 0 0", Y), ("0 0 0", X), (".4 0 0", Y), ("0 0 0", X), (".32 0 0", Y), ("0 0 0", X)
     ],
 }  # fmt: skip
@@ -47,7 +47,7 @@ KNOWN = {
     "offset shoulder": (WRIST_MEET_2, -1, False),
     "puma, from the grasp": (WRIST_ALONG, -1, True),
     "iiwa": (WRIST_MEET_1, 6, True),
-    "pr2": (WRIST_MEET_1, 0, False),
+    "pr2 alike": (WRIST_MEET_1, 0, False),
     "two_pandas": (WRIST_MEET_1, 6, True),
     "two_xarm7": (WRIST_MEET_1, 6, True),
     "two_ur10": (ALONG, -1, False),
@@ -185,7 +185,7 @@ def test_whole_turns_bring_joints_nearest_to_a_posture_inside_their_limits():
     )  # -3.07 to -0.07
 
 
-@pytest.mark.parametrize("name", ["two_pandas", "two_xarm7", "pr2", "two_ur10"])
+@pytest.mark.parametrize("name", ["two_pandas", "two_xarm7", "pr2 alike", "two_ur10"])
 def test_seeds_are_inside_the_limits_and_have_the_pose(name):
     machine, chains, form = arm_of(name)
     rng, columns = np.random.default_rng(3), machine.arms[0].columns
