@@ -462,3 +462,20 @@ def test_plain_is_cma_es():
 def test_bad_weights_are_told(weight):
     with pytest.raises(OptionError, match="weight"):
         Minimiser(np.ones(3), 1.0, method=Penalty(weight))
+
+
+def balls(x):
+    """Negative inside one of 729 balls of radius 1/4 about whole numbers from 1 to 9 (CEC 2006, g12)."""
+    nearest = np.clip(np.round(x), 1, 9)
+    return ((x - nearest) ** 2).sum(axis=1, keepdims=True) - 0.0625
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_disconnected_feasible_sets_are_crossed(seed):
+    """The best ball is found from any other, with few evaluations: from afar the constraint has no slope."""
+    start = np.random.default_rng(seed).uniform(0, 10, 3)
+    result = minimise(
+        lambda x: ((x - 5) ** 2).sum(axis=1) / 100 - 1,
+        start, 3.0, constraints=balls, bounds=(0.0, 10.0), seed=seed, target=-1 + 1e-4, max_evaluations=8000,
+    )  # fmt: skip
+    assert result.fun <= -1 + 1e-4

@@ -121,6 +121,13 @@ def test_what_was_learned_stays_and_what_lies_outside_is_forgotten():
         search.change_bounds(None)
 
 
+def test_guests_that_wait_come_to_the_new_bounds_too():
+    search = Minimiser(np.zeros(3), 0.1, population=6, seed=0)
+    search.inject(np.full((2, 3), 0.5))
+    search.change_bounds(([-1, -1, 0.2], [0.4, 1, 0.2]))
+    assert np.array_equal(search.ask().x[:2], np.tile([0.4, 0.5, 0.2], (2, 1)))
+
+
 # --- The first distribution ---
 
 

@@ -332,6 +332,11 @@ class CMAES:
             x[i] = guest
         return x
 
+    @property
+    def guests(self) -> Array:
+        """Return the points that still wait to take part; array, shape (n_points, n)."""
+        return self._guests
+
     def invite(self, points: Array) -> None:
         """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
         self._guests = np.concatenate([self._guests, points])

@@ -164,6 +164,11 @@ class OptimiserRun(AskAndTell):
         """Return mean, step size and covariance of the samples; shapes (n,), (), (n, n)."""
         return self._es.mean, self._es.sigma, self._es.covariance.as_matrix()
 
+    @property
+    def guests(self) -> Array:
+        """Return the points that still wait to take part; array, shape (n_points, n)."""
+        return self._es.guests
+
     def invite(self, points: Array) -> None:
         """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
         self._es.invite(points)

@@ -328,6 +328,7 @@ class Minimiser:
         if self._restoration is None:
             inner, sigma, learned = self._run.distribution
             mean = self._whole(inner[None])[0]
+            self._guests = np.concatenate([self._guests, self._whole(self._run.guests)])
             covariance[np.ix_(self._free, self._free)] = learned
         self._lower, self._upper, self._free = lower, upper, free
         if not ((self._best_x >= lower) & (self._best_x <= upper)).all():
