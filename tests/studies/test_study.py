@@ -12,7 +12,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import SceneError
 from comove.primitives import DMP, Library, Primitive
 from comove.studies import Study, Sweep
-from comove.studies.distributions import Choice, TruncatedNormal, Uniform
+from comove.studies.distributions import OneOf, TruncatedNormal, Uniform
 from comove.studies.keys import change, fit_hands
 from comove.studies.runs import differences
 
@@ -55,7 +55,7 @@ def test_the_distributions_are_those_that_their_names_say():
     values = np.array([normal.draw(rng) for _ in range(2000)])
     assert stats.kstest(values, stats.truncnorm(-0.5, 2.5, 1.0, 2.0).cdf).pvalue > 0.01
     assert values.min() >= 0.0 and values.max() <= 6.0
-    chosen = [Choice(("a", "b", "c")).draw(rng) for _ in range(3000)]
+    chosen = [OneOf(("a", "b", "c")).draw(rng) for _ in range(3000)]
     assert stats.chisquare([chosen.count(c) for c in "abc"]).pvalue > 0.01
 
 

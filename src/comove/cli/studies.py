@@ -14,13 +14,13 @@ from comove.errors import OptionError
 
 if TYPE_CHECKING:
     from comove.studies import StudyProgress, StudyReport
-    from comove.studies.runner import Run, Runs, Shard
+    from comove.studies.runner import Run, RunSource, Shard
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (YAML).")]
 OutFolder = Annotated[
     Path, typer.Option("--out", help="Folder for the runs; one that is there is gone on with.")
 ]
-Workers = Annotated[int, typer.Option(metavar="N", help="Runs at a time, each in a process of its own.")]
+Workers = Annotated[int, typer.Option(metavar="N", help="RunSource at a time, each in a process of its own.")]
 ShardOption = Annotated[
     str, typer.Option(metavar="I/N", help="Run only the I-th of N parts, into a folder of its own.")
 ]
@@ -64,7 +64,7 @@ def runs_of(workers: int, dask: str | None) -> Run:
     return on_dask(dask, workers)
 
 
-def run_with_progress(study: Runs, out: Path, run: Run, shard: Shard) -> StudyProgress:
+def run_with_progress(study: RunSource, out: Path, run: Run, shard: Shard) -> StudyProgress:
     """Do the runs that are missing, and show how far they are; after Ctrl-C, say how to go on.
 
     Raises

@@ -39,7 +39,7 @@ LEAVE = 1.0  # s, that a process has to end by itself
 
 
 @dataclass(frozen=True)
-class Ended(Generic[Task, Made]):
+class TaskResult(Generic[Task, Made]):
     """A task that has ended, in whatever way.
 
     Attributes
@@ -68,7 +68,7 @@ def run_tasks(
     *,
     workers: int,
     allowed: float = math.inf,
-) -> Iterator[Ended[Task, Made]]:
+) -> Iterator[TaskResult[Task, Made]]:
     """Yield tasks as they end, in any order.
 
     Processes start as tasks need them, and end with the iterator, also by Ctrl-C. They end within a second if this
@@ -172,7 +172,7 @@ class _Crew(Generic[Task, Made]):
                 self.processes[idle.connection] = idle
             idle.give(task)
 
-    def ended(self) -> Iterator[Ended[Task, Made]]:
+    def ended(self) -> Iterator[TaskResult[Task, Made]]:
         """Yield the tasks that have ended, as soon as there is one, or after a while none."""
         for connection in wait(list(self.processes), None if math.isinf(self.allowed) else POLL):
             process = self.processes[connection]  # type: ignore[index]
@@ -191,13 +191,13 @@ class _Crew(Generic[Task, Made]):
             elif (task := process.task) is not None:
                 process.task, seconds = None, time.monotonic() - process.since
                 if kind == "made":
-                    yield Ended(task, told, seconds=seconds)
+                    yield TaskResult(task, told, seconds=seconds)
                 else:
-                    yield Ended(task, error=told, refused=kind == "refused", seconds=seconds)
+                    yield TaskResult(task, error=told, refused=kind == "refused", seconds=seconds)
         for process in self.processes.values():
             process.stop_if_late(self.allowed)
 
-    def _buried(self, process: _Process[Task]) -> Iterator[Ended[Task, Made]]:
+    def _buried(self, process: _Process[Task]) -> Iterator[TaskResult[Task, Made]]:
         """Remove a process that has died; its task was killed, unless it had not begun."""
         del self.processes[process.connection]
         process.close()
@@ -205,7 +205,7 @@ class _Crew(Generic[Task, Made]):
             return
         if process.ready:
             seconds = time.monotonic() - process.since
-            yield Ended(process.task, killed=int(not process.late), late=process.late, seconds=seconds)
+            yield TaskResult(process.task, killed=int(not process.late), late=process.late, seconds=seconds)
             return
         self.died += 1
         if self.died >= STARTS:

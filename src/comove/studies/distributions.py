@@ -60,7 +60,7 @@ class TruncatedNormal:
 
 
 @dataclass(frozen=True)
-class Choice:
+class OneOf:
     """A choice among values, each as likely as the others."""
 
     values: tuple[Any, ...]

@@ -25,7 +25,7 @@ from comove.planning import Comove
 from comove.primitives import Library
 from comove.scenes.demonstration import LIBRARY
 from comove.scenes.scene import Scene
-from comove.studies.distributions import Choice, Distribution, TruncatedNormal, Uniform
+from comove.studies.distributions import Distribution, OneOf, TruncatedNormal, Uniform
 from comove.studies.episode import solved_run
 from comove.studies.keys import LENGTH, change, fit_hands
 from comove.studies.runs import StoredMotion, StudyRun, digest
@@ -285,13 +285,13 @@ def _distribution(part: DrawPart, folder: Path) -> Distribution:
     if part.normal is not None:
         return TruncatedNormal(*map(np.asarray, part.normal), *map(np.asarray, part.within))
     if part.choice is not None:
-        return Choice(part.choice)
+        return OneOf(part.choice)
     if part.library is not None:
         names = Library(folder / part.library).names
         if not names:
             raise Wrong(f"there is no primitive in {part.library}", "name a library: comove library add DEMO")
-        return Choice(tuple({"library": f"{part.library}/{name}"} for name in names))
-    return Choice(tuple(_recordings(folder, part.recordings or "")))
+        return OneOf(tuple({"library": f"{part.library}/{name}"} for name in names))
+    return OneOf(tuple(_recordings(folder, part.recordings or "")))
 
 
 def _recordings(folder: Path, name: str) -> list[dict[str, str]]:
@@ -316,7 +316,7 @@ def _recordings(folder: Path, name: str) -> list[dict[str, str]]:
 
 def _demonstrations(draw: Draw) -> tuple[Any, ...]:
     """Return the demonstrations that a draw may choose."""
-    if draw.keys != ("demonstration",) or not isinstance(draw.distribution, Choice):
+    if draw.keys != ("demonstration",) or not isinstance(draw.distribution, OneOf):
         return ()
     return draw.distribution.values
 

@@ -15,7 +15,7 @@ from comove.planning.method import Method
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
-from comove.processes import Ended, run_tasks
+from comove.processes import TaskResult, run_tasks
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion, verify
@@ -169,7 +169,7 @@ def _outcomes(work: SolvingWork, tasks: Iterator[tuple[int, Scene]], workers: in
             yield _outcome(ended)
 
 
-def _outcome(ended: Ended[tuple[int, Scene], tuple[bool, Solution]]) -> Solved:
+def _outcome(ended: TaskResult[tuple[int, Scene], tuple[bool, Solution]]) -> Solved:
     """Return the outcome of a task that has ended for good."""
     number, _ = ended.task
     if ended.made is not None:
@@ -181,7 +181,7 @@ def _outcome(ended: Ended[tuple[int, Scene], tuple[bool, Solution]]) -> Solved:
     return Solved(number, "refused" if ended.refused else "error", (ended.error,), None, ended.seconds)
 
 
-def lost(ended: Ended) -> tuple[Status, tuple[str, ...]]:
+def lost(ended: TaskResult) -> tuple[Status, tuple[str, ...]]:
     """Return the status of a task whose process was killed, and the reason in words."""
     if ended.late:
         return "late", (f"stopped after {ended.seconds:.0f} s",)

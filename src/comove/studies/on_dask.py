@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 
 from comove._version import __version__
 from comove.errors import ExtraError, InputError, OptionError
-from comove.processes import Ended
+from comove.processes import TaskResult
 from comove.processes.worker import told
 from comove.studies.runner import Run
 
@@ -44,7 +44,7 @@ def on_dask(address: str, workers: int) -> Run:
 
     def run(
         work: Callable[[Task], Made], next_task: Callable[[], Task | None], allowed: float
-    ) -> Iterator[Ended[Task, Made]]:
+    ) -> Iterator[TaskResult[Task, Made]]:
         with _connected(address, workers) as client:
             _require_version(client)
             yield from _run(client, work, next_task)
@@ -111,7 +111,7 @@ def _version() -> str:
 
 def _run(
     client: Any, work: Callable[[Task], Made], next_task: Callable[[], Task | None]
-) -> Iterator[Ended[Task, Made]]:
+) -> Iterator[TaskResult[Task, Made]]:
     """Yield tasks as they end; as many are under way as keep all workers busy."""
     from distributed import as_completed
 
@@ -132,7 +132,7 @@ def _run(
         client.cancel(list(under_way))
 
 
-def _ended(future: Any, task: Task) -> Ended[Task, Any]:
+def _ended(future: Any, task: Task) -> TaskResult[Task, Any]:
     """Return a task as it has ended.
 
     Raises
@@ -143,14 +143,14 @@ def _ended(future: Any, task: Task) -> Ended[Task, Any]:
     from distributed import KilledWorker
 
     if future.status == "finished":
-        return Ended(task, future.result())
+        return TaskResult(task, future.result())
     if future.status != "error":
         raise OptionError(
             "the scheduler was lost", key="--dask", way_out="start it again; the same command goes on"
         )
     error = future.exception()
     if isinstance(error, KilledWorker):
-        return Ended(task, killed=error.allowed_failures + 1)
+        return TaskResult(task, killed=error.allowed_failures + 1)
     if isinstance(error, InputError):
-        return Ended(task, error=str(error), refused=True)
-    return Ended(task, error=told(error))
+        return TaskResult(task, error=str(error), refused=True)
+    return TaskResult(task, error=told(error))

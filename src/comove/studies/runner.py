@@ -17,7 +17,7 @@ from typing import Any, Protocol
 
 from comove.errors import OptionError, ResultError
 from comove.io.files import require_room, telling
-from comove.processes import Ended, run_tasks
+from comove.processes import TaskResult, run_tasks
 from comove.studies.many import KILLS, MORE, TIMES, lost
 from comove.studies.runs import LONGEST, RUNS, StoredMotion, StudyRun, StudyStore
 
@@ -27,7 +27,7 @@ ROOM = 20_000_000
 Made = tuple[StudyRun, StoredMotion | None]
 
 
-class Runs(Protocol):
+class RunSource(Protocol):
     """What a study runs, each run by its number; it can be sent to other processes."""
 
     @property
@@ -109,7 +109,7 @@ class StudyProgress:
         return (self.total - self.done) / self.rate if self.rate > 0 else None
 
 
-Run = Callable[[Callable[[int], Made], Callable[[], int | None], float], Iterator[Ended[int, Made]]]
+Run = Callable[[Callable[[int], Made], Callable[[], int | None], float], Iterator[TaskResult[int, Made]]]
 """Function of the work, of the next number, and of the time allowed for a run [s], that yields runs as they end."""
 
 
@@ -118,7 +118,7 @@ def on_processes(workers: int) -> Run:
 
     def run(
         work: Callable[[int], Made], next_task: Callable[[], int | None], allowed: float
-    ) -> Iterator[Ended[int, Made]]:
+    ) -> Iterator[TaskResult[int, Made]]:
         return run_tasks(work, next_task, workers=workers, allowed=allowed)
 
     if workers < 1:
@@ -127,7 +127,7 @@ def on_processes(workers: int) -> Run:
 
 
 def run_study(
-    study: Runs,
+    study: RunSource,
     folder: str | Path,
     run: Run,
     *,
@@ -175,7 +175,7 @@ def run_study(
         return progress
 
 
-def _failed(key: str, ended: Ended[int, Made]) -> StudyRun:
+def _failed(key: str, ended: TaskResult[int, Made]) -> StudyRun:
     """Return the row of a run that made nothing."""
     if ended.killed or ended.late:
         status, reasons = lost(ended)
