@@ -15,6 +15,7 @@ from comove.verification.record import verify_execution
 from comove.workbench.playback import playback_of, playback_of_item
 from comove.workbench.recording import RecordedMotion
 from comove.workbench.shelf import Item, Part, shelf_of
+from comove.workbench.words import measures_words
 
 CROSSING = {
     "name": "crossing",
@@ -150,6 +151,8 @@ def test_a_simulation_comes_first_and_is_played_with_the_load_where_it_was(carri
     simulated = playback_of_item(shelf.item)
     planned = playback_of_item(shelf.items["the robot"])
     assert simulated.verdict == "simulated, and delivered"
+    assert planned.proved and not simulated.proved
+    assert "proved" not in measures_words(simulated.rows, simulated.proved)
     n = len(planned.recording.time)
     np.testing.assert_allclose(simulated.recording.nodes[:n], planned.recording.nodes, atol=2e-3)
     np.testing.assert_allclose(simulated.recording.links[:n], planned.recording.links, atol=2e-2)

@@ -64,6 +64,7 @@ class Playback:
     reasons : why the verdict is no good one, in words
     robot : robot that carries the load, None for hands alone
     touches : contacts of a simulation
+    proved : whether the measures are proved, and not only measured
     """
 
     scene: Scene
@@ -74,6 +75,7 @@ class Playback:
     reasons: tuple[str, ...] = ()
     robot: Robot | None = None
     touches: tuple[Touch, ...] = ()
+    proved: bool = True
 
 
 def playback_of_scene(scene: Scene) -> Playback:
@@ -226,7 +228,17 @@ def _simulation_in(folder: Path, scene: Scene) -> Playback:
     touches = tuple(_touch(scene, contact) for contact in summary["contacts"])
     verdict = "simulated, and delivered" if summary["delivered"] else "simulated, and not delivered"
     reasons = tuple(summary["reasons"])
-    return Playback(scene, verdict, not reasons, recording, simulation_rows(summary), reasons, robot, touches)
+    return Playback(
+        scene,
+        verdict,
+        not reasons,
+        recording,
+        simulation_rows(summary),
+        reasons,
+        robot,
+        touches,
+        proved=False,
+    )
 
 
 def _simulated(robot: Robot, motion: CoordinatedMotion, arrays: Mapping[str, Array]) -> RecordedMotion:

@@ -592,7 +592,7 @@ class Session:
         if self.stage is not None:
             self.stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
         self.panels.plot(recording, self.scene.manipulators)
-        words = measures_words(header["rows"]) if header["rows"] else ""
+        words = measures_words(header["rows"], header["proved"]) if header["rows"] else ""
         self.panels.measures.content = words + self._tightest_words(recording) + self.note
 
     def _tightest_words(self, recording: RecordedMotion) -> str:

@@ -69,10 +69,11 @@ def named_in(scene: Scene, reasons: Sequence[str]) -> tuple[int, ...]:
     return tuple(number for number, name in enumerate(names) if any(name in reason for reason in reasons))
 
 
-def measures_words(rows: Sequence[Sequence[str]]) -> str:
-    """Return measures, as `measures_of` gives them, as a table in Markdown."""
+def measures_words(rows: Sequence[Sequence[str]], proved: bool = True) -> str:
+    """Return measures, as `measures_of` gives them, as a table in Markdown that says whether they are proved."""
     lines = "\n".join(f"| {name} | {said} | {asked} |" for name, said, asked in rows)
-    return f"| at every instant | proved | asked for |\n|---|---|---|\n{lines}"
+    head = "at every instant | proved" if proved else "in the simulation | measured"
+    return f"| {head} | asked for |\n|---|---|---|\n{lines}"
 
 
 def measures_of(report: Mapping[str, float], scene: Scene, duration: float) -> list[Row]:

@@ -400,7 +400,8 @@ class Worker:
         self, playback: Playback, header: Mapping[str, Any], kind: str, begun: float, **further: Any
     ) -> None:
         """Send what is to be played, with what is known of it."""
-        said = {"verdict": playback.verdict, "rows": playback.rows, "reasons": playback.reasons}
+        said: dict[str, Any] = {"verdict": playback.verdict, "reasons": playback.reasons}
+        said |= {"rows": playback.rows, "proved": playback.proved}
         self._send(header, kind, playback.recording, begun, **said, **further)
 
     def _send(
