@@ -14,7 +14,7 @@ from comove.results.solution import SCENE
 from comove.verification.record import verify_execution
 from comove.workbench.playback import playback_of, playback_of_item
 from comove.workbench.recording import RecordedMotion
-from comove.workbench.shelf import Item, Part, shelf_of
+from comove.workbench.shelf import Item, PlayedPart, shelf_of
 from comove.workbench.words import measures_words
 
 CROSSING = {
@@ -129,7 +129,7 @@ def carried(tmp_path_factory):
 
 
 def test_a_robots_hands_are_at_the_load_in_what_is_played(carried):
-    playback = playback_of_item(Item(carried / SCENE, carried, Part.JOINTS))
+    playback = playback_of_item(Item(carried / SCENE, carried, PlayedPart.JOINTS))
     assert playback.holds, playback.reasons
     assert "links from obstacles" in {name for name, _, _ in playback.rows}
     robot, shown = playback.robot, playback.recording

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from comove.robots import JointMotion, Robot, RobotSolution, VerifiedJointMotion
 
 
-class Arms:
+class PlannedArms:
     """The arms of a robot, with the joint motion that is shown.
 
     Parameters

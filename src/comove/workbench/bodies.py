@@ -49,7 +49,7 @@ class Detail:
 
 
 @dataclass(frozen=True, eq=False)
-class Body:
+class LinkSurface:
     """What one joint carries in one colour.
 
     Attributes
@@ -87,7 +87,7 @@ def robot_of(scene: Scene, folder: Path | None = None) -> Robot | None:
     return Robot.load(scene.file.robot, folder or scene.folder)
 
 
-def bodies_of(robot: Robot, detail: Detail | None = None) -> tuple[Body, ...]:
+def bodies_of(robot: Robot, detail: Detail | None = None) -> tuple[LinkSurface, ...]:
     """Return the visible bodies of a robot's links, simplified; those that cannot be read are left out."""
     detail = detail or Detail()
     parts: dict[tuple[int, Colour], list[Array]] = {}
@@ -99,7 +99,7 @@ def bodies_of(robot: Robot, detail: Detail | None = None) -> tuple[Body, ...]:
         simple = {key: simplified(surface, cell) for key, surface in simple.items()}
         many = sum(len(surface.faces) for surface in simple.values()) > detail.most_triangles
         cell *= detail.growth
-    return tuple(Body(*key, surface) for key, surface in simple.items() if len(surface.faces))
+    return tuple(LinkSurface(*key, surface) for key, surface in simple.items() if len(surface.faces))
 
 
 def poses_of(robot: Robot, position: Array) -> Array:
@@ -151,7 +151,7 @@ def _keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return (rows[:, 0] * high + rows[:, 1]) * highest + rows[:, 2]
 
 
-def packed(bodies: Iterable[Body]) -> dict[str, NDArray[Any]]:
+def packed(bodies: Iterable[LinkSurface]) -> dict[str, NDArray[Any]]:
     """Return bodies as arrays by name, as messages carry them."""
     arrays: dict[str, NDArray[Any]] = {}
     for number, body in enumerate(bodies):
@@ -161,13 +161,13 @@ def packed(bodies: Iterable[Body]) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def unpacked(arrays: Mapping[str, NDArray[Any]]) -> tuple[Body, ...]:
+def unpacked(arrays: Mapping[str, NDArray[Any]]) -> tuple[LinkSurface, ...]:
     """Return the bodies that `packed` wrote."""
     found = []
     for number in range(sum(name.startswith("of_") for name in arrays)):
         joint, red, green, blue = arrays[f"of_{number}"].tolist()
         surface = Surface(arrays[f"vertices_{number}"], arrays[f"faces_{number}"])
-        found.append(Body(joint, (red, green, blue), surface))
+        found.append(LinkSurface(joint, (red, green, blue), surface))
     return tuple(found)
 
 

@@ -25,7 +25,7 @@ from comove.verification.record import Record, verify_execution
 from comove.verification.verify import Report, VerifiedMotion, verify
 from comove.workbench.bodies import poses_of, robot_of
 from comove.workbench.recording import RecordedMotion
-from comove.workbench.shelf import Item, Part, parts_of, read_scene
+from comove.workbench.shelf import Item, PlayedPart, parts_of, read_scene
 from comove.workbench.words import Row, joint_rows, measures_of, simulation_rows
 
 if TYPE_CHECKING:
@@ -273,8 +273,8 @@ def _touch(scene: Scene, contact: Mapping[str, Any]) -> Touch:
 
 
 _READERS = {
-    Part.MOTION: _motion_in,
-    Part.JOINTS: _joints_in,
-    Part.RUN: _run_in,
-    Part.SIMULATION: _simulation_in,
+    PlayedPart.MOTION: _motion_in,
+    PlayedPart.JOINTS: _joints_in,
+    PlayedPart.RUN: _run_in,
+    PlayedPart.SIMULATION: _simulation_in,
 }

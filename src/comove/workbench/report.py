@@ -14,7 +14,7 @@ from comove.results.solution import SCENE, rebuild
 from comove.scenes.scene import Scene
 from comove.workbench.playback import playback_of_item
 from comove.workbench.recorded import POLICY, page_of
-from comove.workbench.shelf import Item, Part, Shelf, parts_of, read_scene
+from comove.workbench.shelf import Item, PlayedPart, Shelf, parts_of, read_scene
 
 PICTURES = (("motion.png", "The scene, the hands' paths and the load at equal steps."),)
 STYLE = (
@@ -50,7 +50,7 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
     stored = read_result(folder)
     scene = filled_in(read_scene(shelf.item.scene), stored)
     motion = rebuild(stored.arrays, scene)
-    whole = Part.JOINTS if Part.JOINTS in parts_of(folder) else Part.MOTION
+    whole = PlayedPart.JOINTS if PlayedPart.JOINTS in parts_of(folder) else PlayedPart.MOTION
     playback = playback_of_item(Item(shelf.item.scene, folder, whole))
     parts = [
         f"<h1>{html.escape(scene.name)}</h1>",

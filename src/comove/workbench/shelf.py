@@ -15,8 +15,8 @@ from comove.results.solution import SCENE
 from comove.scenes.scene import Scene
 
 
-class Part(Enum):
-    """Part of a result folder that is played; its value is the name of the file that tells of it."""
+class PlayedPart(Enum):
+    """A part of a result folder that is played; its value is the name of the file that tells of it."""
 
     MOTION = "solution.json"
     JOINTS = "robot.json"
@@ -25,10 +25,10 @@ class Part(Enum):
 
 
 WORDS = {
-    Part.MOTION: "the hands",
-    Part.JOINTS: "the robot",
-    Part.RUN: "the run",
-    Part.SIMULATION: "the simulation",
+    PlayedPart.MOTION: "the hands",
+    PlayedPart.JOINTS: "the robot",
+    PlayedPart.RUN: "the run",
+    PlayedPart.SIMULATION: "the simulation",
 }
 
 
@@ -45,7 +45,7 @@ class Item:
 
     scene: Path
     result: Path | None = None
-    part: Part = Part.MOTION
+    part: PlayedPart = PlayedPart.MOTION
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def shelf_of(path: Path | None, folder: Path) -> Shelf:
     return Shelf(items, next(iter(items)), folder)
 
 
-def parts_of(folder: Path) -> tuple[Part, ...]:
+def parts_of(folder: Path) -> tuple[PlayedPart, ...]:
     """Return what of a result folder can be played, best first.
 
     Raises
@@ -110,10 +110,10 @@ def parts_of(folder: Path) -> tuple[Part, ...]:
     ResultError
         If it holds nothing of the kind.
     """
-    found = tuple(part for part in reversed(Part) if (folder / part.value).is_file())
+    found = tuple(part for part in reversed(PlayedPart) if (folder / part.value).is_file())
     if not found:
         raise ResultError(
-            f"it holds no {Part.MOTION.value} and no {Part.RUN.value}",
+            f"it holds no {PlayedPart.MOTION.value} and no {PlayedPart.RUN.value}",
             file=folder,
             way_out="name a folder of comove solve, robot solve or run",
         )

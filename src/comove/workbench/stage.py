@@ -17,7 +17,7 @@ from comove.planning import carried_demonstration, movements_of
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.views.style import COLOURS, GOAL, MOVING, START
-from comove.workbench.bodies import Body
+from comove.workbench.bodies import LinkSurface
 from comove.workbench.edits import Grip, contents_of, grips_of, place_of
 from comove.workbench.geometry import (
     HAND,
@@ -68,7 +68,7 @@ class Stage:
     marks: dict[str, Any] = field(default_factory=dict)
     touches: Sequence[Touch] = ()
     _joints: list[Any] = field(default_factory=list)
-    _links: list[tuple[Any, Body]] = field(default_factory=list)
+    _links: list[tuple[Any, LinkSurface]] = field(default_factory=list)
     _pieces: tuple[Piece, ...] = ()
     _goers: list[int] = field(default_factory=list)
     _moving: list[Any] = field(default_factory=list)
@@ -122,7 +122,7 @@ class Stage:
             for i, surface in enumerate(obstacle_surfaces(self.scene))
         ]
 
-    def draw_robot(self, bodies: Sequence[Body], home: Array) -> None:
+    def draw_robot(self, bodies: Sequence[LinkSurface], home: Array) -> None:
         """Draw a robot.
 
         Parameters

@@ -48,13 +48,13 @@ from comove.results.solution import SCENE
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion, verify
-from comove.workbench.arms import Arms
+from comove.workbench.arms import PlannedArms
 from comove.workbench.bodies import bodies_of, packed, poses_of, robot_of
 from comove.workbench.live import LiveRun, State, run_live, save_run
 from comove.workbench.playback import Playback, playback_of, playback_of_item, playback_of_run
 from comove.workbench.protocol import Message, read_message, write_message
 from comove.workbench.recording import RecordedMotion
-from comove.workbench.shelf import Item, Part
+from comove.workbench.shelf import Item, PlayedPart
 from comove.workbench.teaching import demonstration_from
 
 if TYPE_CHECKING:
@@ -159,7 +159,7 @@ class Worker:
     def __init__(self, mailbox: Mailbox, tell: Tell):
         self.mailbox, self.tell = mailbox, tell
         self.kept: CoordinatedMotion | None = None
-        self.arms: Arms | None = None
+        self.arms: PlannedArms | None = None
         self.solution: tuple[int, Solution | RobotSolution | LiveRun] | None = None
         self._taught: tuple[str, Any] | None = None
         self._first: tuple[int, float] = (-1, 0.0)
@@ -206,7 +206,7 @@ class Worker:
             self.tell(Message({"kind": "armless", "id": -1, "reasons": [str(error)]}))
             return
         if robot is not None:
-            self.arms = Arms(robot, named)
+            self.arms = PlannedArms(robot, named)
             arrays = packed(bodies_of(robot)) | {"home": poses_of(robot, robot.home[None])[0]}
             self.tell(Message({"kind": "robot", "id": -1}, arrays))
 
@@ -219,7 +219,7 @@ class Worker:
             If the folder does not hold it.
         """
         folder = Path(header["result"])
-        playback = playback_of_item(Item(folder / SCENE, folder, Part(header["part"])))
+        playback = playback_of_item(Item(folder / SCENE, folder, PlayedPart(header["part"])))
         touches = [asdict(touch) for touch in playback.touches]
         self._played(playback, header, "stored" if playback.holds else "failed", begun, touches=touches)
 
