@@ -39,7 +39,7 @@ def robot_of(path: Path) -> Robot:
     scene = Scene.load(path)
     robot = Robot.load(scene.file.robot)
     load_robot_kernels(SceneKind.of(scene))
-    RobotCarrier(robot, scene).prepare()
+    RobotCarrier(robot, scene).require_reach()
     return robot
 
 

@@ -290,13 +290,13 @@ def test_ends_out_of_reach_are_told_before_a_search_begins():
     for hand in file["manipulators"]:
         hand["goal"][0] = 1.5
     with pytest.raises(SceneError, match="'left' cannot reach its goal"):
-        RobotCarrier(robot("gantry"), Scene.from_dict(file)).prepare()
+        RobotCarrier(robot("gantry"), Scene.from_dict(file)).require_reach()
 
 
 def test_a_search_with_the_gantry_ends_with_verified_joints():
     """From a scene whose straight way is blocked to verified joints."""
     carrier = task("gantry")
-    carrier.prepare()
+    carrier.require_reach()
     solution = solve(carrier.scene, method=robot_method(), carrier=carrier, budget=20.0, seed=1)
     assert solution.verified
     _, verdict = carrier.carried_out(solution.attempt)

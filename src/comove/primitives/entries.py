@@ -18,7 +18,7 @@ COPY_ANEW = f"copy it anew, or {LEARN_AGAIN}"
 
 
 @dataclass(frozen=True)
-class Part:
+class FileEntry:
     """A mapping in the file, with methods that check and return its values; errors name file and key."""
 
     content: Any
@@ -34,7 +34,7 @@ class Part:
                 way_out=COPY_ANEW,
             )
 
-    def with_keys(self, known: Sequence[str]) -> Part:
+    def with_keys(self, known: Sequence[str]) -> FileEntry:
         """Raise unless the mapping has exactly these keys; return the part itself."""
         for key in self.content:
             if key not in known:
@@ -49,18 +49,18 @@ class Part:
             raise self.wrong(key, "the key is missing", COPY_ANEW)
         return self.content[key]
 
-    def part(self, key: str) -> Part:
+    def part(self, key: str) -> FileEntry:
         """Return the mapping of a key."""
-        return Part(self.value(key), self._path(key), self.file)
+        return FileEntry(self.value(key), self._path(key), self.file)
 
-    def parts(self, key: str) -> list[Part]:
+    def parts(self, key: str) -> list[FileEntry]:
         """Return the mappings in the list of a key."""
         value = self.value(key)
         if not isinstance(value, list):
             raise self.wrong(key, f"{shown(value)} is no list", "a list of mappings belongs there")
-        return [Part(entry, f"{self._path(key)}[{i}]", self.file) for i, entry in enumerate(value)]
+        return [FileEntry(entry, f"{self._path(key)}[{i}]", self.file) for i, entry in enumerate(value)]
 
-    def named(self, key: str) -> dict[str, Part]:
+    def named(self, key: str) -> dict[str, FileEntry]:
         """Return the mappings of a key by their names."""
         inner = self.part(key)
         return {name: inner.part(name) for name in inner.content}

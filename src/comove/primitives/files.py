@@ -25,7 +25,7 @@ from comove.io.files import existing_file, telling, whole_file
 from comove.primitives.average import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
-from comove.primitives.entries import COPY_ANEW, LEARN_AGAIN, Part, shown
+from comove.primitives.entries import COPY_ANEW, LEARN_AGAIN, FileEntry, shown
 from comove.primitives.kinds import KINDS, Movement, kind_of, traced
 from comove.primitives.phase import Phase
 from comove.primitives.pose_distributions import PoseProMP, PoseRecordings
@@ -383,7 +383,7 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
         "notes",
         "sha256",
     )
-    part = Part(content, "", file).with_keys(known)
+    part = FileEntry(content, "", file).with_keys(known)
     stated = part.text("sha256")
     kind = part.text("kind")
     if kind not in KINDS:
@@ -415,7 +415,7 @@ def _trace(primitive: Primitive) -> Array:
 def _provenance(value: object, file: object) -> Provenance | None:
     if value is None:
         return None
-    part = Part(value, "provenance", file).with_keys([f.name for f in fields(Provenance)])
+    part = FileEntry(value, "provenance", file).with_keys([f.name for f in fields(Provenance)])
     turns = {key: None if part.value(key) is None else part.number(key) for key in ("turn_rms", "turn_max")}
     return Provenance(
         source=part.text("source"),

@@ -18,7 +18,7 @@ from comove.primitives.average import AveragedDMP
 from comove.primitives.basis import MAX_BASIS
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
-from comove.primitives.entries import LEARN_AGAIN, Part, shown
+from comove.primitives.entries import LEARN_AGAIN, FileEntry, shown
 from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
 from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import Pose, PoseDMP
@@ -56,7 +56,7 @@ class Kind:
     name: str
     of: type
     write: Callable[[Any], dict[str, Any]]
-    read: Callable[[Part], Any]
+    read: Callable[[FileEntry], Any]
 
 
 def kind_of(movement: object) -> Kind:
@@ -115,7 +115,7 @@ def _write_position(dmp: DMP) -> dict[str, Any]:
     }
 
 
-def _read_position(part: Part, n_dims: int | None = None) -> DMP:
+def _read_position(part: FileEntry, n_dims: int | None = None) -> DMP:
     part.with_keys(("variant", "phase", "duration", *_VECTORS, "weights"))
     variant = part.text("variant")
     names = [known.value for known in Variant]
@@ -136,7 +136,7 @@ def _read_position(part: Part, n_dims: int | None = None) -> DMP:
     return DMP(weights=weights, duration=duration, phase=phase, variant=Variant(variant), **vectors)
 
 
-def _phase(part: Part) -> Phase:
+def _phase(part: FileEntry) -> Phase:
     name = part.text("name")
     if name == "linear":
         part.with_keys(("name",))
@@ -159,7 +159,7 @@ def _write_pose(dmp: PoseDMP) -> dict[str, Any]:
     }
 
 
-def _read_pose(part: Part) -> PoseDMP:
+def _read_pose(part: FileEntry) -> PoseDMP:
     part.with_keys(("translation", "turning", "reference_wxyz", "axis"))
     axis = None if part.value("axis") is None else part.array("axis", (3,))
     translation = _read_position(part.part("translation"))
@@ -194,7 +194,7 @@ def _write_distribution(promp: ProMP) -> dict[str, Any]:
     }
 
 
-def _read_distribution(part: Part) -> ProMP:
+def _read_distribution(part: FileEntry) -> ProMP:
     arrays = ("mean_parameters", "noise", "covariance")
     part.with_keys(("phase", "duration", "duration_std", "manipulators", "n_recordings", "context", *arrays))
     mean = part.array("mean_parameters", (None, None))
@@ -231,7 +231,7 @@ def _write_poses(poses: PoseProMP) -> dict[str, Any]:
     }
 
 
-def _read_poses(part: Part) -> PoseProMP:
+def _read_poses(part: FileEntry) -> PoseProMP:
     part.with_keys(("coordinates", "references_wxyz"))
     promp = _read_distribution(part.part("coordinates"))
     references = part.array("references_wxyz", (None, 4))
@@ -248,7 +248,7 @@ def _write_average(average: AveragedDMP) -> dict[str, Any]:
     }
 
 
-def _read_average(part: Part) -> AveragedDMP:
+def _read_average(part: FileEntry) -> AveragedDMP:
     part.with_keys(("mean", "members"))
     mean = _read_position(part.part("mean"))
     members = tuple(_read_position(member) for member in part.parts("members"))
@@ -275,7 +275,7 @@ def _write_cooperative(dmp: CooperativeDMP) -> dict[str, Any]:
     }
 
 
-def _read_cooperative(part: Part) -> CooperativeDMP:
+def _read_cooperative(part: FileEntry) -> CooperativeDMP:
     part.with_keys(("load", "hands", "mobility", "constraints"))
     load = None if part.value("load") is None else _read_pose(part.part("load"))
     hands: dict[str, Pose | PoseDMP] = {}
@@ -301,7 +301,7 @@ def _write_place(pose: Pose) -> dict[str, Any]:
     return {"position": pose.position.tolist(), "orientation_wxyz": pose.orientation.tolist()}
 
 
-def _read_place(part: Part) -> Pose:
+def _read_place(part: FileEntry) -> Pose:
     part.with_keys(("position", "orientation_wxyz"))
     position, orientation = part.array("position", (3,)), part.array("orientation_wxyz", (4,))
     try:
@@ -337,7 +337,7 @@ def _write_constraint(constraint: Constraint) -> dict[str, Any]:
     )
 
 
-def _read_constraint(part: Part) -> Constraint:
+def _read_constraint(part: FileEntry) -> Constraint:
     kind = part.text("kind")
     try:
         if kind in _PAIRS:

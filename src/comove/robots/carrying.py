@@ -346,17 +346,6 @@ class RobotCarrier:
         """
         _ = self.starts, self.goals
 
-    def prepare(self) -> None:
-        """Compile the kernels, or load them from the cache, and solve both ends, before the clock of a search starts.
-
-        Raises
-        ------
-        SceneError
-            If an arm cannot reach its start or its goal.
-        """
-        self.try_planning()
-        self.try_following()
-
     def try_planning(self) -> None:
         """Plan from the start to itself."""
         coordinates, rng = load_coordinates(self.scene), np.random.default_rng(0)
@@ -392,9 +381,7 @@ class RobotCarrier:
         tried = [[s[min(k, len(s) - 1)] for s in starts] for k in range(n_most)]
         if n_most == 1:
             return np.concatenate(tried[0])
-        led: Array | None = vars(self).get(
-            "_led"
-        )  # that of the last path planned, along which most motions go
+        led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
         if led is not None and not self.strain(nodes[None], led).penalty.any():
             return led
         penalties = np.array([self.strain(nodes[None], np.concatenate(q)).penalty[0] for q in tried])
@@ -419,7 +406,7 @@ class RobotCarrier:
         rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
         chains, posture, found = self.arms.chains, self.arms.around.posture, []
         solved = _THREADS.map(self._solutions, range(len(self.holders)), rotations, nodes)
-        for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=False)):
+        for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
             part = slice(chains.first[i], chains.first[i + 1])
             if missing.min() > MET:
                 raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])

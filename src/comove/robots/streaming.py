@@ -19,7 +19,7 @@ BLOCK = 1000  # commands computed at once
 
 
 class JointCommand(NamedTuple):
-    """What the joints are to do at an instant.
+    """The command of the joints at an instant.
 
     Attributes
     ----------

@@ -39,7 +39,7 @@ END_ERROR = 5e-3  # m, of the load at its goal in the simulator
 
 @dataclass(eq=False)
 class OnlineRecord:
-    """What happened in a run, step by step.
+    """The record of a run, step by step.
 
     Attributes
     ----------

@@ -13,7 +13,7 @@ from comove.studies.runs import RUNS, StudyStore, differences
 
 @dataclass(frozen=True)
 class Merged:
-    """What a merged study holds: runs that have ended, all runs, and those of which parts had different motions."""
+    """The numbers of a merged study: runs that ended, all runs, and those of which parts had different motions."""
 
     ended: int
     total: int

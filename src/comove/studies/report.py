@@ -52,7 +52,7 @@ class Group:
 
 @dataclass(frozen=True)
 class StudyReport:
-    """What the runs of a study show.
+    """The figures of a study's runs.
 
     Attributes
     ----------

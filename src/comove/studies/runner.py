@@ -28,7 +28,7 @@ Made = tuple[StudyRun, StoredMotion | None]
 
 
 class RunSource(Protocol):
-    """What a study runs, each run by its number; it can be sent to other processes."""
+    """A source of runs, each by its number; it can be sent to other processes."""
 
     @property
     def name(self) -> str:

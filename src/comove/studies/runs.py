@@ -82,6 +82,9 @@ UNREPEATED = ("cut_short", "seconds", "started")
 """Columns that differ from machine to machine."""
 COLUMNS = tuple(f.name for f in fields(StudyRun))
 _KINDS = {"str": "TEXT", "int": "INTEGER", "float | None": "REAL"}
+_PARQUET = {"str": "string", "int": "int64", "float | None": "float64"}
+PARQUET_KINDS = {f.name: _PARQUET[str(f.type)] for f in fields(StudyRun)}
+"""Types of the columns in a Parquet file."""
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from comove.errors import ExtraError, OptionError, ResultError, near_name
-from comove.io.files import whole_path
+from comove.errors import OptionError, near_name
+from comove.io.parquet import write_parquet
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.studies.runner import on_processes, run_study
-from comove.studies.runs import COLUMNS, RUNS, StudyRun, StudyStore
+from comove.studies.runs import COLUMNS, PARQUET_KINDS, RUNS, StudyRun, StudyStore
 from comove.studies.sweep import METHODS, Sweep, SweptScene
 
 
@@ -44,13 +44,7 @@ class StudyTable:
         ResultError
             If the file cannot be written.
         """
-        try:
-            import pyarrow
-            import pyarrow.parquet
-        except ImportError as error:
-            raise ExtraError("a Parquet file", "data") from error
-        with whole_path(path, ResultError) as draft:
-            pyarrow.parquet.write_table(pyarrow.table(self.columns), draft)
+        write_parquet(path, self.columns, PARQUET_KINDS)
 
 
 def study(

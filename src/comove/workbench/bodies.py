@@ -34,7 +34,7 @@ AROUND = 32  # corners of a cylinder's ends
 
 @dataclass(frozen=True)
 class Detail:
-    """How finely a robot is drawn.
+    """Settings of how finely a robot is drawn.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Detail:
 
 @dataclass(frozen=True, eq=False)
 class LinkSurface:
-    """What one joint carries in one colour.
+    """The surface of all that one joint carries in one colour.
 
     Attributes
     ----------

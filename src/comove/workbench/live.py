@@ -173,8 +173,8 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class LiveRun:
-    """What happened in a run: its record on a scene in which what was led moves so, the executor's log, and what was
-    in the way at last.
+    """A run that has ended: its record on a scene in which what was led moves so, the executor's log, and what was in
+    the way at last.
     """
 
     record: Record

@@ -52,7 +52,7 @@ class Touch:
 
 @dataclass(frozen=True, eq=False)
 class Playback:
-    """What is played.
+    """A recording that is played.
 
     Attributes
     ----------

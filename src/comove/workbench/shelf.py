@@ -50,7 +50,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Shelf:
-    """What a page can show.
+    """The things that a page can show.
 
     Attributes
     ----------

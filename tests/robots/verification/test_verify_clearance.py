@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
-from comove.robots.verification import bodies
+from comove.robots.verification import bodies, certificate
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import TIGHT, certify
@@ -24,12 +24,16 @@ TAKEN = (
 )
 
 
+def world_of(motion):
+    """The load's motion, and all bodies."""
+    carried, robot = Carried(motion), baxter()
+    hands = motion.hands(np.linspace(0, 1, 50))[0]
+    return carried, bodies_of(Bases(robot, Uncertainty()), robot.arms, carried, hands, 1e-5)
+
+
 def certified(motion, joints, slack=0.0):
     """Clearances by kind, and what is to be kept."""
-    carried, robot = Carried(motion), baxter()
-    world = bodies_of(
-        Bases(robot, Uncertainty()), robot.arms, carried, motion.hands(np.linspace(0, 1, 50))[0], 1e-5
-    )
+    carried, world = world_of(motion)
     return certify(world, carried, joints.curve, slack), world.required
 
 
@@ -297,3 +301,16 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
     verdict = verify_joints(baxter(), on_scene(motion, scene), joints)
     assert verdict.reasons == ()
     assert verdict.report.clearance_scene == pytest.approx(room, abs=1.2e-3)
+
+
+@pytest.mark.parametrize("instant", range(3))
+def test_balls_about_bodies_are_never_further_apart_than_the_bodies(instant):
+    """All pairs of a known carry, by coal and by balls, with a load and obstacles."""
+    motion, joints = known_carry()
+    carried, world = world_of(motion)
+    distances, n_pairs = certificate._Distances(world, carried, joints.curve), len(world.kind)
+    cells = certificate._Cells(np.full(n_pairs, 5 * instant), np.arange(n_pairs))
+    width = float(joints.curve.x[-1]) / certificate.FIRST
+    exact, rough = distances(cells, width), distances.of_balls(cells, width)
+    assert n_pairs > 20
+    assert (rough <= exact + 1e-9)[exact > 0].all()

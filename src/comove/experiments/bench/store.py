@@ -15,8 +15,8 @@ from pathlib import Path
 from types import NoneType
 from typing import TypeVar
 
-from comove.errors import ExtraError, ResultError
-from comove.io.files import whole_path
+from comove.errors import ResultError
+from comove.io.parquet import write_parquet
 from comove.studies.store import AS_IT_WAS, KILLS, Store
 
 Part = TypeVar("Part")
@@ -281,18 +281,10 @@ def export_parquet(store: RunStore, path: str | Path) -> int:
     ResultError
         If the file cannot be written.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ExtraError("a Parquet file", "data") from error
     store.runs()  # checks all rows
     rows = store.rows()
-    kinds = {c: pyarrow.float64() for c in _REALS} | {c: pyarrow.int64() for c in _WHOLE}
-    columns = {
-        name: pyarrow.array([row[i] for row in rows], type=kinds.get(name, pyarrow.string()))
-        for i, name in enumerate(COLUMNS)
-    }
-    with whole_path(path, ResultError) as draft:
-        pyarrow.parquet.write_table(pyarrow.table(columns), draft)
+    kinds = (
+        dict.fromkeys(COLUMNS, "string") | dict.fromkeys(_REALS, "float64") | dict.fromkeys(_WHOLE, "int64")
+    )
+    write_parquet(path, {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}, kinds)
     return len(rows)

@@ -212,6 +212,7 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
     names = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
     bounds = certify(bodies, carried, curve, slack)
     touching = any(found.upper < required for found, required in zip(bounds, bodies.required, strict=True))
+    unsought = touching and slack > 0.0  # then others were not looked into
     for kind, found in enumerate(bounds):
         name = names[kind]
         finding.measures[name] = found.lower
@@ -223,9 +224,7 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
             finding.reasons.append(
                 _contact(bodies.name(found.pair), found.upper, required, still, found.time, kind)
             )
-        elif not found.lower >= required and not (
-            touching and slack > 0.0
-        ):  # then others were not looked into
+        elif not found.lower >= required and not unsought:
             finding.reasons.append(
                 f"{bodies.name(found.pair)} are {found.upper:.4g} m apart at {found.time:.2f} s, and it could not be "
                 f"certified that they always keep {required:g} m; keep them further apart"
