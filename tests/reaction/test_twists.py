@@ -121,6 +121,25 @@ def test_poses_of_hands_and_configurations(load, spatial):
     np.testing.assert_allclose(nodes_of(scene, poses_at(coordinates, q)), nodes, atol=1e-12)
 
 
+@pytest.mark.parametrize(("load", "spatial"), LOADS)
+def test_poses_of_many_configurations_place_the_nodes_as_the_coordinates_do(load, spatial):
+    scene, rng = loaded(load, spatial), np.random.default_rng(8)
+    coordinates = load_coordinates(scene)
+    q = rng.standard_normal((40, coordinates.n_columns))
+    poses, nodes = poses_at(coordinates, q), coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
+    for k in range(len(q)):
+        placed = nodes_of(scene, HandPoses(poses.center[k], poses.quaternion[k]))
+        np.testing.assert_allclose(placed, nodes[k], atol=1e-12)
+
+
+def test_a_bar_that_points_backwards_has_turned_about_the_vertical():
+    scene = loaded("bar", True)
+    coordinates = load_coordinates(scene)
+    center = scene.groups[0].start.center
+    poses = poses_at(coordinates, [*center, -1.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.abs(poses.quaternion[0]), [0.0, 0.0, 0.0, 1.0], atol=1e-15)
+
+
 def test_poses_of_projected_coordinates():
     scene = loaded("bar", False)
     coordinates = projected_coordinates(scene)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 import comove
 from comove._version import __version__
@@ -30,6 +31,8 @@ from comove.ties import first_largest
 from comove.trajectory import Trajectory
 from comove.verification.smoothness import smoothness
 from comove.verification.verify import Report, Verdict, verify
+
+Array = NDArray[np.float64]
 
 SCENE = "scene.json"
 RESULT = Contents(
@@ -136,12 +139,8 @@ def motion_arrays(motion: CoordinatedMotion) -> Arrays:
     """
     trajectory, basis = motion.trajectory(), motion.basis
     shares = trajectory.time / motion.scene.duration
-    poses = {}
-    if motion.coordinates.kind == "load":
-        placed = [poses_at(motion.coordinates, q) for q in motion.at(shares)[0]]
-        poses = {
-            name: np.stack([getattr(pose, name) for pose in placed]) for name in ("center", "quaternion")
-        }
+    is_held = motion.coordinates.kind == "load"
+    poses = poses_at(motion.coordinates, motion.at(shares)[0])._asdict() if is_held else {}
     return {
         "time": trajectory.time,
         "position": trajectory.position,
@@ -382,12 +381,12 @@ def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str
     return reasons
 
 
-def _rebuilt(name: str, right: Any) -> float:
+def _rebuilt(name: str, right: Array) -> float:
     """Return by how much a sample may differ from the curve rebuilt on another machine."""
     return REBUILT if name != "acceleration" else REBUILT_RATE * max(1.0, float(np.abs(right).max()))
 
 
-def _apart(name: str, found: Any, right: Any) -> Any:
+def _apart(name: str, found: Array, right: Array) -> Array:
     """Return by how much samples differ, number by number; of quaternions the sign says nothing."""
     if name == "quaternion":
         right = np.where((found * right).sum(axis=-1, keepdims=True) < 0.0, -right, right)
