@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from comove.demonstrations import formats
 from comove.experiments.examples import copy_examples
 
 ROOT = Path(__file__).parents[1]
@@ -115,7 +116,11 @@ def test_python(page, code, folder, monkeypatch):
     if "show" in code and importlib.util.find_spec("viser") is None:
         pytest.skip("the viewer is not installed: pip install 'comove[view]'")
     monkeypatch.setattr(webbrowser, "open", lambda address: True)
-    exec(compile(code, page, "exec"), {"__name__": "__main__"})
+    known = list(formats.FORMATS)
+    try:
+        exec(compile(code, page, "exec"), {"__name__": "__main__"})
+    finally:
+        formats.FORMATS[:] = known  # to which one page adds its own
 
 
 @pytest.mark.parametrize(
