@@ -20,7 +20,7 @@ group = sub_application("robot", "Robots that carry the load: solve, simulate, e
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of `comove robot solve`.")]
 SAVING = 2.0  # s, kept back from the budget for the files and pictures
-METHODS = ("comove", "paper")
+METHODS = ("comove", "paper", "task-priority")
 GRASPS = ("weld", "connect", "friction")
 FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
 PARTS = ("carry", "approach", "release")

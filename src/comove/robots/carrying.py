@@ -34,7 +34,7 @@ from comove.robots.search.links import (
     place_links,
 )
 from comove.robots.search.planner import plan_with_arms
-from comove.robots.search.tracking import Miss, sampled_nodes, track
+from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
 from comove.scenes.scene import Scene
@@ -98,8 +98,8 @@ class RobotCarrier:
     settings : settings of the search
     begin : array, shape (n_joints,), the robot's joints at the start, where they are known [rad]; None to find some
     found : function that is called with every joint motion that is verified
-    kept : motions whose joints were verified, with what slack, and these, for all copies: what is verified, is so for
-        each
+    kept : motions whose joints were verified, or given (`keep`), with what slack, and these, for all copies: what is
+        verified, is so for each
     """
 
     robot: Robot
@@ -335,6 +335,20 @@ class RobotCarrier:
             if self.found is not None and not known:
                 self.found(result[1].verified)
         return result
+
+    def keep(self, motion: CoordinatedMotion, led: Array) -> None:
+        """Verify a motion with the joints that carry it out nearest to `led`, and keep them as those of the motion.
+
+        Parameters
+        ----------
+        led : array, shape (n_steps, n_joints), joints of the arms at even times [rad]
+        """
+        joints, miss = track_near(self.robot, self.holders, self.arms, motion, led)
+        if miss is None:
+            verdict = verify_joints(self.robot, motion, joints)
+        else:
+            verdict = JointVerdict(None, JointReport(), (str(miss),))
+        self.kept.append((motion, 0.0, (joints, verdict)))
 
     def require_reach(self) -> None:
         """Solve both ends, before the clock of a search starts.

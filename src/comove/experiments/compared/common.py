@@ -8,6 +8,7 @@ needed.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,8 +141,19 @@ def control_times(duration: float, period: float, most: int) -> Array:
     return np.linspace(0.0, 1.0, int(np.clip(np.ceil(duration / period), 200, most)) + 1)
 
 
-def judge_execution(search: Search, s: Array, hands: Array) -> None:
-    """Fit a curve to the positions of the hands (see `fit_curve`), log both errors, and have the curve verified."""
+def judge_execution(
+    search: Search,
+    s: Array,
+    hands: Array,
+    before: Callable[[CoordinatedMotion], Mapping[str, float]] = lambda motion: {},
+) -> None:
+    """Fit a curve to the positions of the hands (see `fit_curve`), log both errors, and have the curve verified.
+
+    Parameters
+    ----------
+    before : called with the curve before it is verified; returns further measures for the log
+    """
     fit = fit_curve(search.scene, search.objective.coordinates, s, hands)
     search.log |= {"fit_error_max_m": fit.error, "integration_end_miss_m": fit.end_miss}
+    search.log |= before(fit.motion)
     search.judge(fit.motion)

@@ -8,8 +8,9 @@ In every control step the hands' velocities v solve, in this order (see `hierarc
     L3   posture: the rest, such as the rotation of the loads,   v_i = y_i,ref' + k (y_i,ref - y_i)
 
 where the reference is the jointly taught movement and `prescribed` is the velocity of `Performance`. In the source, a
-dynamical system is the reference, and postures are those of joints. Here scenes have hands only, and the primitive is
-the reference; its phase waits for middles that lag behind (Ijspeert et al., 2013) and catches up later.
+dynamical system is the reference; here the primitive is, and its phase waits for middles that lag behind (Ijspeert et
+al., 2013) and catches up later. In the source, variables and postures are those of joints: so they are where a robot
+carries (`task_priority_joints`).
 
 **Prescribed performance** keeps an error within a shrinking bound (Bechlioulis and Rovithakis, 2008). With the bound
 rho(t) = (rho_0 - rho_end) exp(-a t) + rho_end and xi = e/rho, the error is mapped to eps = artanh(xi),
@@ -31,8 +32,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.constraints import SameHeightConstraint
 from comove.coordination.coordinates import arms_coordinates
+from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.experiments.compared.common import (
     control_times,
@@ -141,10 +142,11 @@ class TaskPriority(Method):
         """Run the controller from start to end and have its motion verified; no path is planned."""
         scene = search.scene
         s = control_times(scene.duration, self.period, most=20_000)
-        reference = taught_primitives(search).rollout().hands(s)[0]
+        taught = taught_primitives(search).rollout()
+        reference = taught.hands(s)[0]
         hands = np.broadcast_to(scene.start, reference.shape).copy()
-        slacks, controller = [0.0], Controller(self, scene, scene.duration * s[1])
-        followed = reference.copy()
+        controller = self._controller(search, scene.duration * s[1], taught)
+        slacks, followed = [0.0], reference.copy()
         search.stage = "following by quadratic programmes"
         for k, (velocity, slack, here) in enumerate(controller.velocities(hands, reference)):
             hands[k + 1] = hands[k] + controller.period * velocity
@@ -159,7 +161,15 @@ class TaskPriority(Method):
             "slack_max_m_per_s": max(slacks),
             "carried_out_share": (len(slacks) - 1) / (len(s) - 1),
         }
-        judge_execution(search, s, hands)
+        judge_execution(search, s, hands, controller.carried_out)
+
+    def _controller(self, search: Search, period: float, taught: CoordinatedMotion) -> Controller:
+        """Return the controller of free hands, or of the joints where a robot carries."""
+        if search.carrier is None:
+            return Controller(self, search.scene, period)
+        from comove.experiments.compared.task_priority_joints import JointController  # which needs robots
+
+        return JointController(self, search, period, taught)
 
     def _measures(self, scene: Scene, time: Array, hands: Array, reference: Array) -> dict[str, float]:
         """Return the largest errors of L1 and L2, and the shares of time in which they exceed their bounds."""
@@ -188,7 +198,7 @@ class Controller:
         self.method, self.scene, self.period = method, scene, period
         n_dims = scene.n_dims
         self.middles = np.kron(group_means(scene), np.eye(n_dims)).astype(float)
-        self.levels = [(c.first, c.second) for c in scene.constraints if isinstance(c, SameHeightConstraint)]
+        self.levels = [pair for c in scene.constraints for pair in c.level(scene.ends)]
         self.acceleration = min(scene.acceleration_limit, method.acceleration)
         self.approach = Approach(
             min(method.approach, 0.5 / period), 0.5 * self.acceleration, scene.clearance + method.margin
@@ -221,6 +231,10 @@ class Controller:
             before, slack = self._limited(self._tasks(hands[k], here, slope, before, time), rows, low, before)
             yield before, slack, here
             phase = next_phase
+
+    def carried_out(self, motion: CoordinatedMotion) -> dict[str, float]:
+        """Take note of the curve that was fitted, and return measures for the log; free hands have none."""
+        return {}
 
     def _fastest(self, reference: Array) -> float:
         """Return an upper bound of the speed at which hands and obstacles approach each other [m/s]."""
@@ -294,11 +308,19 @@ class Controller:
 
         Limits are balls. Where a solution leaves a ball, a tangent plane is added, and the tasks are solved again.
         """
+        x, slack = self._inside_balls(tasks, rows, low, before, np.eye(before.size))
+        return x.reshape(before.shape), slack
+
+    def _inside_balls(
+        self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array, hands: Array
+    ) -> tuple[Array, float]:
+        """Solve the tasks within the hands' limits; `hands`, shape (n_manipulators * n_dims, n), are their velocities
+        per unit of the variables. Returns the variables, and the slack [m/s].
+        """
         speed, change = self.scene.speed_limit, self.acceleration * self.period
-        velocity, slack = before, 0.0
         for _ in range(ROUNDS):
             x, slack = lexicographic(tasks, rows, low)
-            velocity = x.reshape(before.shape)
+            velocity = (hands @ x).reshape(before.shape)
             tangents, bounds = [], []
             for middle, radius in ((np.zeros_like(before), speed), (before, change)):
                 away = velocity - middle
@@ -306,12 +328,12 @@ class Controller:
                 for hand in np.flatnonzero(length > INSIDE * radius * (1.0 + 1e-9)):
                     row = np.zeros_like(before)
                     row[hand] = -away[hand] / length[hand]
-                    tangents.append(row.ravel())
+                    tangents.append(row.ravel() @ hands)
                     bounds.append(row[hand] @ middle[hand] - INSIDE * radius * (1.0 - 1e-3))
             if not tangents:
                 break
             rows, low = np.vstack([rows, *tangents]), np.append(low, bounds)
-        return velocity, slack
+        return x, slack
 
 
 def _shortened(vectors: Array, most: float) -> Array:

@@ -1,14 +1,16 @@
-"""Figures 7 to 9: Baxter carries a stick through a wide and a narrow passage, in MuJoCo."""
+"""Figures 7 to 9: Baxter carries a stick through a wide and a narrow passage, in MuJoCo; and [5] with its joints."""
 
 from __future__ import annotations
 
 import tempfile
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from comove.errors import ComoveError, ExtraError
+from comove.experiments.compared import TaskPriority
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import largest_turn
 from comove.planning import LeastJerk, Paper, PaperCost, SceneKind, load_kernels, movements_of
@@ -20,13 +22,16 @@ if TYPE_CHECKING:
 
 PASSAGES = ("wide", "narrow")
 METHODS: dict[str, Method | None] = {"paper": Paper(), "comove": None}
+WITH_JOINTS = "task-priority [5]"
+STARTS = ("recorded movement", "straight lines")
+"""With what [5] begins."""
 BUDGET = 60.0  # s
 N_INSTANTS, WIDTH = 5, 340  # of the pictures: in a row, and pixels of each
 
 
 @dataclass(frozen=True)
 class Passage:
-    """Settings of a transport: one of `PASSAGES` by one of `METHODS`.
+    """Settings of a transport: one of `PASSAGES` by one of `METHODS`, or `WITH_JOINTS`.
 
     Attributes
     ----------
@@ -35,6 +40,7 @@ class Passage:
     velocity : c_vel of equation (4), for the paper's method
     seed : seed of all random numbers
     drawn : whether to draw it
+    start : with what it begins, one of `STARTS`
     """
 
     scene: str
@@ -42,6 +48,7 @@ class Passage:
     velocity: float
     seed: int
     drawn: bool = False
+    start: str = STARTS[0]
 
 
 @dataclass(frozen=True)
@@ -58,7 +65,10 @@ class Transport:
         posts and table [m]
     lag, end_error : distance of the simulated stick behind its plan, and from its goal at the end [m]; None if
         nothing was simulated
+    end_missed : distance of the planned hands from their goals [m]
     seconds : wall time of the search [s]
+    reasons : reasons why the joint motion is not verified
+    log : what the method tells of its run
     picture : PNG of equally spaced instants, from the front and below from above; empty if none can be drawn
     """
 
@@ -67,7 +77,10 @@ class Transport:
     turn: float
     distance_error: float
     clearance: float
+    end_missed: float
     seconds: float
+    reasons: tuple[str, ...] = ()
+    log: Mapping[str, Any] = field(default_factory=dict, repr=False)
     delivered: bool = False
     lag: float | None = None
     end_error: float | None = None
@@ -98,13 +111,14 @@ def transport(passage: Passage) -> Transport:
     from comove.simulators import Weld, simulate
 
     scene, robot = example(f"baxter_{passage.scene}"), Robot.load("baxter")
-    method = METHODS[passage.who]
+    method = (METHODS | {WITH_JOINTS: TaskPriority()})[passage.who]
+    recorded = passage.start == STARTS[0]
     load_kernels(SceneKind.of(scene))
     begun = time.perf_counter()
     found = carry(
         scene,
         robot,
-        demonstration=movements_of(demonstration_of(scene), scene),
+        demonstration=movements_of(demonstration_of(scene), scene) if recorded else None,
         seed=passage.seed,
         method=method,
         budget=BUDGET,
@@ -119,7 +133,10 @@ def transport(passage: Passage) -> Transport:
         turn=largest_turn(found.solution.attempt),
         distance_error=found.solution.report.distance_error_max,
         clearance=min(found.report.clearance_scene, found.solution.report.clearance_min),
+        end_missed=found.solution.report.end_error,
         seconds=seconds,
+        reasons=found.solution.reasons,
+        log=found.solution.log,
     )
     if not found.verified:
         return planned

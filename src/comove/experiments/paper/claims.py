@@ -349,20 +349,27 @@ def small_violations(runs: Runs) -> ClaimFinding:
     "IV-A, Fig. 6b",
     "no task constraints are enforced […], the resulting DMPs may violate such constraints, even if the "
     "original joint DMP is learned by demonstration ensuring that the constraints are met",
-    "reproduced: verified as taught, and more than 1 cm off after optimisation, in the figure and in the "
-    "median over seeds; else not",
+    "reproduced: verified as taught, and more than 1 cm off after optimisation in the narrow passage, in the figure, "
+    "in the median over seeds and in that over recordings of both hands; else not",
 )
 def violated_without(runs: Runs) -> ClaimFinding:
     drawn = runs.one("figure 6", scene="narrow", who="unconstrained [22]").measures
     taught, story = runs.one("joint").measures, _story(runs, "unconstrained [22]", ["narrow"])
     error = median_interval([m.distance_error for m in story]).value
+    as_taught = runs.measures("as taught")
+    narrow, free = (
+        median_interval([m.distance_error for m in runs.measures("at once", scene=scene)]).value
+        for scene in ("narrow", "open")
+    )
     why = (
         f"Both hands taught at once by two movements in the wide passage, where they are {_verified(taught)}; "
         f"optimised in the narrow one the distance of {_mm(0.2, 0)} is off by {_mm(drawn.distance_error)}. From a "
-        f"recorded movement given to both: {_mm(error)} in the median over {len(story)} seeds."
+        f"recorded movement given to both: {_mm(error)} in the median over {len(story)} seeds. From recordings of "
+        f"both hands at once, {count_verified(as_taught)} verified as taught: {_mm(narrow)} in the median, and where "
+        f"nothing is in the way {_mm(free)}."
     )
-    broken = drawn.distance_error > BROKEN and error > BROKEN
-    return _graded(why, taught.verified and broken)
+    broken = min(drawn.distance_error, error, narrow) > BROKEN
+    return _graded(why, taught.verified and all(m.verified for m in as_taught) and broken)
 
 
 @claim(

@@ -29,6 +29,8 @@ from comove.experiments.paper.figures import (
 from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST, Outcome, title_of
 from comove.experiments.paper.measures import count_verified, measure_motion
 from comove.experiments.paper.runs import (
+    AT_ONCE,
+    AT_ONCE_NUMBERS,
     BAND,
     FRESH,
     GAIT,
@@ -38,6 +40,7 @@ from comove.experiments.paper.runs import (
     SCENES,
     SENSITIVITY_SEEDS,
     STORY,
+    SWING,
     TWO,
     Runs,
     run_everything,
@@ -357,10 +360,18 @@ The narrow passage from straight lines, [each system](compared.md) as the comman
 `--method unconstrained`, `leader-follower`, `speed-scaled`, `task-priority` on `narrow` without its demonstration).
 The coupling of [7] is learned over 20 epochs. In the table the other columns begin with the scene's recorded
 movement, at the same settings as the [large comparison](#over-seeds). A distance may be off by {TOLERANCE}.
-Hands are free in all of them: the source of [5] has a robot's joints as well, which is not reproduced. [8] beside a
-human whose effort and variance change over 100 cycles: [compared](compared.md#speed-scaled).
+Hands are free in all of them. [8] beside a human whose effort and variance change over 100 cycles:
+[compared](compared.md#speed-scaled).
 
 {tables.systems_table(runs)}
+
+[22] is made for movements that both hands were taught at once, holding the load. Here the middle of the bar follows
+handwriting ({AT_ONCE[0]}) and its direction other handwriting ({AT_ONCE[1]}, up to {np.rad2deg(SWING):.0f}° aside),
+led from rest to rest; recordings 0 to {AT_ONCE_NUMBERS - 1} of both shapes, settings and band of the figures. Then
+[22] optimises it, where nothing is in the way, and in both passages:
+
+{tables.at_once_table(runs)}
+{_with_joints(runs)}
 
 No wall is what [7] was made for: two hands that were taught different movements, here {TWO[0]} and {TWO[1]} of
 people's handwriting, and nothing in the way but the border of the workspace, which it does not see either. The error
@@ -370,6 +381,20 @@ of the distance by epoch is its root mean square; at the end {TOLERANCE} are all
 ![The left hand leads, the right hand leads, both follow]({folder}/roles.png)
 
 {tables.roles_table(runs)}
+"""
+
+
+def _with_joints(runs: Runs) -> str:
+    """Return the paragraph on [5] with a robot's joints; empty where there is no robot."""
+    if runs.absent:
+        return ""
+    return f"""
+The source of [5] has a robot's joints. With those of Baxter, in the passages of Figures 8 and 9, from the scene's
+recorded movement and from straight lines, without random numbers (`comove robot solve baxter_wide.yaml --method
+task-priority --out joints`): its programmes run over the rates of all joints, links keep clear, and what is left to
+choose draws the joints to where they began.
+
+{tables.with_joints_table(runs)}
 """
 
 

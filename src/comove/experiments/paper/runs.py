@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.coordination.coordinates import arms_coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
@@ -17,7 +18,7 @@ from comove.experiments.compared import single
 from comove.experiments.examples import example
 from comove.experiments.modulation.comparison import Compared, compare
 from comove.experiments.paper import baxter
-from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, warm_up
+from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, scene_of, warm_up
 from comove.experiments.paper.measures import Along, Measures, measure_motion
 from comove.experiments.workers import run_all
 from comove.planning import SceneKind, load_kernels
@@ -81,6 +82,13 @@ RECORDED: dict[str, tuple[str, int] | None] = {
 """The movements: two synthetic ones, and recordings of handwriting (LASA shape and number)."""
 TWO = ("Sine", "Angle")
 """What the left and the right hand are taught where they are to begin uncoordinated."""
+AT_ONCE = ("Sine", "Sshape")
+"""What the bar's middle and its direction follow where both hands were recorded at once, with the bar in them."""
+SWING = np.pi / 6
+"""How far the bar turns aside there [rad]."""
+AT_ONCE_NUMBERS = 5
+"""Number of the recordings there, each the next one of both shapes."""
+AT_ONCE_SCENES = ("open", "wide", "narrow")
 STORY = {"wide": "Sine", "narrow": "Sine", "complex": "Multi_Models_3"}
 """The movement with which everybody begins in the large table, by scene."""
 
@@ -112,11 +120,11 @@ class Runs:
     ----------
     seeds : number of seeds in the large table
     outcomes : outcomes of all jobs. Those for "joint" are of the movements taught jointly in the wide passage, for
-        "given" of the initial movements of one hand given to both, before any optimisation, for "straight" of the
-        straight line of one hand
+        "given" of the initial movements of one hand given to both, before any optimisation, for "as taught" of both
+        hands recorded at once, for "straight" of the straight line of one hand
     encounters, compared : figures and recorded executions among moving obstacles
     recorded : the human movement of Figure 1, its primitive, and the motion if it is given to both hands
-    transports : Baxter's transports; empty if `absent` names what is not installed for them
+    transports : Baxter's transports, by [5] as well; empty if `absent` names what is not installed for them
     """
 
     seeds: int
@@ -158,7 +166,7 @@ class Runs:
         return [outcome.measures for outcome in self.of(purpose, **asked)]
 
     def carried(self, scene: str, who: str) -> list[baxter.Transport]:
-        """Return Baxter's transports through one passage by one method, the drawn one first."""
+        """Return Baxter's transports through one passage by one method, the first or drawn one first."""
         return [t for t in self.transports if (t.passage.scene, t.passage.who) == (scene, who)]
 
     def encounter(self, method: str) -> Encounter:
@@ -191,8 +199,14 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
         for scene in baxter.PASSAGES
         for who in baxter.METHODS
         for i in range(_few(seeds, BAXTER_SEEDS))
-        if not absent
     ]
+    passages += [
+        baxter.Passage(scene, baxter.WITH_JOINTS, GAIT["velocity"], FRESH, start=start)
+        for scene in baxter.PASSAGES
+        for start in baxter.STARTS
+    ]
+    if absent:
+        passages = []
     step = max(1, len(jobs) // 20)
 
     def told(done: int) -> None:
@@ -208,6 +222,10 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
         ("given", scene, movement, given_to_both(alone[movement], scene))
         for scene, movement in INITIAL.items()
     ] + [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
+    unsearched += [
+        ("as taught", "open", at_once(number), taught_at_once(number))
+        for number in range(_few(seeds, AT_ONCE_NUMBERS))
+    ]
     recording = recording_of(example("narrow"))
     assert recording is not None
     return Runs(
@@ -241,9 +259,54 @@ def movements_after(alone: dict[str, DMP], joint: Outcome) -> dict[str, Movement
         STRAIGHT: None,
         "joint": {name: movement_of(joint, i) for i, name in enumerate(hands)},
         "two": {name: alone[movement] for name, movement in zip(hands, TWO, strict=True)},
+        **{at_once(number): recorded_at_once(number) for number in range(AT_ONCE_NUMBERS)},
         **{shape: DMP.fit(Demonstration.from_lasa(shape)) for shape in recordings()},
         **alone,
     }
+
+
+def at_once(number: int) -> str:
+    """Return the name of the movement that both hands were taught at once, by its number."""
+    return f"at once {number}"
+
+
+def recorded_at_once(number: int) -> dict[str, DMP]:
+    """Return the movements of both hands as they are recorded at once, by the name of the hand.
+
+    The middle of a bar follows one handwritten movement and its direction another, so that the hands keep their
+    distance as a person's do who holds the bar.
+    """
+    scene = scene_of("open")
+    way, aside = (_drawn(Demonstration.from_lasa(shape, number)) for shape in AT_ONCE)
+    first, last = (complex(*end) for end in (scene.start.mean(axis=0), scene.goal.mean(axis=0)))
+    bar = complex(*(scene.start[1] - scene.start[0]))
+    swing = SWING * aside.imag / np.abs(aside.imag).max()
+    middle, half = first + (last - first) * way, 0.5 * bar * np.exp(1j * swing)
+    time = np.linspace(0.0, scene.duration, len(way))
+    return {
+        name: DMP.fit(
+            Demonstration(time, np.stack([hand.real, hand.imag], axis=1), f"{name}, recording {number}")
+        )
+        for name, hand in zip(scene.manipulators, (middle - half, middle + half), strict=True)
+    }
+
+
+def taught_at_once(number: int) -> CoordinatedMotion:
+    """Return both hands' movement as it was taught at once, with the band of the figures."""
+    scene, movements = scene_of("open", tolerance=BAND), recorded_at_once(number)
+    taught = tuple(movements[name] for name in scene.manipulators)
+    return CoordinatedDMP.from_demonstration(
+        taught, scene, arms_coordinates(scene), motion_basis(30, "velocity")
+    ).rollout()
+
+
+def _drawn(recording: Demonstration, n_steps: int = 1001) -> NDArray[np.complex128]:
+    """Return a planar recording as complex numbers, turned and scaled to go from 0 to 1, from rest to rest."""
+    first, last = recording.time[[0, -1]]
+    when = first + minimum_jerk(np.linspace(0.0, 1.0, n_steps)) * (last - first)
+    x, y = (np.interp(when, recording.time, column) for column in recording.position.T)
+    point = x + 1j * y
+    return (point - point[0]) / (point[-1] - point[0])
 
 
 def movement_of(outcome: Outcome, hand: int) -> DMP:
@@ -310,6 +373,11 @@ def figure_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
     jobs.append(job("figure 6", "narrow", "unconstrained [22]", "joint", keep=True, **figure))
     jobs += [job("systems", "narrow", who, STRAIGHT, keep=True) for who in ("comove", *OTHER_SYSTEMS)]
     jobs += [job("leaders", "open", who, "two", keep=True) for who in ROLES]
+    jobs += [
+        job("at once", scene, "unconstrained [22]", at_once(number), seed=FRESH + number, **figure)
+        for scene in AT_ONCE_SCENES
+        for number in range(_few(seeds, AT_ONCE_NUMBERS))
+    ]
     jobs.append(job("obstacles in the cost", "narrow", "comove", STRAIGHT, obstacles="cost"))
     return jobs
 

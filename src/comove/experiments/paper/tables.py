@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from comove.experiments.paper.baxter import WITH_JOINTS
 from comove.experiments.paper.claims import Claim, ClaimFinding
 from comove.experiments.paper.figures import failures, median_of, share_of, verdict
 from comove.experiments.paper.jobs import CONTENDERS, title_of
 from comove.experiments.paper.measures import Measures, count_verified
 from comove.experiments.paper.runs import (
+    AT_ONCE_SCENES,
     MOVEMENT_CONTENDERS,
     OTHER_SYSTEMS,
     RECORDED,
@@ -31,6 +33,7 @@ PLAIN: dict[str, Any] = {"who": "paper", "tolerance": None, "gap": None, "veloci
 DISTANCE = "the distance between"
 """How reasons about a distance begin."""
 EPOCHS = (1, 2, 4, 8, 20)
+AT_ONCE_TITLES = {"open": "nothing in the way"}
 
 
 def claims_table(findings: Sequence[tuple[Claim, ClaimFinding]]) -> str:
@@ -94,10 +97,45 @@ def movements_table(runs: Runs) -> str:
     return table(["movement", "method", *SCENES], rows)
 
 
+def at_once_table(runs: Runs) -> str:
+    """Return the table of what [22] makes of recordings of both hands at once, by scene."""
+    taught = runs.measures("as taught")
+    rows = [["as taught", count_verified(taught), *_at_worst(taught)]]
+    for scene in AT_ONCE_SCENES:
+        found = runs.measures("at once", scene=scene)
+        rows.append([AT_ONCE_TITLES.get(scene, scene), count_verified(found), *_at_worst(found)])
+    head = ["", "verified", "distance off, median [mm]", "at most [mm]", "clearance, least [mm]"]
+    return table(head, rows)
+
+
+def _at_worst(found: Sequence[Measures]) -> list[str]:
+    off = 1e3 * np.array([m.distance_error for m in found])
+    return [f"{np.median(off):.2f}", f"{off.max():.2f}", f"{1e3 * min(m.clearance for m in found):.1f}"]
+
+
+def with_joints_table(runs: Runs) -> str:
+    """Return the table of [5] with Baxter's joints, by passage and what it begins with."""
+    rows = []
+    for t in runs.transports:
+        if t.passage.who == WITH_JOINTS:
+            rows.append(
+                [
+                    *(t.passage.scene, t.passage.start, "yes" if t.verified else "no: " + t.reasons[0]),
+                    *(f"{1e3 * t.end_missed:.0f}", f"{1e3 * t.log['relative_error_max_m']:.2g}"),
+                    *(f"{1e3 * t.log['turn_error_max_rad']:.2g}", f"{t.log['slack_max_m_per_s']:.2g}"),
+                    *("yes" if t.delivered else "no",),
+                ]
+            )
+    head = ["passage", "begins with", "verified", "from its goal [mm]", "distance off as controlled [mm]"]
+    return table([*head, "hands turned off [mrad]", "L0 gives way [m/s]", "delivered"], rows)
+
+
 def transports_table(runs: Runs) -> str:
     """Return the table of Baxter's transports by passage and method."""
     rows = []
     for t in runs.transports:
+        if t.passage.who == WITH_JOINTS:
+            continue
         simulated = (
             "-" if t.lag is None else f"{1e3 * t.lag:.1f}",
             "-" if t.end_error is None else f"{1e3 * t.end_error:.1f}",

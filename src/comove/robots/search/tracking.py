@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_lsq_spline
+from scipy.interpolate import CubicSpline, make_lsq_spline
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.robots.model import Arm, Robot
@@ -54,13 +54,45 @@ def track(
     start : array, shape (n_joints,), joints of these arms from which the first pose is solved
     haste : samples of which one is solved first; if one of those is missed, the others are not solved
     """
-    duration, columns = motion.scene.duration, np.concatenate([arm.columns for arm in holders])
+    duration, n_joints = motion.scene.duration, len(start)
     coarse = sampled_nodes(motion)
-    led, missing = np.empty((len(coarse), len(columns))), np.zeros((2, len(holders)))
+    led, missing = np.empty((len(coarse), n_joints)), np.zeros((2, len(holders)))
     follow_one(arms, coarse, start, led, missing[0], missing[1])
-    n_steps = int(np.ceil(SAMPLE_RATE * duration - 1e-9)) + 1
-    time = np.linspace(0.0, duration, n_steps)
+    time = _sample_times(duration)
     posture = _smooth(np.linspace(0.0, duration, len(coarse)), led, time)
+    return _solved(robot, holders, arms, motion, time, posture, haste)
+
+
+def track_near(
+    robot: Robot, holders: tuple[Arm, ...], arms: Arms, motion: CoordinatedMotion, led: Array
+) -> tuple[JointMotion, Miss | None]:
+    """Compute the joints along a motion of the hands that are nearest to given ones; otherwise as `track`.
+
+    Parameters
+    ----------
+    led : array, shape (n_steps, n_joints), joints of the arms at even times [rad]
+    """
+    time = _sample_times(motion.scene.duration)
+    posture = CubicSpline(np.linspace(0.0, time[-1], len(led)), led)(time)
+    return _solved(robot, holders, arms, motion, time, posture)
+
+
+def _sample_times(duration: float) -> Array:
+    """Return even times of samples from 0 to the duration [s]."""
+    return np.linspace(0.0, duration, int(np.ceil(SAMPLE_RATE * duration - 1e-9)) + 1)
+
+
+def _solved(
+    robot: Robot,
+    holders: tuple[Arm, ...],
+    arms: Arms,
+    motion: CoordinatedMotion,
+    time: Array,
+    posture: Array,
+    haste: int = 1,
+) -> tuple[JointMotion, Miss | None]:
+    """Solve every sample exactly, redundant joints near to a posture; array, shape (n_steps, n_joints) [rad]."""
+    n_steps, columns = len(time), np.concatenate([arm.columns for arm in holders])
     nodes = sampled_nodes(motion, n_steps)
     when, joints, residual = time, posture, np.zeros((0, len(holders)))
     if haste > 1:

@@ -1,0 +1,153 @@
+"""The method of reference [5] with the joints of a robot: the programmes of `task_priority` over joint rates.
+
+In every control step the rates u of all joints solve, in this order, with the hands' velocities v = J u,
+
+    L0   limits of joints, their speeds and accelerations; what L0 asks of v; links keep clear (see `link_rows`)
+    L1   relative motion: what L1 asks of v; every hand turns with the load,   w_i = w_load + prescribed(e_i)
+    L2   absolute motion: what L2 asks of v
+    L3   what L3 asks of v: the turn of the load
+    L4   posture:   u = k (q_first - q),   towards the joints at the start
+
+where e_i is the rotation vector from hand i's orientation to the one in which it holds the load. The positions of the
+hands are those of the joints, so that errors do not add up.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.experiments.compared.hierarchy import PriorityTask
+from comove.experiments.compared.task_priority import INSIDE, Controller, Performance, TaskPriority
+from comove.planning.search import Search
+from comove.reaction.qp_workspace import Rates, Sighting
+from comove.robots.carrying import RobotCarrier
+from comove.robots.online.link_rows import LinkNeeds, empty_rows, hand_jacobians, link_rows
+from comove.robots.search.chains import place_arm, pose_error
+from comove.robots.search.tracking import sampled_nodes
+
+Array = NDArray[np.float64]
+
+TURNING = Performance(first=0.05, last=2e-3, decay=2.0, gain=100.0)
+"""Prescribed performance of a hand's orientation on the load, in radians for metres."""
+
+
+class JointController(Controller):
+    """The controller that moves the joints of a robot step by step.
+
+    Parameters
+    ----------
+    method : method that holds the controller's parameters
+    search : search whose carrier is a `RobotCarrier`
+    period : control period [s]
+    taught : the hands' taught movement, along which the joints at the start are chosen
+    """
+
+    def __init__(self, method: TaskPriority, search: Search, period: float, taught: CoordinatedMotion):
+        super().__init__(method, search.scene, period)
+        carrier = search.carrier
+        if not isinstance(carrier, RobotCarrier):
+            raise TypeError(f"joints are those of a RobotCarrier, not of {type(carrier).__name__}")
+        self.carrier, self.arms = carrier, carrier.arms
+        self.first = carrier.best_start(sampled_nodes(taught))
+        self.joints, self.path = self.first, [self.first]
+        self.rates, self.turned = np.zeros_like(self.first), 0.0
+        least = self.scene.clearance + method.margin
+        self.needs = LinkNeeds(np.full(len(self.scene.obstacles), least), least, near=0.3)
+        self.links = Rates(
+            period, self.approach.gain, self.approach.braking, 0.25, np.inf, np.inf, self.scene.clearance
+        )
+
+    def carried_out(self, motion: CoordinatedMotion) -> dict[str, float]:
+        """Have the joints judged that hold the load on the curve, nearest to those of the controller."""
+        last = [self.joints] * (round(self.scene.duration / self.period) + 1 - len(self.path))
+        self.carrier.keep(motion, np.array([*self.path, *last]))
+        return {"turn_error_max_rad": self.turned}
+
+    def _limited(
+        self, tasks: list[PriorityTask], rows: Array, low: Array, before: Array
+    ) -> tuple[Array, float]:
+        """Solve the tasks for the rates of the joints, move these, and return the hands' velocities and the slack."""
+        n_hands, n_joints = len(before), len(self.joints)
+        jacobians, hands = np.empty((n_hands, 6, n_joints)), np.empty((n_hands, 3))
+        hand_jacobians(self.arms, self.joints, jacobians, hands)
+        moving = jacobians[:, :3].reshape(3 * n_hands, n_joints)
+        relative, *others = [PriorityTask(task.matrix @ moving, task.target) for task in tasks]
+        held = self._held(jacobians, hands, moving)
+        relative = PriorityTask(*(np.concatenate(parts) for parts in zip(relative, held, strict=True)))
+        posture = min(self.method.posture, 0.5 / self.period) * (self.first - self.joints)
+        limits = [(rows @ moving, low), self._clear_links(hands, moving), self._joint_limits()]
+        rows, low = (np.concatenate(parts) for parts in zip(*limits, strict=True))
+        tasks = [relative, *others, PriorityTask(np.eye(n_joints), posture)]
+        x, slack = self._inside_balls(tasks, rows, low, before, moving)
+        self.rates, self.joints = x, self.joints + self.period * x
+        self.path.append(self.joints)
+        there = np.empty((n_hands, 3))
+        hand_jacobians(self.arms, self.joints, jacobians, there)
+        return (there - hands) / self.period, slack
+
+    def _held(self, jacobians: Array, hands: Array, moving: Array) -> PriorityTask:
+        """Return the task that every hand turns with the load; `moving`, shape (3 n_hands, n_joints), is J."""
+        chains, grasp = self.arms.chains, self.carrier.grasp
+        wanted, error = grasp.hand_rotations(hands), np.empty((len(hands), 6))
+        for i in range(len(hands)):
+            n = chains.first[i + 1] - chains.first[i]
+            turns, places = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3))
+            place_arm(chains, i, self.joints, turns, places)
+            pose_error(turns[n], places[n], wanted[i], hands[i], error[i])
+        off = error[:, 3:]
+        self.turned = max(self.turned, float(np.linalg.norm(off, axis=1).max()))
+        turn = jacobians[:, 3:].copy()
+        turn[:, 2] -= np.outer(grasp.turning, self._turn_of_load(hands) @ moving)
+        pull = -TURNING.wanted(off, len(self.path) * self.period, self.period)
+        return PriorityTask(turn.reshape(-1, turn.shape[2]), pull.ravel())
+
+    def _turn_of_load(self, hands: Array) -> Array:
+        """Return the rate of the load's heading per unit of the hands' velocities; array, shape (3 n_hands,)."""
+        row, holders = np.zeros(hands.shape), self.carrier.grasp.holders
+        if len(holders) > 1:
+            x, y = (hands[holders[0]] - hands[holders[1]])[:2]
+            across = np.array([-y, x]) / (x * x + y * y)
+            row[holders[0], :2], row[holders[1], :2] = across, -across
+        return row.ravel()
+
+    def _joint_limits(self) -> tuple[Array, Array]:
+        """Return the inequalities by which joints keep their limits of speed and acceleration, and brake in time."""
+        chains = self.arms.chains
+        most = INSIDE * chains.acceleration
+        change = most * self.period
+
+        def fastest(left: Array) -> Array:
+            left = np.maximum(left, 0.0)
+            slow = np.minimum(0.5 / self.period * left, np.sqrt(most * left))  # half of the brakes is kept
+            return np.minimum(INSIDE * chains.velocity, slow)
+
+        high = np.clip(fastest(chains.upper - self.joints), self.rates - change, self.rates + change)
+        low = np.clip(-fastest(self.joints - chains.lower), self.rates - change, self.rates + change)
+        ones = np.eye(len(most))
+        return np.concatenate([ones, -ones]), np.concatenate([low, -high])
+
+    def _clear_links(self, hands: Array, moving: Array) -> tuple[Array, Array]:
+        """Return the inequalities by which links keep clear of obstacles, of the load and of each other."""
+        scene, size = self.scene, hands.size
+        center = hands.mean(axis=0)
+        basis = np.zeros((6, size))
+        basis[:3] = np.tile(np.eye(3), len(hands)) / len(hands)
+        r = hands[0] - hands[-1]
+        for axis in range(3):  # w = r x (v_first - v_last) / |r|^2
+            turn = np.cross(r, np.eye(3)[axis]) / (r @ r)
+            basis[3:, axis], basis[3:, size - 3 + axis] = turn, -turn
+        work = empty_rows(self.arms, len(scene.obstacles), size)
+        count = link_rows(
+            self.arms,
+            self.joints,
+            hands,
+            basis,
+            center,
+            Sighting.still(scene),
+            (self.needs, self.links),
+            work,
+        )
+        rows = work.rows[:count]
+        return rows[:, :size] @ moving + rows[:, size:], work.low[:count].copy()
