@@ -1,12 +1,13 @@
 """A deadline holds inside compiled loops, and changes nothing before it has come."""
 
 import time
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
 from comove.coordination.coordinates import load_coordinates
-from comove.planning.clock import LOOKS, STRIDE, UP, clock_until, wind, worked
+from comove.planning.clock import LOOKS, STRIDE, UP, clock_until, now, processor_time, wind, worked
 from comove.planning.configurations import clearance_of, configuration_space, edge_is_free
 from comove.planning.planner import plan
 from comove.planning.spacetime import plan_in_time, spacetime
@@ -137,3 +138,19 @@ def test_an_end_that_is_hardly_free_can_be_left():
     away = start + np.array([0.1, 0.0, 0.0])
     assert edge_is_free(space, start, away, 0.05 - 1e-5, scratch, nodes)
     assert edge_is_free(space, away, start, 0.05 - 1e-5, scratch, nodes)
+
+
+def test_a_budget_of_processor_time_is_not_spent_while_others_work():
+    """A sleep costs no processor time, and nothing of the budget; on the wall they do."""
+
+    def left(context):
+        with context:
+            clock, begun = clock_until(now() + 1.0), now()
+            time.sleep(1.2)
+            return worked(clock, 2 * STRIDE), now() - begun
+
+    up, passed = left(processor_time())
+    assert not up and passed < 1.0
+    up, passed = left(nullcontext())
+    assert up and passed > 1.0
+    assert left(nullcontext())[0]  # the context is left behind

@@ -6,8 +6,9 @@ them (`comove.verification.record`) after the clock has stopped.
 
 from __future__ import annotations
 
-import time
 from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from functools import lru_cache
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.bench.store import Figures
 from comove.experiments.examples import scene_contents
+from comove.planning.clock import now
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.objectives.paper import PaperCost
@@ -57,16 +59,16 @@ class SystemProblem:
 
 
 class Offers:
-    """A record of the offers of a system and their times; its clock starts when it is made."""
+    """A record of the offers of a system and their times, by the clock of budgets; it starts when it is made."""
 
     def __init__(self) -> None:
-        self.started = time.perf_counter()
+        self.started = now()
         self.taken: list[tuple[float, Array]] = []
 
     @property
     def seconds(self) -> float:
         """Return the time since the beginning [s]."""
-        return time.perf_counter() - self.started
+        return now() - self.started
 
     def take(self, hands: Array, seconds: float | None = None) -> None:
         """Record an offer, array of shape (N_SAMPLES, n_manipulators, n_dims), [m].
@@ -82,9 +84,11 @@ class System(ABC):
     Attributes
     ----------
     name : name in tables
+    timing : makes the context in which it is run, which says what its times are
     """
 
     name: str
+    timing: Callable[[], AbstractContextManager[None]] = staticmethod(nullcontext)
 
     @property
     def version(self) -> str:
@@ -111,11 +115,13 @@ class OwnSystem(System):
     ----------
     method : the method
     planner : whether it may plan
+    timing : as in `System`
     """
 
     name: str
     method: Method
     planner: bool = True
+    timing: Callable[[], AbstractContextManager[None]] = nullcontext
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Compile the kernels, including those of the method itself."""
@@ -175,9 +181,10 @@ class SystemOutcome(Figures):
 def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     """Run a system and judge its offers; return None if it offers nothing."""
     system.warm_up(problem)
-    offers = Offers()
-    system.run(problem, offers)
-    seconds = offers.seconds
+    with system.timing():
+        offers = Offers()
+        system.run(problem, offers)
+        seconds = offers.seconds
     if not offers.taken:
         return None
     reports = [report_of(problem, hands) for _, hands in offers.taken]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.errors import OptionError
+from comove.planning.clock import now
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives.paper import PaperCost
 from comove.primitives import DMP, Library, Primitive, Variant, motion_basis
@@ -91,7 +91,7 @@ def best_movement(
     OptionError
         If no movement can be transferred.
     """
-    begun = time.perf_counter()
+    begun = now()
     suited = suitable(movements, scene, plane)
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
     cost = Objective(scene, coordinates, objective or PaperCost())
@@ -100,7 +100,7 @@ def best_movement(
         dmps = [suited[name] for name in names[first : first + PIECE]]
         carried = [CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis) for dmp in dmps]
         values.append(cost.evaluate(np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried])))
-        if time.perf_counter() - begun > budget:
+        if now() - begun > budget:
             break
     value = Evaluation(*(np.concatenate(arrays) for arrays in zip(*(v[:-1] for v in values), strict=True)))
     passes, total = cost.feasible(value), cost.search_value(value)

@@ -1,4 +1,7 @@
-"""A clock that compiled loops read, so that a time budget holds inside them as well.
+"""The clock of time budgets, which compiled loops read as well.
+
+It is that on the wall, or, in the context of `processor_time`, that of this process: a budget then means the same
+work whatever else the machine does.
 
 Kernels count their work, and read the time after every few milliseconds of it. Once time is up, they report every
 configuration as not free, so that their loops end; the caller checks the time as well and ends the search. Until then
@@ -8,6 +11,9 @@ the clock does not change any result.
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 
 import numba
 import numpy as np
@@ -19,8 +25,26 @@ DEADLINE, LEFT, UP, LOOKS = range(4)  # columns of a clock
 STRIDE = 20_000  # computed distances, or as much work, between two readings of the time: some milliseconds
 
 
+_seconds: ContextVar[Callable[[], float]] = ContextVar("seconds", default=time.perf_counter)
+
+
+def now() -> float:
+    """Return the time of the clock of budgets [s]."""
+    return _seconds.get()()
+
+
+@contextmanager
+def processor_time() -> Iterator[None]:
+    """Let budgets, and the times that solutions report, count processor time of this process in this context."""
+    before = _seconds.set(time.process_time)
+    try:
+        yield
+    finally:
+        _seconds.reset(before)
+
+
 def clock_until(deadline: float = np.inf) -> Array:
-    """Return a clock that expires at `deadline`, a time of `time.perf_counter` [s]."""
+    """Return a clock that expires at `deadline`, a time of `now` [s]."""
     clock = np.zeros(4)
     clock[LEFT] = STRIDE
     wind(clock, deadline)
@@ -37,10 +61,10 @@ def worked(clock, work):
     """Add to the work counted, read the time if enough has been done since last, and return whether time is up."""
     clock[LEFT] -= work
     if clock[LEFT] < 0.0:
-        with numba.objmode(now="float64"):
-            now = time.perf_counter()
+        with numba.objmode(at="float64"):
+            at = now()
         clock[LEFT] = STRIDE
         clock[LOOKS] += 1.0
-        if now > clock[DEADLINE]:
+        if at > clock[DEADLINE]:
             clock[UP] = 1.0
     return clock[UP] > 0.0

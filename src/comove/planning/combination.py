@@ -11,7 +11,6 @@ other motion.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -26,6 +25,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.errors import OptionError
 from comove.optimisers import CMAES, Parameters
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
+from comove.planning.clock import now
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
@@ -120,7 +120,7 @@ def combine(
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     suited = suitable(movements, scene, plane)
     load_kernels(SceneKind.of(scene))
-    started = time.perf_counter()
+    started = now()
     coordinates = load_coordinates(scene)
     search = Search(
         objective=Objective(scene, coordinates, objective or PaperCost(), ContactPenalty(along_path=True)),

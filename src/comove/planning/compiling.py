@@ -6,7 +6,6 @@ import json
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from numba.core import event
 from numba.core.dispatcher import LiftedCode
 
 from comove._compiled import ALONE
+from comove.planning.clock import now
 from comove.processes.processors import n_processors
 
 PACKAGE = "comove."
@@ -55,7 +55,7 @@ class _Listener(event.Listener):
         if not _counts(event):
             return
         if self._depth == 0:
-            self._begun = time.perf_counter()
+            self._begun = now()
         self._depth += 1
         function = event.data["dispatcher"].py_func
         if not function.__module__.startswith(PACKAGE):
@@ -69,7 +69,7 @@ class _Listener(event.Listener):
             return
         self._depth -= 1
         if self._depth == 0:
-            self.compiled.seconds += time.perf_counter() - self._begun
+            self.compiled.seconds += now() - self._begun
             if self.tell is not None:
                 self.tell("")
 

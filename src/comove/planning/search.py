@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.optimisers import CMAES, DiagonalCovariance, Parameters
+from comove.planning.clock import now
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import Space
 from comove.planning.convex.jerk import jerk_cost
@@ -137,7 +137,7 @@ class Search:
     taught : demonstrated movement of every manipulator; None without any
     hard : whether obstacles are constraints, not only costs
     rng : source of all random numbers
-    started, deadline : times of `time.perf_counter`; the time in which kernels are compiled is added to the deadline
+    started, deadline : times of `clock.now`; the time in which kernels are compiled is added to the deadline
         [s]
     compiled : counters of the kernels compiled since the start
     asked : scene of the caller, on which motions are returned, as fast as possible if its duration is open; None if
@@ -197,16 +197,16 @@ class Search:
 
     def time_left(self) -> float:
         """Return the time that is left of the budget [s]."""
-        return self.until - time.perf_counter()
+        return self.until - now()
 
     @property
     def until(self) -> float:
-        """Return the time of `time.perf_counter` at which the budget is spent [s]."""
+        """Return the time of `clock.now` at which the budget is spent [s]."""
         return self.deadline + self.compiled.seconds
 
     def elapsed(self) -> float:
         """Return the time since the start, less the time spent on compilation [s]."""
-        return time.perf_counter() - self.started - self.compiled.seconds
+        return now() - self.started - self.compiled.seconds
 
     def over(self) -> bool:
         """Return whether the budget is spent, or the user wishes to end."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -15,6 +14,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.planning.arguments import carried_demonstration, check_options, listed, movements_of
+from comove.planning.clock import now
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
 from comove.planning.followed import Followed, followed
@@ -223,7 +223,7 @@ def _solved(problem: Problem) -> Solution:
 
 def _searched(problem: Problem) -> Solution:
     """Solve a problem by a single search, in its given duration or, if that is open, in any."""
-    started = time.perf_counter()
+    started = now()
     scene, taught, objective = problem.scene, problem.taught, problem.objective
     asked = scene
     if not problem.is_timed:
@@ -340,13 +340,13 @@ def _among_moving(problem: Problem) -> Solution:
             key="duration",
             way_out="give one",
         )
-    hasty, done, started = isinstance(problem.objective, LeastTime), [], time.perf_counter()
+    hasty, done, started = isinstance(problem.objective, LeastTime), [], now()
     asked, method = with_limits(problem.scene), problem.method
     if hasty:
         problem = replace(problem, taught=None, objective=LeastJerk())
 
     def left() -> float:
-        return problem.budget - (time.perf_counter() - started)
+        return problem.budget - (now() - started)
 
     def attempt(duration: float, method: Method, most: float) -> Solution:
         budget = max(min(most, left()), SHORT)

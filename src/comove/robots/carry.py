@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.planning.clock import now
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
@@ -111,7 +111,7 @@ def carry(
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     timed_share = 0.7  # of the budget, after which it is seen how long a way takes that arms go at leisure
     load_robot_kernels(SceneKind.of(scene))
-    begun = time.perf_counter()
+    begun = now()
     objective = objective or objective_of_scene(scene.file.objective)
     wanted = {
         "demonstration": demonstration,
@@ -123,7 +123,7 @@ def carry(
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin, found=found)
         carrier.require_reach()
-    spent = time.perf_counter() - begun - compiled.seconds
+    spent = now() - begun - compiled.seconds
     budget = max(0.5 * budget, budget - spent)
     if method is not None:
         return _searched(scene, carrier.on(scene) if scene.is_timed else carrier, method, budget, wanted)

@@ -6,10 +6,20 @@ from functools import cache
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.modulation.comparison import METHODS
 from comove.experiments.paper.baxter import METHODS as WAYS
-from comove.experiments.paper.baxter import PASSAGES, Passage, Transport
+from comove.experiments.paper.baxter import PASSAGES, STARTS, WITH_JOINTS, Passage, Transport
 from comove.experiments.paper.jobs import Job, Outcome, scene_of
 from comove.experiments.paper.measures import Along, Measures
-from comove.experiments.paper.runs import INITIAL, RECORDED, STRAIGHT, Encounter, Runs, all_jobs, recordings
+from comove.experiments.paper.runs import (
+    AT_ONCE_NUMBERS,
+    INITIAL,
+    RECORDED,
+    STRAIGHT,
+    Encounter,
+    Runs,
+    all_jobs,
+    at_once,
+    recordings,
+)
 from comove.scenes import Scene
 
 GOOD = Measures(
@@ -61,14 +71,18 @@ def measures_of(job):
     return GOOD
 
 
+NAMES = (STRAIGHT, "initial", "winding", "joint", "two", *map(at_once, range(AT_ONCE_NUMBERS)))
+MOVEMENTS = dict.fromkeys((*NAMES, *recordings(), *RECORDED))
+
+
 def ideal_runs(seeds=3):
-    movements = dict.fromkeys((STRAIGHT, "initial", "winding", "joint", "two", *recordings(), *RECORDED))
     jobs = [
         *(Job("figure 3", scene, "single [6]", STRAIGHT) for scene in INITIAL),
         *(Job("given", scene, "nobody", movement) for scene, movement in INITIAL.items()),
         *(Job("straight", scene, "nobody", STRAIGHT) for scene in INITIAL),
         Job("joint", "wide", "comove", "initial"),
-        *all_jobs(seeds, movements),
+        Job("as taught", "open", "nobody", at_once(0)),
+        *all_jobs(seeds, MOVEMENTS),
     ]
     outcomes = tuple(
         Outcome(job, measures_of(job), STEADY if job.keep else None, motion_of(job), LOG) for job in jobs
@@ -80,6 +94,7 @@ def ideal_runs(seeds=3):
             turn=1.0 if scene == "narrow" else 0.1,
             distance_error=1e-4,
             clearance=0.01,
+            end_missed=0.0,
             seconds=10.0,
             delivered=True,
             lag=1e-3,
@@ -90,8 +105,18 @@ def ideal_runs(seeds=3):
         for who in WAYS
         for seed in range(2)
     )
-    return Runs(
-        seeds, outcomes, tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS), transports=transports
+    encounters = tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS)
+    return Runs(seeds, outcomes, encounters, transports=transports + by_joints())
+
+
+def by_joints():
+    """Transports by [5], of which one stands before the posts."""
+    log = {"relative_error_max_m": 1e-6, "turn_error_max_rad": 1e-6, "slack_max_m_per_s": 0.0}
+    passages = [Passage(scene, WITH_JOINTS, 0.2, 100, start=start) for scene in PASSAGES for start in STARTS]
+    through = Transport(passages[0], True, 0.1, 1e-4, 0.01, 0.0, 10.0, log=log, delivered=True)
+    stuck = replace(through, verified=False, end_missed=0.5, reasons=("an end is missed",), delivered=False)
+    return tuple(
+        replace(stuck if passage.scene == "narrow" else through, passage=passage) for passage in passages
     )
 
 

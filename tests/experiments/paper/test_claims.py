@@ -95,6 +95,8 @@ def test_where_nothing_is_verified_no_result_is_reproduced(ideal):
             NOT,
         ),
         (claims.violated_without, "joint", {}, {"verified": False}, None, GOOD, NOT),
+        (claims.violated_without, "as taught", {}, {"verified": False}, None, GOOD, NOT),
+        (claims.violated_without, "at once", {"scene": "narrow"}, {"distance_error": 0.001}, None, GOOD, NOT),
         (
             claims.leader_is_blind,
             "systems",

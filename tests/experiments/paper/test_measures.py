@@ -1,5 +1,7 @@
 """Smoothness and turns of motions whose figures are known."""
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.experiments.examples import example
 from comove.experiments.paper.jobs import scene_of
 from comove.experiments.paper.measures import follow, largest_turn, measure_motion, squared_jerk
+from comove.experiments.paper.runs import AT_ONCE_NUMBERS, taught_at_once
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import motion_basis
 
@@ -61,3 +64,12 @@ def test_a_scene_is_changed_where_it_is_asked_for_alone():
     assert plain.sha256 == example("narrow").sha256
     assert len(scene_of("open").obstacles) == 0
     assert measure_motion(CoordinatedMotion.straight(plain)).clearance < 0
+
+
+def test_hands_that_are_recorded_at_once_hold_the_bar():
+    """Nothing ties the hands: the recordings keep their distance, within the band, and no two are alike."""
+    taught = [taught_at_once(number) for number in range(AT_ONCE_NUMBERS)]
+    assert all(measure_motion(motion).verified for motion in taught)
+    assert all(np.rad2deg(measure_motion(motion).turn) > 20.0 for motion in taught)
+    middles = [motion.trajectory().position.mean(axis=1) for motion in taught]
+    assert min(np.abs(a - b).max() for a, b in combinations(middles, 2)) > 1e-3

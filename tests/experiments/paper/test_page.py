@@ -23,19 +23,16 @@ from comove.experiments.paper.jobs import CONTENDERS, run, scene_of
 from comove.experiments.paper.measures import measure_motion
 from comove.experiments.paper.page import CONTENTS, Effort, _by_hand, write_page
 from comove.experiments.paper.runs import (
-    RECORDED,
     SCENES,
     STORY,
-    STRAIGHT,
     Job,
     all_jobs,
     recorded,
-    recordings,
 )
 from comove.experiments.paper.tables import all_runs
 from comove.io.folders import check_target
 from comove.primitives import DMP
-from tests.experiments.paper.ideal import GOOD, changed, ideal_runs
+from tests.experiments.paper.ideal import GOOD, MOVEMENTS, changed, ideal_runs
 
 
 @pytest.fixture(scope="module")
@@ -144,8 +141,7 @@ def test_panels_are_methods_by_scenes():
 
 
 def test_those_without_random_numbers_run_once():
-    movements = dict.fromkeys((STRAIGHT, "initial", "winding", "joint", "two", *recordings(), *RECORDED))
-    jobs = [job for job in all_jobs(7, movements) if job.purpose == "story" and job.scene == "wide"]
+    jobs = [job for job in all_jobs(7, MOVEMENTS) if job.purpose == "story" and job.scene == "wide"]
     for who, contender in CONTENDERS.items():
         assert [job.seed for job in jobs if job.who == who] == list(range(7 if contender.random else 1))
     assert len(set(jobs)) == len(jobs)

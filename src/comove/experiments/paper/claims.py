@@ -514,7 +514,7 @@ def novel_scenarios(runs: Runs) -> ClaimFinding:
     counts = ", ".join(f"{who} {count_verified(found)}" for who, found in by.items())
     budget = runs.of("movements")[0].job.budget
     why = (
-        f"Two synthetic and four recorded movements on three scenes, {budget:g} s on the wall each: "
+        f"Two synthetic and four recorded movements on three scenes, {budget:g} s of processor time each: "
         f"{counts} verified. Paper's method {_from_recordings(runs, RECORDING_SEEDS)}"
     )
     chosen, comove = _share(by["paper"]) >= RELIABLE, _share(by["comove"]) >= RELIABLE

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -14,12 +13,13 @@ from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, Tas
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import Along, Measures, follow, measure
 from comove.planning import Comove, Paper, PaperCost, Printed, Projection, SceneKind, load_kernels, solve
+from comove.planning.clock import processor_time
 from comove.planning.method import Method
 from comove.primitives import DMP
 from comove.primitives.operations import in_space
 from comove.scenes import Scene
 
-LONGEST = 60.0  # s, that a run may take unless it is said
+LONGEST = 60.0  # s of processor time, that a run may take unless it is said
 PLANE = "xy"  # in which planar movements are laid into spatial scenes
 GENTLE = 1.0  # m/s^2, the limit of the gentle variant
 
@@ -85,7 +85,7 @@ class Job:
     taught : this movement, or one for each hand by its name; None for straight lines. A planar movement is laid into
         the plane `PLANE` of a spatial scene
     seed : seed of all random numbers
-    budget : time after which the best motion so far is taken [s]
+    budget : processor time after which the best motion so far is taken [s]
     tolerance : tolerance of distances [m]; by default the scene's own
     acceleration : limit of the hands [m/s^2]; by default the contender's, or the scene's own
     velocity : c_vel of equation (4)
@@ -136,21 +136,20 @@ def run(job: Job) -> Outcome:
     taught = job.taught
     if isinstance(taught, DMP) and taught.n_dims < scene.n_dims:
         taught = in_space(taught, PLANE)
-    begun = time.process_time()
-    solution = solve(
-        scene,
-        demonstration=taught,
-        seed=job.seed,
-        method=contender.method,
-        planner=contender.planner,
-        budget=job.budget,
-        objective=PaperCost(velocity=job.velocity, resemblance=job.resemblance),
-        obstacles=job.obstacles,
-    )
-    spent = time.process_time() - begun
+    with processor_time():
+        solution = solve(
+            scene,
+            demonstration=taught,
+            seed=job.seed,
+            method=contender.method,
+            planner=contender.planner,
+            budget=job.budget,
+            objective=PaperCost(velocity=job.velocity, resemblance=job.resemblance),
+            obstacles=job.obstacles,
+        )
     if solution.interrupted:
         raise KeyboardInterrupt
-    measures = measure(solution, spent)
+    measures = measure(solution)
     if not job.keep:
         failed = job.keep_failed and not measures.verified
         return Outcome(job, measures, motion=solution.attempt if failed else None)

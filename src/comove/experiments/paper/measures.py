@@ -78,17 +78,10 @@ class Along:
     error_far: float
 
 
-def measure(solution: Solution, spent: float) -> Measures:
-    """Measure the final motion of a solution.
-
-    Parameters
-    ----------
-    spent : processor time of the search [s]; the part until the first verified motion is taken to be the same share
-        as of the wall time, so that other work on the machine does not count
-    """
-    first = solution.time_to_first_verified_s
-    share = min(1.0, spent / solution.solve_time_s)
-    found = _measures(solution.attempt, solution.cost.total, None if first is None else share * first, spent)
+def measure(solution: Solution) -> Measures:
+    """Measure the final motion of a solution, whose times are processor times."""
+    first, total = solution.time_to_first_verified_s, solution.solve_time_s
+    found = _measures(solution.attempt, solution.cost.total, first, total)
     return replace(found, generations=solution.generations)
 
 

@@ -161,8 +161,8 @@ The first writes this page, the second is a quick look at it. This page: version
 {len(runs.outcomes)} solutions and {len(runs.encounters)} executions, {effort.processes} at a time, in
 {effort.seconds / MINUTE:.1f} minutes on the wall and {effort.processor / effort.processes / MINUTE:.1f} minutes of
 processor time each.
-Times below are processor times: what else the machine did meanwhile does not count. [Every run]({folder}/runs.csv)
-is one line of a table.
+Budgets and times below are processor times: what else the machine did meanwhile does not count.
+[Every run]({folder}/runs.csv) is one line of a table.
 
 {_review(runs).strip()}
 
@@ -415,7 +415,7 @@ acceleration of a hand and the squared jerk of both hands, integrated over the m
 arrival, and the scenes limit no acceleration: on `narrow`, `comove` accelerates by {_fastest(runs, "comove")} m/s²
 in the median, the paper's method by {_fastest(runs, "paper")} m/s². `comove, {GENTLE:g} m/s²` is the same method
 under a limit of {GENTLE:g} m/s². Brackets hold intervals; "none" says that no run has the measure. Every run is
-stopped after {LONGEST:g} s on the wall.
+stopped after {LONGEST:g} s of processor time.
 
 {shown}
 """
@@ -429,8 +429,8 @@ A straight line of minimum jerk, a smooth synthetic curve, and recorded handwrit
 verified runs (a distance may be off by {TOLERANCE}) and the median of J over them.
 `comove` keeps the movement's shape where it can (`--objective
 paper --resemblance {RESEMBLANCE:g}`: J then holds a term for it, and is larger); without the planner, and for the
-paper's method, the movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s on the
-wall. {_stopped(runs)}
+paper's method, the movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s of
+processor time. {_stopped(runs)}
 
 {tables.movements_table(runs)}
 
@@ -554,8 +554,8 @@ def _stopped(runs: Runs) -> str:
     if not used:
         return ""
     return (
-        f"The {len(used)} that ended without a verified motion had had {np.median(used):.1f} s of processor time in "
-        "the median by then: with more they may succeed."
+        f"The {len(used)} that ended without a verified motion had had {np.median(used):.1f} s in the median: "
+        "with more they may succeed."
     )
 
 
