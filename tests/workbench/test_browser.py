@@ -221,8 +221,9 @@ def test_a_run_is_live_and_then_played(open_scene):
     bench.tab("Run")
     bench.press("Run it live")
     bench.says("the load follows a plan")
+    assert not session.panels.controls["time"].visible  # nothing is recorded yet
     bench.says("This is what happened")
-    assert not session.live
+    assert not session.live and session.panels.controls["time"].visible
     assert session.stage.recording.time[-1] == pytest.approx(10.0, abs=0.5)
     bench.says("Executed, and verified at every instant")
 

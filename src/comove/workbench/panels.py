@@ -173,6 +173,12 @@ class Panels:
         taught = scene.file.demonstration is not None or draft.taught is not None
         self.controls["resemblance"].visible = taught
 
+    def show_run(self, live: bool) -> None:
+        """Show that a run goes on, or that it has ended; the bar of times is for what was recorded."""
+        self.controls["run"].label = "Stop" if live else "Run it live"
+        for name in ("play", "pace", "time", "ghosts"):
+            self.controls[name].visible = not live
+
     def plot(self, recording: RecordedMotion, names: tuple[str, ...]) -> None:
         """Draw the measures over time."""
         slider, end = self.controls["time"], float(recording.time[-1])

@@ -287,7 +287,7 @@ class Session:
         self.stage.draw_run()
         self.live, self.held = True, None
         self.asked = self.link.run(self.history.now)
-        self.panels.controls["run"].label = "Stop"
+        self.panels.show_run(True)
         self.panels.say(verdict_words("running"))
 
     def _go(self, message: Message) -> None:
@@ -301,7 +301,7 @@ class Session:
 
     def _end_run(self) -> None:
         self.live, self.held = False, None
-        self.panels.controls["run"].label = "Run it live"
+        self.panels.show_run(False)
 
     # --- teaching ---
 
