@@ -2,8 +2,10 @@
 
 - likelihood: 7 recordings of each LASA shape, every one left out in turn: the log density of its positions at 19
   instants, each by itself, a coordinate; and its Mahalanobis distance squared a coordinate (1 where the spread is
-  right). Beside comove the sample mean and covariance at each instant, and movement_primitives' ProMP where it is
-  installed, with as many weights a dimension;
+  right). Beside comove the sample mean and covariance at each instant, and the ProMPs of movement_primitives and of
+  mp-pytorch where they are installed, with as many weights a dimension. Mp-pytorch learns the weights of every
+  recording; their mean and covariance, with a millionth of its mean diagonal added, are its user's to take, and it
+  cannot be conditioned;
 - conditioning: the recording left out is given at 1 and at 3 instants; error of the mean elsewhere, as a share of the
   error before;
 - bimanual: two hands whose deviations hang together, drawn anew (each set 8 recordings and one left out): the log
@@ -21,6 +23,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import logging
 import time
 import warnings
 from collections.abc import Callable
@@ -43,7 +46,6 @@ N_WEIGHTS = 20  # a dimension
 INSTANTS = np.linspace(0.0, 1.0, 21)
 GIVEN = (10,), (5, 10, 15)  # of the instants
 SEED = 126
-NOT_INSTALLED = "movement_primitives is not installed and left out: pip install 'comove[bench]'"
 
 
 def main() -> None:
@@ -123,6 +125,42 @@ class MovementPrimitives:
         return self.promp.sample_trajectories(s, 1000, np.random.RandomState(0))
 
 
+class MPPyTorch:
+    """A distribution of mp-pytorch, with its own defaults."""
+
+    def __init__(self, curves: Array) -> None:
+        import torch
+        from mp_pytorch.mp import MPFactory
+
+        logging.disable(logging.WARNING)
+        count, n_steps, self.n_dims = curves.shape
+        settings = {"num_basis": N_WEIGHTS, "basis_bandwidth_factor": 2, "num_basis_outside": 0, "alpha_phase": 2}
+        self.mp = MPFactory.init_mp("promp", settings, num_dof=self.n_dims, tau=1.0, dtype=torch.float64)
+        times = torch.linspace(0.0, 1.0, n_steps, dtype=torch.float64).repeat(count, 1)
+        weights = self.mp.learn_mp_params_from_trajs(times, torch.as_tensor(curves))["params"]
+        covariance = torch.cov(weights.T)
+        ridge = 1e-6 * covariance.trace() / len(covariance)
+        self.mean = weights.mean(dim=0)
+        self.root = torch.linalg.cholesky(covariance + ridge * torch.eye(len(covariance), dtype=torch.float64))
+        self.torch = torch
+
+    def _at(self, s: Array) -> None:
+        self.mp.set_add_dim([])
+        self.mp.update_inputs(times=self.torch.as_tensor(s), params=self.mean, params_L=self.root)
+
+    def moments(self) -> tuple[Array, Array]:
+        """Return mean and covariance of what is observed at the instants."""
+        n = len(INSTANTS)
+        self._at(INSTANTS)
+        whole = self.mp.get_traj_pos_cov().numpy().reshape(self.n_dims, n, self.n_dims, n)
+        return self.mp.get_traj_pos().numpy(), np.einsum("ctdt->tcd", whole)
+
+    def samples(self) -> Array:
+        """Draw 1000 movements."""
+        self._at(np.linspace(0.0, 1.0, 201))
+        return self.mp.sample_trajectories(num_smp=1000)[0].numpy()
+
+
 class SampleMoments:
     """The sample mean and covariance at every instant; what it is given changes nothing elsewhere."""
 
@@ -142,16 +180,25 @@ class SampleMoments:
         return mean
 
 
+def installed(peer: str) -> bool:
+    """Return whether a peer is installed, and say so where it is not."""
+    found = importlib.util.find_spec(peer) is not None
+    if not found:
+        print(f"{peer} is not installed and left out: pip install 'comove[bench]'")
+    return found
+
+
 def handwriting(n_shapes: int) -> None:
     """Compare on recordings that were left out."""
     kinds: dict[str, Callable[[list[Demonstration]], Any]] = {
         "comove": Comove,
         "sample moments": SampleMoments,
     }
-    if importlib.util.find_spec("movement_primitives") is None:
-        print(NOT_INSTALLED)
-    else:
+    if installed("movement_primitives"):
         kinds["movement_primitives, ProMP"] = MovementPrimitives
+    if installed("mp_pytorch"):
+        s = np.linspace(0.0, 1.0, 101)
+        kinds["mp-pytorch, ProMP"] = lambda demos: MPPyTorch(np.stack([even(demo, s) for demo in demos]))
     names = lasa_names()[:n_shapes]
     measured: dict[str, list[tuple[float, ...]]] = {name: [] for name in kinds}
     for shape in names:
@@ -167,8 +214,7 @@ def handwriting(n_shapes: int) -> None:
                 name,
                 f"{middle[0]:.3f} ({mean[0]:.3f})",
                 f"{middle[1]:.2f} ({mean[1]:.2f})",
-                f"{middle[2]:.3f}",
-                f"{middle[3]:.3f}",
+                *(f"{x:.3f}" if x > 0 else "-" for x in middle[2:4]),
                 f"{number(1e3 * middle[4])} ms",
                 f"{number(1e3 * middle[5])} ms" if middle[5] > 0 else "-",
             ]
@@ -188,7 +234,12 @@ def _measures(
     square = np.einsum("ti,ti->t", away, np.linalg.solve(covariance, away[..., None])[..., 0])
     density = -0.5 * (square + np.linalg.slogdet(2 * np.pi * covariance)[1])
     before = np.sqrt((away**2).sum(axis=1).mean())
-    errors = [np.sqrt(((model.given(at, position) - position) ** 2).sum(axis=1).mean()) for at in GIVEN]
+    errors = [
+        np.sqrt(((model.given(at, position) - position) ** 2).sum(axis=1).mean())
+        if hasattr(model, "given")
+        else np.nan
+        for at in GIVEN
+    ]
     drawn = elapsed(model.samples) if hasattr(model, "samples") else np.nan
     return (
         density[inner].mean() / 2,
@@ -288,10 +339,10 @@ def bimanual(count: int) -> None:
         "comove, both hands": TwoHands,
         "comove, each for itself": lambda takes: TwoHands(takes, together=False),
     }
-    if importlib.util.find_spec("movement_primitives") is None:
-        print(NOT_INSTALLED)
-    else:
+    if installed("movement_primitives"):
         kinds["movement_primitives, ProMP"] = PeerOfTwoHands
+    if installed("mp_pytorch"):
+        kinds["mp-pytorch, ProMP"] = lambda takes: MPPyTorch(np.stack(takes))
     rows = []
     rng = np.random.default_rng(SEED)
     sets = [two_hands(rng) for _ in range(count)]
@@ -306,11 +357,14 @@ def bimanual(count: int) -> None:
             away = (position - mean)[1:-1]
             square = np.einsum("ti,tij,tj->t", away, np.linalg.inv(covariance[1:-1]), away)
             density = -0.5 * (square + np.linalg.slogdet(2 * np.pi * covariance[1:-1])[1])
-            after = model.right(position[:, :2]) - position[:, 2:]
-            ratio = np.linalg.norm(after) / np.linalg.norm((position - mean)[:, 2:])
+            ratio = np.nan
+            if hasattr(model, "right"):
+                after = model.right(position[:, :2]) - position[:, 2:]
+                ratio = np.linalg.norm(after) / np.linalg.norm((position - mean)[:, 2:])
             values.append((density.mean() / 4, ratio, fit))
         middle = np.median(values, axis=0)
-        rows.append([name, f"{middle[0]:.3f}", f"{middle[1]:.3f}", f"{number(1e3 * middle[2])} ms"])
+        told = f"{middle[1]:.3f}" if middle[1] > 0 else "-"
+        rows.append([name, f"{middle[0]:.3f}", told, f"{number(1e3 * middle[2])} ms"])
     print_table([f"{count} sets of two hands, medians", "log density", "right, given left", "fit"], rows)
 
 
