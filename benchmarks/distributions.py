@@ -134,14 +134,21 @@ class MPPyTorch:
 
         logging.disable(logging.WARNING)
         count, n_steps, self.n_dims = curves.shape
-        settings = {"num_basis": N_WEIGHTS, "basis_bandwidth_factor": 2, "num_basis_outside": 0, "alpha_phase": 2}
+        settings = {
+            "num_basis": N_WEIGHTS,
+            "basis_bandwidth_factor": 2,
+            "num_basis_outside": 0,
+            "alpha_phase": 2,
+        }
         self.mp = MPFactory.init_mp("promp", settings, num_dof=self.n_dims, tau=1.0, dtype=torch.float64)
         times = torch.linspace(0.0, 1.0, n_steps, dtype=torch.float64).repeat(count, 1)
         weights = self.mp.learn_mp_params_from_trajs(times, torch.as_tensor(curves))["params"]
         covariance = torch.cov(weights.T)
         ridge = 1e-6 * covariance.trace() / len(covariance)
         self.mean = weights.mean(dim=0)
-        self.root = torch.linalg.cholesky(covariance + ridge * torch.eye(len(covariance), dtype=torch.float64))
+        self.root = torch.linalg.cholesky(
+            covariance + ridge * torch.eye(len(covariance), dtype=torch.float64)
+        )
         self.torch = torch
 
     def _at(self, s: Array) -> None:

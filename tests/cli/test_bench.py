@@ -127,11 +127,7 @@ def test_folders_that_cannot_be_written(tmp_path):
 def test_what_is_missing_is_said_with_the_way_out(tmp_path, monkeypatch):
     store = RunStore.create(tmp_path / "runs.sqlite")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    monkeypatch.setitem(sys.modules, "joblib", None)
-    monkeypatch.setitem(sys.modules, "joblib.externals", None)
     refused(invoke("export", store.path, "--out", tmp_path / "runs.parquet"), "pip install 'comove[data]'")
-    run = invoke("run", "--out", store.path, "--sets", "easy", "--scenes", 1)
-    refused(run, "pip install 'comove[bench]'")
 
 
 @pytest.mark.slow

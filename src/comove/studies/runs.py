@@ -6,10 +6,8 @@ are lean, so that millions of them are read in seconds; motions are in a table o
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import json
-import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
@@ -17,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from comove.errors import ResultError, shortened
-from comove.studies.store import KILLS, Store
+from comove.studies.store import KILLS, Store, Writer
 
 STATUSES = ("verified", "not verified", "invalid", "refused", "error", "killed", "late")
 LONGEST = 500
@@ -183,8 +181,7 @@ class StudyStore(Store):
         ResultError
             If another process works on the store, or it cannot be written.
         """
-        with _alone(self.path), self.connected() as connection:
-            connection.execute("PRAGMA synchronous = NORMAL")  # of a power cut the last runs are run again
+        with self.writing() as connection:
             yield StudyWriter(connection)
 
     def numbers(self) -> set[int]:
@@ -212,11 +209,8 @@ class StudyStore(Store):
                 yield run, StoredMotion(run.key, *row[len(COLUMNS) :])
 
 
-class StudyWriter:
+class StudyWriter(Writer):
     """Writes runs into an open store, each as a whole."""
-
-    def __init__(self, connection: sqlite3.Connection):
-        self._connection = connection
 
     def add(self, run: StudyRun, motion: StoredMotion | None = None) -> None:
         """Write a run that has ended; one with the same key stays as it is."""
@@ -225,26 +219,10 @@ class StudyWriter:
             self._insert("motions", astuple(motion))
         self._connection.commit()
 
-    def _insert(self, table: str, row: tuple) -> None:
-        marks = ", ".join("?" * len(row))
-        self._connection.execute(f"INSERT INTO {table} VALUES ({marks}) ON CONFLICT DO NOTHING", row)
-
     def add_all(self, runs: Iterable[StudyRun]) -> None:
         """Write many runs at once, without motions."""
-        marks = ", ".join("?" * len(COLUMNS))
-        self._connection.executemany(
-            f"INSERT INTO runs VALUES ({marks}) ON CONFLICT DO NOTHING", map(astuple, runs)
-        )
+        self._insert("runs", *map(astuple, runs))
         self._connection.commit()
-
-    def note_kill(self, key: str, times: int = 1) -> int:
-        """Note that processes were killed during a run; returns how often that has happened in all."""
-        self._connection.execute(
-            "INSERT INTO kills VALUES (?, ?) ON CONFLICT DO UPDATE SET times = times + excluded.times",
-            (key, times),
-        )
-        self._connection.commit()
-        return self._connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
 
     def absorb(self, other: Path) -> int:
         """Take over all rows of another store but those that are here already.
@@ -273,30 +251,6 @@ class StudyWriter:
             self._connection.rollback()
             self._connection.execute("DETACH DATABASE other")
         return int(different)
-
-
-@contextlib.contextmanager
-def _alone(path: Path) -> Iterator[None]:
-    """Hold the lock of a store, which the system takes back when this process ends in whatever way.
-
-    Raises
-    ------
-    ResultError
-        If another process holds it.
-    """
-    import fcntl
-
-    lock = path.with_name(f"{path.name}.lock")
-    with open(lock, "w", encoding="utf-8") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            raise ResultError(
-                "another process works on it at present",
-                file=path,
-                way_out="wait until it has ended, or end it first; other parts of a study go to folders of their own",
-            ) from error
-        yield
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:

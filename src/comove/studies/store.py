@@ -180,10 +180,61 @@ class Store:
         with self.connected(reading=True) as connection:
             return {key for (key,) in connection.execute("SELECT key FROM runs")}
 
-    def note_kill(self, key: str) -> int:
-        """Note that a process was killed during a run; returns how often that has happened."""
-        with self.connected() as connection:
-            connection.execute(
-                "INSERT INTO kills VALUES (?, 1) ON CONFLICT DO UPDATE SET times = times + 1", (key,)
-            )
-            return connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
+    @contextmanager
+    def writing(self) -> Iterator[sqlite3.Connection]:
+        """Lend a connection for a writer; a second one at a time, in whatever process, is refused.
+
+        Raises
+        ------
+        ResultError
+            If another process works on the store, or it cannot be written.
+        """
+        with _alone(self.path), self.connected() as connection:
+            connection.execute("PRAGMA synchronous = NORMAL")  # of a power cut the last runs are run again
+            yield connection
+
+
+class Writer:
+    """Writes rows into an open store, each as a whole."""
+
+    def __init__(self, connection: sqlite3.Connection):
+        self._connection = connection
+
+    def _insert(self, table: str, *rows: tuple) -> None:
+        """Insert rows; those whose keys are there already stay as they are."""
+        for row in rows:
+            marks = ", ".join("?" * len(row))
+            self._connection.execute(f"INSERT INTO {table} VALUES ({marks}) ON CONFLICT DO NOTHING", row)
+
+    def note_kill(self, key: str, times: int = 1) -> int:
+        """Note that processes were killed during a run; returns how often that has happened in all."""
+        self._connection.execute(
+            "INSERT INTO kills VALUES (?, ?) ON CONFLICT DO UPDATE SET times = times + excluded.times",
+            (key, times),
+        )
+        self._connection.commit()
+        return self._connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
+
+
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """Hold the lock of a store, which the system takes back when this process ends in whatever way.
+
+    Raises
+    ------
+    ResultError
+        If another process holds it.
+    """
+    import fcntl
+
+    lock = path.with_name(f"{path.name}.lock")
+    with open(lock, "w", encoding="utf-8") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            raise ResultError(
+                "another process works on it at present",
+                file=path,
+                way_out="wait until it has ended, or end it first; other parts of a study go to folders of their own",
+            ) from error
+        yield

@@ -35,8 +35,9 @@ RUNS = [
 @pytest.fixture
 def store(tmp_path):
     store = RunStore.create(tmp_path / "runs.sqlite")
-    for run in RUNS:
-        store.add(run)
+    with store.writer() as writer:
+        for run in RUNS:
+            writer.add(run)
     return store
 
 
@@ -92,7 +93,8 @@ def test_the_report(store, tmp_path):
 
 def test_what_is_missing_is_named(store):
     planned = [RUNS[0].configuration, *(replace(RUNS[0].configuration, scene=s) for s in ("four", "five"))]
-    store.plan(planned)
+    with store.writer() as writer:
+        writer.plan(planned)
     (line,) = missing_of(store, store.runs())
     assert line == "2 of 3 runs of comove on easy (the next: four, seed 0, 10 s)"
 

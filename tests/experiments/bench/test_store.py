@@ -31,19 +31,24 @@ RUN = Run(
 )
 
 
+def add(store, *runs):
+    """Write runs into a store."""
+    with store.writer() as writer:
+        for run in runs:
+            writer.add(run)
+
+
 def test_what_is_written_is_read(tmp_path):
     store = RunStore.create(tmp_path / "runs.sqlite")
     missing = Run(replace(WHAT, seed=1), "error", "ValueError: no", RUN.started, RUN.machine)
-    store.add(RUN)
-    store.add(missing)
+    add(store, RUN, missing)
     assert RunStore.open(store.path).runs() == [RUN, missing]
     assert store.keys() == {RUN.configuration.key, missing.configuration.key}
 
 
 def test_the_first_row_of_a_key_stays(tmp_path):
     store = RunStore.create(tmp_path / "runs.sqlite")
-    store.add(RUN)
-    store.add(replace(RUN, status="error"))
+    add(store, RUN, replace(RUN, status="error"))
     assert store.runs() == [RUN]
 
 
@@ -56,15 +61,12 @@ def test_the_key_is_of_the_whole_configuration(name):
 
 def test_plans_and_kills(tmp_path):
     store = RunStore.create(tmp_path / "runs.sqlite")
-    store.plan([WHAT, WHAT])
-    assert store.planned() == [WHAT]
-    assert [store.note_kill("k") for _ in range(3)] == [1, 2, 3]
-    store.begin("k", "driver", 7, 100.0)
-    store.begin("k", "driver", 8, 200.0)
-    assert store.begun("driver") == [("k", 8, 200.0)]
-    assert store.begun("other") == []
-    store.leave("driver")
-    assert store.begun("driver") == []
+    with store.writer() as writer:
+        writer.plan([WHAT, WHAT])
+        assert store.planned() == [WHAT]
+        assert [writer.note_kill("k") for _ in range(3)] == [1, 2, 3]
+        with pytest.raises(ResultError, match="another process works on it at present"), store.writer():
+            pass
 
 
 def test_other_files_are_refused_and_left_alone(tmp_path):
@@ -92,8 +94,8 @@ def test_other_files_are_refused_and_left_alone(tmp_path):
 def test_parquet(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     store = RunStore.create(tmp_path / "runs.sqlite")
-    store.add(RUN)
-    store.add(Run(replace(WHAT, seed=1), "error", "ValueError: no", RUN.started, RUN.machine))
+    add(store, RUN)
+    add(store, Run(replace(WHAT, seed=1), "error", "ValueError: no", RUN.started, RUN.machine))
     assert export_parquet(store, tmp_path / "runs.parquet") == 2
     table = parquet.read_table(tmp_path / "runs.parquet").to_pydict()
     assert tuple(table) == COLUMNS
@@ -123,7 +125,7 @@ OTHERS = [
 def test_stores_of_other_versions_and_changed_rows_are_told(tmp_path, sql, told):
     pytest.importorskip("pyarrow")
     store = RunStore.create(tmp_path / "runs.sqlite")
-    store.add(RUN)
+    add(store, RUN)
     with sqlite3.connect(store.path) as connection:
         connection.execute(sql)
     connection.close()
@@ -143,48 +145,47 @@ def test_a_store_that_was_not_finished_is_finished(tmp_path):
     with sqlite3.connect(path) as connection:
         connection.execute(f"PRAGMA application_id = {APPLICATION}")
     connection.close()
-    RunStore.create(path).add(RUN)
+    add(RunStore.create(path), RUN)
     assert RunStore.open(path).runs() == [RUN]
 
 
 @pytest.mark.parametrize("length", [16, 50, 100, 4096, 9000])
 def test_a_store_that_is_cut_off_is_told(tmp_path, length):
     store = RunStore.create(tmp_path / "runs.sqlite")
-    store.add(RUN)
+    add(store, RUN)
     store.path.write_bytes(store.path.read_bytes()[:length])
-    for read in (lambda: RunStore.open(store.path).runs(), lambda: RunStore.create(store.path).add(RUN)):
+    for read in (lambda: RunStore.open(store.path).runs(), lambda: add(RunStore.create(store.path), RUN)):
         with pytest.raises(ResultError, match=r"no SQLite file|malformed; copy it again"):
             read()
 
 
 @pytest.mark.slow
 def test_many_at_once_make_one_store(tmp_path):
-    """No matter who is first; each adds a row of its own and one that all add."""
+    """No matter who is first."""
     code = (
-        "import sys\nfrom dataclasses import replace\n"
-        "from tests.experiments.bench.test_store import RUN, WHAT, RunStore\n"
-        "sys.stdin.read()\nstore = RunStore.create(sys.argv[1])\nstore.add(RUN)\n"
-        "store.add(replace(RUN, configuration=replace(WHAT, seed=1 + int(sys.argv[2]))))"
+        "import sys\nfrom comove.experiments.bench.store import RunStore\n"
+        "sys.stdin.read()\nRunStore.create(sys.argv[1])"
     )
     for turn in range(2):
         path = tmp_path / f"{turn}.sqlite"
         makers = [
             subprocess.Popen(
-                [sys.executable, "-c", code, path, str(k)], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+                [sys.executable, "-c", code, path], stdin=subprocess.PIPE, stderr=subprocess.PIPE
             )
-            for k in range(4)
+            for _ in range(4)
         ]
         for maker in makers:
             maker.stdin.close()
         assert [maker.stderr.read() for maker in makers] == [b""] * 4
         assert [maker.wait() for maker in makers] == [0] * 4
-        assert sorted(run.configuration.seed for run in RunStore.open(path).runs()) == [0, 1, 2, 3, 4]
+        add(RunStore.open(path), RUN)
+        assert RunStore.open(path).runs() == [RUN]
 
 
 def test_a_store_where_nobody_may_write_is_read(tmp_path, monkeypatch):
     """As SQLite says it on such a medium, where it could not make the files that it works with."""
     store = RunStore.create(tmp_path / "runs.sqlite")
-    store.add(RUN)
+    add(store, RUN)
     connect = sqlite3.connect
 
     def on_such_a_medium(database, **options):
@@ -198,7 +199,7 @@ def test_a_store_where_nobody_may_write_is_read(tmp_path, monkeypatch):
     with pytest.raises(
         ResultError, match="cannot be used: unable to open database file; make room, or name a file"
     ):
-        store.add(RUN)
+        add(store, RUN)
     (tmp_path / "runs.sqlite-wal").write_bytes(b"rows")
     with pytest.raises(ResultError, match=r"its last rows lie in runs.sqlite-wal.*copy both files"):
         RunStore.open(store.path)

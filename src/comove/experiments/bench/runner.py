@@ -1,44 +1,31 @@
-"""Runs of the benchmark, each in a worker process, none of them run twice, none of them lost.
+"""Runs of the benchmark, each in a process of a pool, none of them run twice, none of them lost.
 
-A worker writes the row of a run itself, at its end. A driver starts the runs that are not in the store yet. So either
-may be killed at any time: finished runs are in the store, and the same call continues. If a worker is killed, all
-unfinished runs are run again, each alone; a run that has killed its worker `KILLS` times is marked, and the rest
-continues.
+A row is written as its run ends, so everything may be killed at any time: the same call continues. A run that has
+killed its process `KILLS` times is marked, and the rest continues.
 """
 
 from __future__ import annotations
 
 import os
 import platform
-import signal
-import threading
-import time
-import uuid
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 from comove._version import __version__
-from comove.errors import ExtraError, InputError, OptionError, ResultError
+from comove.errors import InputError, OptionError
 from comove.experiments.bench.sets import BenchScene
 from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
 from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
 from comove.primitives.dmp import DMP
-from comove.processes import ONE_THREAD
+from comove.processes import TaskResult, run_tasks
+from comove.processes.worker import told
 from comove.scenes import demonstration_of
 from comove.scenes.scene import Scene
-
-KILLS = 3  # of workers, before a run is given up
-TIMES, MORE = 3.0, 30.0  # budgets, and seconds more, after which a run is stopped
-GRACE = 15.0  # s, that a run may take to stop by itself; then its process is killed
-LOADING = 600.0  # s, more for compiling, once after installation
-POLL = 1.0  # s
+from comove.studies.many import KILLS, MORE, TIMES, lost
 
 
 @dataclass(frozen=True)
@@ -50,13 +37,11 @@ class BenchJob:
     configuration : configuration of the run
     path : path of the scene's file
     system : the system that runs it
-    allowed : time after which it is stopped [s]
     """
 
     configuration: Configuration
     path: Path
     system: System
-    allowed: float
 
 
 @dataclass(frozen=True)
@@ -96,7 +81,6 @@ def jobs_of(
             ),
             scene.path,
             system,
-            TIMES * budget + MORE,
         )
         for seed in range(seeds)
         for scene in scenes
@@ -109,192 +93,65 @@ def run_all(
     jobs: list[BenchJob],
     workers: int = 1,
     tell: Callable[[BenchProgress], None] = lambda progress: None,
+    *,
+    allowed: float | None = None,
 ) -> BenchProgress:
-    """Run the jobs that are not in a store yet.
+    """Do the jobs that are not in a store yet.
 
     Parameters
     ----------
     path : path of the store, which is made if it does not exist
     workers : number of processes at a time
     tell : function called at the beginning and after every run
+    allowed : time after which a run is stopped [s]; `TIMES` budgets and `MORE` seconds unless given
 
     Raises
     ------
-    ExtraError
-        If joblib is not installed.
     OptionError
         If there are no jobs or no workers.
     ResultError
-        If another file is in the store's place, or it cannot be written.
+        If another file is in the store's place, another process works on it, or it cannot be written.
     """
     if not jobs:
         raise OptionError("there is nothing to run", way_out="name a set and a system")
     if workers < 1:
         raise OptionError(f"workers = {workers}", key="--workers", way_out="give 1 or more")
-    _loky()
+    if allowed is None:
+        allowed = TIMES * max(job.configuration.budget for job in jobs) + MORE
     store = RunStore.create(path)
-    _Driver(store, jobs, tell).run(workers)
-    n = len(store.keys() & {job.configuration.key for job in jobs})
-    return BenchProgress(n, n, len(jobs))
+    with store.writer() as writer:
+        writer.plan(job.configuration for job in jobs)
+        there = store.keys()
+        waiting = deque(job for job in jobs if job.configuration.key not in there)
+        progress = BenchProgress(len(jobs) - len(waiting), len(jobs) - len(waiting), len(jobs))
+        tell(progress)
+
+        def next_job() -> BenchJob | None:
+            return waiting.popleft() if waiting else None
+
+        for ended in run_tasks(run, next_job, workers=workers, allowed=allowed):
+            if ended.killed and writer.note_kill(ended.task.configuration.key, ended.killed) < KILLS:
+                waiting.append(ended.task)
+                continue
+            writer.add(ended.made or _failed(ended))
+            progress = replace(progress, done=progress.done + 1)
+            tell(progress)
+        return progress
 
 
-class _Driver:
-    """A driver that hands out runs and watches the workers."""
-
-    def __init__(self, store: RunStore, jobs: list[BenchJob], tell: Callable[[BenchProgress], None]):
-        self.store, self.tell, self.total = store, tell, len(jobs)
-        self.name = f"{os.getpid()}-{uuid.uuid4().hex}"
-        store.plan(job.configuration for job in jobs)
-        ended = store.keys()
-        self.waiting = deque(job for job in jobs if job.configuration.key not in ended)
-        self.suspects: deque[BenchJob] = deque()
-        self.before = self.done = self.total - len(self.waiting)
-
-    def run(self, workers: int) -> None:
-        """Hand out runs until all are done."""
-        self._tell()
-        try:
-            while self.waiting or self.suspects:
-                if self.suspects:
-                    self._hand_out(self.suspects, 1)
-                else:
-                    self._hand_out(self.waiting, min(workers, len(self.waiting)))
-        finally:
-            self.store.leave(self.name)
-
-    def _tell(self) -> None:
-        self.tell(BenchProgress(self.before, self.done, self.total))
-
-    def _hand_out(self, queue: deque[BenchJob], workers: int) -> None:
-        """Process a queue until it is empty or a worker is killed."""
-        loky = _loky()
-        self.store.leave(self.name)  # what was begun by workers that are gone
-        under_way: dict[Any, BenchJob] = {}
-        stopped: set[str] = set()
-        executor = loky.ProcessPoolExecutor(
-            workers, initializer=_begin_work, initargs=(os.getpid(),), env=ONE_THREAD
-        )
-        try:
-            while queue or under_way:
-                while len(under_way) < workers and (job := self._next(queue)):
-                    future = executor.submit(_work, self.store, job, self.name)
-                    under_way[future] = job
-                if not under_way:  # all that is left is done by others
-                    time.sleep(POLL)
-                    continue
-                ended, _ = loky.wait(under_way, timeout=POLL, return_when=loky.FIRST_COMPLETED)
-                for future in ended:
-                    failure = future.exception()
-                    if isinstance(failure, loky.BrokenProcessPool):
-                        raise failure
-                    if isinstance(failure, ResultError):  # the store could not be written
-                        raise failure
-                    if failure is not None:  # it could not even be handed out
-                        self.store.add(_run_of(under_way[future], "error", _told(failure)))
-                    del under_way[future]
-                    self.done += 1
-                    self._tell()
-                stopped |= self._stop_late(under_way.values())
-        except loky.BrokenProcessPool:
-            self._sort_out(list(under_way.values()), stopped)
-        finally:
-            executor.shutdown(wait=True, kill_workers=True)
-
-    def _next(self, queue: deque[BenchJob]) -> BenchJob | None:
-        """Return the first run that nobody else has done or is doing; runs under way elsewhere move to the end."""
-        for _ in range(len(queue)):
-            job = queue.popleft()
-            key = job.configuration.key
-            if self.store.has(key):
-                self.done += 1
-                self._tell()
-            elif self.store.claim(
-                key, self.name, os.getpid(), time.time() + LOADING, partial(_is_gone, job.allowed)
-            ):
-                return job
-            else:
-                queue.append(job)
-        return None
-
-    def _stop_late(self, jobs: Any) -> set[str]:
-        """Kill the processes of runs that did not stop in time; return the keys of these runs."""
-        known = {job.configuration.key: job for job in jobs}
-        stopped = set()
-        for key, pid, since in self.store.begun(self.name):
-            if key in known and pid != os.getpid() and time.time() > since + known[key].allowed + GRACE:
-                with suppress(ProcessLookupError):  # it has just gone by itself
-                    os.kill(pid, signal.SIGKILL)
-                    self.store.add(_run_of(known[key], "late", _late_text(known[key])))
-                    stopped.add(key)
-        return stopped
-
-    def _sort_out(self, under_way: list[BenchJob], stopped: set[str]) -> None:
-        """Sort the runs after a worker was killed: those that ended, those that may be the cause, those given up."""
-        ended = self.store.keys()
-        for job in under_way:
-            key = job.configuration.key
-            if key in ended:
-                self.done += 1
-            elif stopped:  # one was stopped for being late: the others have done nothing
-                self.waiting.appendleft(job)
-            elif (times := self.store.note_kill(key)) >= KILLS:
-                self.store.add(_run_of(job, "killed", f"its process was killed {times} times"))
-                self.done += 1
-            else:
-                self.suspects.append(job)
-        self._tell()
-
-
-def _is_gone(allowed: float, pid: int, since: float) -> bool:
-    """Return whether a process of another driver no longer works on its run."""
-    if time.time() > since + allowed + GRACE + POLL:
-        return True
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return True
-    except PermissionError:  # another user's
-        return False
-    return False
-
-
-def _loky() -> Any:
-    try:
-        from joblib.externals import loky
-    except ImportError as error:
-        raise ExtraError("a benchmark", "bench") from error
-    return loky
-
-
-def _begin_work(driver: int) -> None:
-    """Prepare a worker: leave interrupts to its driver, and end the worker when the driver is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        while os.getppid() == driver:
-            time.sleep(POLL)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def _work(store: RunStore, job: BenchJob, driver: str) -> None:
-    """Run, judge and write one row."""
-    key = job.configuration.key
-    store.begin(key, driver, os.getpid(), time.time() + LOADING)
+def run(job: BenchJob) -> Run:
+    """Do a job and judge it; returns its row, whatever happens."""
     started = datetime.now(UTC)
     try:
-        status, message, outcome = _outcome(job, lambda: store.begin(key, driver, os.getpid(), time.time()))
-    except _Late:
-        status, message, outcome = "late", _late_text(job), None
+        status, message, outcome = _outcome(job)
     except InputError as error:  # a system says itself that it is not made for the scene
         status, message, outcome = "refused", str(error), None
     except (Exception, SystemExit) as error:  # whatever a system may throw
-        status, message, outcome = "error", _told(error), None
-    store.add(_run_of(job, status, message, started, outcome))
+        status, message, outcome = "error", told(error), None
+    return _row(job, status, message, started, outcome)
 
 
-def _outcome(job: BenchJob, start_clock: Callable[[], None]) -> tuple[str, str, SystemOutcome | None]:
+def _outcome(job: BenchJob) -> tuple[str, str, SystemOutcome | None]:
     c, scene = job.configuration, Scene.load(job.path)
     why = job.system.refuses(scene)
     if why:
@@ -302,61 +159,27 @@ def _outcome(job: BenchJob, start_clock: Callable[[], None]) -> tuple[str, str, 
     demonstration = demonstration_of(scene)
     if not (demonstration is None or isinstance(demonstration, DMP)):
         return "refused", "It begins from one movement, and the scene names several or one of poses.", None
-    problem = SystemProblem(scene, demonstration, c.seed, c.budget)
-    job.system.warm_up(problem)
-    start_clock()
-    with _alarm(job.allowed):
-        outcome = measured(job.system, problem)
+    outcome = measured(job.system, SystemProblem(scene, demonstration, c.seed, c.budget))
     if outcome is None:
         return "nothing", "it offered nothing", None
     return "verified" if outcome.verified else "not verified", "; ".join(outcome.reasons), outcome
 
 
-class _Late(BaseException):
-    """Signals that a run has used up its time; no system catches this exception."""
+def _failed(ended: TaskResult[BenchJob, Run]) -> Run:
+    """Return the row of a run that made none: its process was killed, or it could not be handed out."""
+    status, reasons = lost(ended) if ended.killed or ended.late else ("error", (ended.error,))
+    return _row(ended.task, status, reasons[0], datetime.now(UTC))
 
 
-@contextmanager
-def _alarm(seconds: float) -> Iterator[None]:
-    """Raise `_Late` after this time, if the platform supports it."""
-    if not hasattr(signal, "setitimer"):
-        yield
-        return
-
-    def ring(signum: int, frame: FrameType | None) -> None:
-        raise _Late
-
-    before = signal.signal(signal.SIGALRM, ring)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-
-
-def _late_text(job: BenchJob) -> str:
-    return f"stopped after {job.allowed:g} s"
-
-
-def _told(error: BaseException) -> str:
-    lines = str(error).strip().splitlines()
-    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
-
-
-def _run_of(
-    job: BenchJob,
-    status: str,
-    message: str,
-    started: datetime | None = None,
-    outcome: SystemOutcome | None = None,
+def _row(
+    job: BenchJob, status: str, message: str, started: datetime, outcome: SystemOutcome | None = None
 ) -> Run:
-    figures = Figures()
+    figures: Figures = Figures()
     history: tuple[tuple[float, float], ...] = ()
     if outcome is not None:
         figures = Figures(**{name: getattr(outcome, name) for name in vars(figures)})
         history = outcome.history
-    when = (started or datetime.now(UTC)).isoformat(timespec="milliseconds")
+    when = started.isoformat(timespec="milliseconds")
     return Run(job.configuration, status, message, when, machine(), figures, history)
 
 

@@ -1,15 +1,15 @@
 """Store of runs: one SQLite file with one row for each run, written as the run ends and never changed.
 
-Several processes may write at once. The key of a row is the hash of its configuration, so nothing is run twice, and a
-killed process loses no row that was written. Reading checks the store: one of another version, or with rows that were
-edited, is reported.
+The key of a row is the hash of its configuration, so nothing is run twice, and a killed process loses no row that was
+written. Reading checks the store: one of another version, or with rows that were edited, is reported.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from types import NoneType
@@ -17,7 +17,7 @@ from typing import TypeVar
 
 from comove.errors import ResultError
 from comove.io.parquet import write_parquet
-from comove.studies.store import AS_IT_WAS, KILLS, Store
+from comove.studies.store import AS_IT_WAS, KILLS, Store, Writer
 
 Part = TypeVar("Part")
 
@@ -133,7 +133,6 @@ def _declared(columns: Iterable[str]) -> str:
 _TABLES = {
     "runs": _declared(COLUMNS),
     "planned": _declared(("key", *_WHAT)),
-    "begun": "key TEXT, driver TEXT, pid INTEGER, since REAL, PRIMARY KEY (key, driver)",
     "kills": KILLS,
 }
 
@@ -145,15 +144,6 @@ class RunStore(Store):
     APPLICATION = APPLICATION
     TABLES = _TABLES
     MADE_BY = "comove bench run --out STORE.sqlite"
-
-    def plan(self, configurations: Iterable[Configuration]) -> None:
-        """Store the configurations that are to be run, so that a report can list the missing ones."""
-        rows = [(c.key, *astuple(c)) for c in configurations]
-        with self.connected() as connection:
-            connection.executemany(
-                f"INSERT INTO planned VALUES ({', '.join('?' * (1 + len(_WHAT)))}) ON CONFLICT DO NOTHING",
-                rows,
-            )
 
     def planned(self) -> list[Configuration]:
         """Return the configurations that were to be run."""
@@ -201,74 +191,34 @@ class RunStore(Store):
                 way_out=AS_IT_WAS,
             ) from error
 
-    def has(self, key: str) -> bool:
-        """Return whether a run has ended."""
-        with self.connected(reading=True) as connection:
-            return connection.execute("SELECT 1 FROM runs WHERE key = ?", (key,)).fetchone() is not None
+    @contextmanager
+    def writer(self) -> Iterator[RunWriter]:
+        """Lend a writer, which keeps the store open; a second one at a time, in whatever process, is refused.
 
-    def claim(
-        self, key: str, driver: str, pid: int, since: float, is_gone: Callable[[int, float], bool]
-    ) -> bool:
-        """Note that a process is about to begin a run, unless a process of another driver works on it; returns
-        whether it was noted.
-
-        Parameters
-        ----------
-        since : time at which it is taken to begin (seconds of the epoch)
-        is_gone : function of process id and beginning that returns whether that process has ended
+        Raises
+        ------
+        ResultError
+            If another process works on the store, or it cannot be written.
         """
-        with self.connected() as connection:
-            connection.execute("BEGIN IMMEDIATE")
-            others = connection.execute(
-                "SELECT pid, since FROM begun WHERE key = ? AND driver != ?", (key, driver)
-            ).fetchall()
-            if not all(is_gone(*other) for other in others):
-                return False
-            connection.execute("DELETE FROM begun WHERE key = ?", (key,))
-            connection.execute("INSERT INTO begun VALUES (?, ?, ?, ?)", (key, driver, pid, since))
-            return True
+        with self.writing() as connection:
+            yield RunWriter(connection)
 
-    def begin(self, key: str, driver: str, pid: int, since: float) -> None:
-        """Note that a process works on a run, and since when (seconds of the epoch); the last call counts."""
-        with self.connected() as connection:
-            connection.execute(
-                "INSERT INTO begun VALUES (?, ?, ?, ?) ON CONFLICT DO UPDATE SET since = excluded.since, "
-                "pid = excluded.pid",
-                (key, driver, pid, since),
-            )
 
-    def begun(self, driver: str) -> list[tuple[str, int, float]]:
-        """Return key, process id and beginning (seconds of the epoch) of the runs on which a driver's processes
-        work.
-        """
-        with self.connected() as connection:
-            return connection.execute(
-                "SELECT key, pid, since FROM begun WHERE driver = ?", (driver,)
-            ).fetchall()
+class RunWriter(Writer):
+    """Writes runs of the benchmark into an open store."""
 
-    def leave(self, driver: str) -> None:
-        """Delete the notes of the runs on which a driver's processes work."""
-        with self.connected() as connection:
-            connection.execute("DELETE FROM begun WHERE driver = ?", (driver,))
+    def plan(self, configurations: Iterable[Configuration]) -> None:
+        """Note the configurations that are to be run, so that a report can list the missing ones."""
+        self._insert("planned", *((c.key, *astuple(c)) for c in configurations))
+        self._connection.commit()
 
     def add(self, run: Run) -> None:
-        """Write a run that has ended; an existing run with the same key stays unchanged."""
+        """Write a run that has ended; one with the same key stays as it is."""
         c = run.configuration
-        row = (
-            c.key,
-            *astuple(c),
-            run.status,
-            run.message,
-            run.started,
-            *astuple(run.machine),
-            *astuple(run.figures),
-            json.dumps(run.history),
-        )
-        with self.connected() as connection:
-            connection.execute(
-                f"INSERT INTO runs VALUES ({', '.join('?' * len(COLUMNS))}) ON CONFLICT DO NOTHING", row
-            )
-            connection.execute("DELETE FROM begun WHERE key = ?", (c.key,))
+        ended = run.status, run.message, run.started
+        figures = (*astuple(run.machine), *astuple(run.figures), json.dumps(run.history))
+        self._insert("runs", (c.key, *astuple(c), *ended, *figures))
+        self._connection.commit()
 
 
 def export_parquet(store: RunStore, path: str | Path) -> int:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import arms_coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.demonstrations import Demonstration, lasa_names
+from comove.errors import ResultError
 from comove.execution import Executor
 from comove.experiments.compared import single
 from comove.experiments.examples import example
@@ -20,10 +21,10 @@ from comove.experiments.modulation.comparison import Compared, compare
 from comove.experiments.paper import baxter
 from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, scene_of, warm_up
 from comove.experiments.paper.measures import Along, Measures, measure_motion
-from comove.experiments.workers import run_all
 from comove.planning import SceneKind, load_kernels
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
+from comove.processes import run_tasks
 from comove.scenes import recording_of
 
 Movement = DMP | dict[str, DMP] | None
@@ -216,7 +217,7 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     n = 1 + len(passages) + len(jobs)
     tell(f"{n} runs, {processes} at once; first the kernels are loaded")
     # Moving obstacles and arms, with kernels of their own to load, go first.
-    done = run_all(_do, [None, *passages, *jobs], processes=processes, prepare=warm_up, tell=told)
+    done = _all_done([None, *passages, *jobs], processes, told)
     (compared,) = (found for found in done if isinstance(found, list))
     unsearched = [
         ("given", scene, movement, given_to_both(alone[movement], scene))
@@ -433,7 +434,39 @@ def _few(seeds: int, most: int) -> int:
     return min(most, max(1, round(FEW * seeds)))
 
 
-def _do(job: Job | baxter.Passage | None) -> Outcome | baxter.Transport | list[Compared]:
+Wanted = Job | baxter.Passage | None
+Done = Outcome | baxter.Transport | list[Compared]
+
+
+def _all_done(jobs: Sequence[Wanted], processes: int, tell: Callable[[int], None]) -> list[Done]:
+    """Do all jobs on some processes; returns what came of them, in their order.
+
+    Raises
+    ------
+    ResultError
+        If one fails, which is a defect, or its process was killed.
+    """
+    waiting, done = iter(enumerate(jobs)), dict[int, Done]()
+    for ended in run_tasks(_do, lambda: next(waiting, None), workers=processes):
+        number, job = ended.task
+        if ended.made is None:
+            why = ended.error or "its process was killed, perhaps as memory ran short"
+            raise ResultError(f"a run of the reproduction failed: {job}: {why}", way_out="run fewer at once")
+        done[number] = ended.made
+        tell(len(done))
+    return [done[number] for number in range(len(jobs))]
+
+
+def _do(task: tuple[int, Wanted]) -> Done:
+    """Do a job, by its number; see `_done`."""
+    _warm_up()
+    return _done(task[1])
+
+
+_warm_up = lru_cache(maxsize=1)(warm_up)
+
+
+def _done(job: Wanted) -> Done:
     """Do a job; for None, run every method against the moving obstacle of the example `turning`."""
     if isinstance(job, baxter.Passage):
         return baxter.transport(job)
