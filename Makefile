@@ -7,8 +7,9 @@ PARALLEL := --numprocesses auto --maxprocesses 8 --dist loadfile
 
 .PHONY: dist docs demo reproduce ablation test test-all lint bench clean
 
-demo: $(VENV)/core.stamp  ## solve the examples into demo/ and say where the pictures are
+demo: $(VENV)/core.stamp  ## solve the examples into demo/, with the scenes and recordings of the pages, and say where the pictures are
 	$(BIN)/comove demo --out demo
+	cp -r examples demo/
 
 reproduce: $(VENV)/core.stamp  ## run every experiment of the paper and write docs/paper.md; about twenty minutes on two cores
 	$(BIN)/comove reproduce --out reproduced

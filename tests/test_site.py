@@ -111,16 +111,6 @@ def test_workflows_and_forms_are_yaml():
         assert isinstance(yaml.safe_load(file.read_text(encoding="utf-8")), dict), file
 
 
-def test_oldest_versions_are_the_lower_bounds():
-    bounds = dict(re.findall(r'^  "([\w-]+)>=([\d.]+)"', (ROOT / "pyproject.toml").read_text(), re.MULTILINE))
-    pins = dict(
-        re.findall(r"^([\w-]+)==([\d.]+)$", (ROOT / "packaging" / "oldest.txt").read_text(), re.MULTILINE)
-    )
-    assert bounds and bounds.keys() == pins.keys()
-    for name, bound in bounds.items():
-        assert pins[name].startswith(bound), name
-
-
 class Links(HTMLParser):
     """What a page links to, and the places in it that can be linked to."""
 
