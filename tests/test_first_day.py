@@ -18,6 +18,8 @@ BLOCK = re.compile(
 )
 ENTER = "cd demo"
 """How the block begins that leads to where the tutorials begin."""
+WHILE = "timeout --preserve-status --signal=INT 20 "
+"""What comes before a command that serves a page until Ctrl-C."""
 
 
 def blocks(page: Path) -> list[str]:
@@ -25,9 +27,7 @@ def blocks(page: Path) -> list[str]:
     typed = []
     for name, language, code in BLOCK.findall(page.read_text(encoding="utf-8")):
         if language == "sh":  # a page is served until Ctrl-C
-            typed.append(
-                re.sub(r"^comove view ", "timeout --preserve-status -s INT 20 comove view ", code, flags=re.M)
-            )
+            typed.append(re.sub(r"^comove view ", f"{WHILE}comove view ", code, flags=re.MULTILINE))
         elif language == "python":
             typed.append(f"python - <<'END OF BLOCK'\n{code}END OF BLOCK\n")
         elif name:
