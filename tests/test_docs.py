@@ -21,7 +21,7 @@ from comove.experiments.examples import copy_examples
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = [
-    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
+    *(ROOT / name for name in ("README.md", "CONTRIBUTING.md", "paper/paper.md")),
     *(p for p in sorted(DOCS.rglob("*.md")) if not {"_build", "gallery"} & set(p.relative_to(DOCS).parts)),
 ]
 SAVED = re.compile(r"save it as `([\w.-]+)`:\n\n```yaml\n(.*?)^```", re.MULTILINE | re.DOTALL)

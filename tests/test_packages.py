@@ -52,6 +52,31 @@ def test_the_conda_recipe_asks_for_what_the_package_asks_for():
     assert supported in [text.replace(" ", "", 1) for text in recipe["requirements"]["host"]]
 
 
+def steps() -> list[dict]:
+    """Return the steps of all jobs of all workflows."""
+    files = sorted((ROOT / ".github" / "workflows").glob("*.yaml"))
+    flows = [yaml.safe_load(file.read_text(encoding="utf-8")) for file in files]
+    return [step for flow in flows for job in flow["jobs"].values() for step in job["steps"]]
+
+
+def test_workflows_do_chores_that_exist():
+    chores = set(re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
+    done = [step["run"].split() for step in steps() if "run" in step]
+    assert {words[0] for words in done} == {"make", "python"}
+    assert {words[1] for words in done if words[0] == "make"} <= chores
+    assert all("run" in step or re.fullmatch(r"[\w-]+/[\w-]+@[\w./]+", step["uses"]) for step in steps())
+
+
+def test_workflows_run_every_supported_python():
+    text = (ROOT / ".github" / "workflows" / "ci.yaml").read_text(encoding="utf-8")
+    matrices = [
+        job["strategy"]["matrix"]["python"]
+        for job in yaml.safe_load(text)["jobs"].values()
+        if "strategy" in job
+    ]
+    assert len(matrices) == 2 and all(tuple(matrix) == VERSIONS for matrix in matrices)
+
+
 @pytest.fixture(scope="session")
 def packages(tmp_path_factory):
     """The archive of the sources and the wheel, made from what git tracks."""
