@@ -18,7 +18,7 @@ BLOCK = re.compile(
 )
 ENTER = "cd demo"
 """How the block begins that leads to where the tutorials begin."""
-WHILE = "timeout --preserve-status --signal=INT 20 "
+WHILE = "timeout --foreground --preserve-status --signal=INT 20 "
 """What comes before a command that serves a page until Ctrl-C."""
 
 
@@ -36,10 +36,8 @@ def blocks(page: Path) -> list[str]:
 
 
 def follow(typed: list[str], folder: Path, variables: dict[str, str]) -> None:
-    """Type blocks into one shell that ends at the first failure; print what each took of the processor."""
-    script = "".join(
-        f"{code}\nprintf '%s: ' {number}; times | tail -n 1\n" for number, code in enumerate(typed, 1)
-    )
+    """Type blocks into one shell that ends at the first failure; print what all took of the processor by then."""
+    script = "".join(f"{code}\necho {number}:\ntimes\n" for number, code in enumerate(typed, 1))
     began = time.time()
     said = run(["bash", "-e", "-c", script], folder, variables)
     print(said, f"{time.time() - began:.0f} s in all")
