@@ -18,7 +18,7 @@ BLOCK = re.compile(
 )
 ENTER = "cd demo"
 """How the block begins that leads to where the tutorials begin."""
-WHILE = "timeout --foreground --preserve-status --signal=INT 20 "
+WHILE = "timeout --foreground --preserve-status --signal=INT 90 "
 """What comes before a command that serves a page until Ctrl-C."""
 
 
