@@ -5,10 +5,11 @@ VENV := .venv
 BIN := $(VENV)/bin
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist loadfile
 
-.PHONY: dist docs demo reproduce ablation test test-all lint bench clean
+.PHONY: dist docs paper demo reproduce ablation test test-all lint bench clean
 
-demo: $(VENV)/core.stamp  ## solve the examples into demo/ and say where the pictures are
+demo: $(VENV)/core.stamp  ## solve the examples into demo/, with the scenes and recordings of the pages, and say where the pictures are
 	$(BIN)/comove demo --out demo
+	cp -r examples demo/
 
 reproduce: $(VENV)/core.stamp  ## run every experiment of the paper and write docs/paper.md; about twenty minutes on two cores
 	$(BIN)/comove reproduce --out reproduced
@@ -38,6 +39,9 @@ docs: $(VENV)/docs.stamp  ## the site, in docs/_build/html; it runs the gallery,
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs docs/_build/html
 	@echo "docs/_build/html/index.html"
 
+paper: $(VENV)/paper.stamp  ## the paper, in paper/paper.pdf
+	$(BIN)/python paper/build.py
+
 lint: $(VENV)/dev.stamp  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -56,11 +60,15 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/core.stamp: pyproject.toml | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable .  # what is used is compiled then
 	@touch $@
 
 $(VENV)/docs.stamp: pyproject.toml $(VENV)/core.stamp
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	@touch $@
+
+$(VENV)/paper.stamp: pyproject.toml $(VENV)/core.stamp
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[paper]'
 	@touch $@
 
 $(VENV)/dev.stamp: pyproject.toml $(VENV)/core.stamp

@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Iterable
+from typing import ClassVar
 
 LONGEST_WORD, LONGEST_MESSAGE = 300, 3000
 """Characters of one word, and of a whole message, beyond which the middle is left out."""
@@ -17,11 +18,29 @@ MOST_KNOWN = 100
 
 
 class ComoveError(Exception):
-    """Root class of all exceptions that comove raises on purpose."""
+    """Root class of all exceptions that comove raises on purpose; whoever catches it catches them all.
+
+    What anybody can mend is an `InputError`, a missing package an `ExtraError`. Anything else that is raised is a
+    defect of comove: please report it.
+
+    Examples
+    --------
+    >>> import comove
+    >>> try:
+    ...     comove.Scene.load("mine.yaml")
+    ... except comove.errors.ComoveError as error:
+    ...     print(error)
+    mine.yaml: there is no such file; ...
+    """
+
+    says_all: ClassVar[bool] = False
+    """Whether its messages leave nothing to explain; the command line names the explanation of all others."""
 
 
 class InputError(ComoveError):
     """Raised when the user's input is wrong; the message is one sentence.
+
+    Mend what it names. A program that calls comove finds the parts of the sentence as attributes.
 
     Parameters
     ----------
@@ -33,6 +52,15 @@ class InputError(ComoveError):
         The place in the file: a dotted key, a row, an option.
     way_out
         What to write instead.
+
+    Examples
+    --------
+    >>> import comove
+    >>> try:
+    ...     comove.DMP.fit(comove.Demonstration.from_lasa("Sine"), n_basis=0)
+    ... except comove.errors.InputError as error:
+    ...     print(error.message, "->", error.way_out)
+    n_basis = 0 -> give a whole number from 1 to 200
     """
 
     def __init__(self, message: str, *, file: object = None, key: str | None = None, way_out: str = ""):
@@ -49,23 +77,178 @@ class InputError(ComoveError):
 
 
 class DemonstrationError(InputError):
-    """Raised when a recording cannot be read or used."""
+    """Raised when a recording cannot be read or used.
+
+    The file is of another format than its name says, cells are missing or no numbers, time stands still, or one file
+    holds several recordings. Mend it by saying what comove cannot know: columns and unit of a table, or which of
+    several recordings is meant; leave out rows with missing cells.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import comove
+    >>> _ = Path("hand.csv").write_text("time,x,y\\n0.0,0.1,0.2\\n0.1,0.2,\\n")
+    >>> comove.Demonstration.load("hand.csv")
+    Traceback (most recent call last):
+    comove.errors.DemonstrationError: hand.csv: row 3, column y: the cell is empty; fill in what was measured, or
+        remove the row
+    """
 
 
 class LibraryError(InputError):
-    """Raised when a primitive's file, or a library of primitives, cannot be read, written or used."""
+    """Raised when a primitive's file, or a library of primitives, cannot be read, written or used.
+
+    The file is missing, cut off, edited (its checksum tells) or of another basis, or the library has no movement of
+    that name. Mend it by learning the movement again from its recording, whose checksum the file holds.
+
+    Examples
+    --------
+    >>> import comove
+    >>> comove.Library("movements")["Sine"]
+    Traceback (most recent call last):
+    comove.errors.LibraryError: movements: there is no primitive 'Sine'; the library is empty: comove library add DEMO
+    """
 
 
 class SceneError(InputError):
-    """Raised when a scene file, or a scene, contradicts itself or breaks the rules of the format."""
+    """Raised when a scene file, or a scene, contradicts itself or breaks the rules of the format.
+
+    Mend the key that is named, in the line that is named. Frequent: hands that are not as far apart as the load is
+    long, ends inside an obstacle, a duration that the limits do not allow, a misspelt key.
+
+    Examples
+    --------
+    >>> import comove
+    >>> comove.Scene.from_dict({
+    ...     "name": "short",
+    ...     "workspace": {"lower": [0, 0], "upper": [1, 1]},
+    ...     "load": {"shape": "bar", "length": 0.2},
+    ...     "manipulators": [
+    ...         {"name": "left", "start": [0.2, 0.3], "goal": [0.8, 0.3]},
+    ...         {"name": "right", "start": [0.2, 0.6], "goal": [0.8, 0.5]},
+    ...     ],
+    ... })
+    Traceback (most recent call last):
+    comove.errors.SceneError: manipulators[0].start, manipulators[1].start: 'left' and 'right' are 0.3 m apart at the
+        start, but they must be 0.2 m apart (tolerance 0.0002 m); move one of them or correct the distance
+    """
+
+
+class MeshError(InputError):
+    """Raised when a mesh cannot be used.
+
+    The file is cut off, holds what is no number, or has more triangles than comove takes. Mend it by writing it anew
+    from the program that made it, or by giving a simpler mesh: as a load, its hull will do.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from comove.geometry.triangles import read_triangles
+    >>> _ = Path("cut.stl").write_text("solid part\\nfacet normal 0 0 1\\n")
+    >>> read_triangles(Path("cut.stl"))
+    Traceback (most recent call last):
+    comove.errors.MeshError: cut.stl: its facet 1 is not whole; write it anew: it is cut off or damaged
+    """
 
 
 class ResultError(InputError):
-    """Raised when a result folder is missing, incomplete or edited."""
+    """Raised when a result folder is missing, incomplete or edited, or cannot be written.
+
+    Checksums tell whether a file has been edited since comove wrote it. Mend it by solving again, or by naming the
+    folder that `comove solve` wrote; a folder that holds anything else is never replaced.
+
+    Examples
+    --------
+    >>> from comove.results import read_result
+    >>> read_result("nowhere")
+    Traceback (most recent call last):
+    comove.errors.ResultError: nowhere: there is no such folder; make it by: comove solve SCENE --out DIR
+    """
 
 
 class RobotError(InputError):
-    """Raised when a robot's description or model cannot be used, or when a motion does not belong to the robot."""
+    """Raised when a robot's description or model cannot be used, or when a motion does not belong to the robot.
+
+    `comove robot check FILE` lists all that is wrong in a description, and draws what the arms reach: start and goal
+    of a scene must lie where all of them reach.
+
+    Examples
+    --------
+    >>> from comove.robots import Robot
+    >>> Robot.load("bakster")
+    Traceback (most recent call last):
+    comove.errors.RobotError: robot: there is no robot 'bakster', nor a file of that name; did you mean 'baxter'? ...
+    """
+
+
+class ExportError(RobotError):
+    """Raised when a motion cannot be exported, or not to this place.
+
+    Only what was verified in joint space is exported, never over files that are there, and never so coarsely that
+    interpolation bends the load. Mend it by `comove robot solve`, another folder or a higher rate.
+
+    Examples
+    --------
+    >>> import comove
+    >>> from comove.export import parts_of
+    >>> parts_of(comove.solve(comove.Scene.load("narrow.yaml"), seed=0).motion)
+    Traceback (most recent call last):
+    comove.errors.ExportError: motion: the motion is a VerifiedMotion, not a verified one of joints; ...
+    """
+
+
+class SendError(RobotError):
+    """Raised when a motion was not begun on a robot, or did not end well.
+
+    A controller, the joints' states or ROS itself are not found, the clocks differ, the robot is not at the motion's
+    start, or it strays from the motion. `outcome` is None if nothing has moved; else it says how far each arm came,
+    and all arms were told to stop: look at the robot before anything else.
+
+    Examples
+    --------
+    >>> import sys
+    >>> from comove.export import Ros1Client
+    >>> Ros1Client(python=sys.executable).connect({}, timeout=1.0)
+    Traceback (most recent call last):
+    comove.errors.SendError: ros: no Python here has ROS 1; tried ...; install rospy, actionlib and trajectory_msgs,
+        and name their Python in COMOVE_ROS_PYTHON
+    """
+
+    outcome: object = None
+    """The `comove.export.SendOutcome`, if the motion began."""
+
+
+class OptionError(InputError):
+    """Raised when an option or argument is outside its range.
+
+    The message says the range, or the names that are known.
+
+    Examples
+    --------
+    >>> import comove
+    >>> comove.Demonstration.from_lasa("Sine").resampled(1)
+    Traceback (most recent call last):
+    comove.errors.OptionError: n_steps: 1 is no number of steps; give 2 or more
+    """
+
+    says_all = True
+
+
+class ConstraintError(InputError):
+    """Raised when the constraints cannot be met together near a movement.
+
+    They contradict each other, start and goal miss them, or hands would have to jump from one way of meeting them to
+    another. Leave one out to see which, or begin from a movement that nearly meets them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from comove.primitives.projection import HandDistance, Poses, project
+    >>> poses = Poses(("left", "right"), np.array([[[0, 0, 0], [0.5, 0, 0]]]), np.tile([1.0, 0, 0, 0], (1, 2, 1)))
+    >>> project(poses, [HandDistance("left", "right", 0.4), HandDistance("left", "right", 0.5)])
+    Traceback (most recent call last):
+    comove.errors.ConstraintError: the constraints cannot be met together: ...
+    """
 
 
 class ExtraError(ComoveError):
@@ -77,23 +260,49 @@ class ExtraError(ComoveError):
         The feature that needs the package, in words.
     extra
         The name of the extra of this package that installs it.
+
+    Examples
+    --------
+    >>> import sys
+    >>> import comove
+    >>> sys.modules["viser"] = None                      # as if it were not installed
+    >>> comove.show(comove.Scene.load("narrow.yaml"))
+    Traceback (most recent call last):
+    comove.errors.ExtraError: the workbench in the browser needs more than the core:
+        python -m pip install 'comove[view]'
     """
+
+    says_all = True
 
     def __init__(self, what: str, extra: str):
         super().__init__(f"{what} needs more than the core: python -m pip install 'comove[{extra}]'")
         self.extra = extra
 
 
-class OptionError(InputError):
-    """Raised when an option or argument is outside its range."""
-
-
-class ConstraintError(InputError):
-    """Raised when the constraints cannot be met together near a movement."""
-
-
 class ComoveWarning(UserWarning):
-    """Issued when a value was changed or looks wrong, and the user should know."""
+    """Issued when a value was changed or looks wrong, and the user should know.
+
+    An end was moved onto the load's length, a mesh was repaired, noise was removed. Nothing needs to be done if that
+    is what was meant. `warnings.simplefilter("error", comove.errors.ComoveWarning)` makes errors of them.
+
+    Examples
+    --------
+    >>> import warnings
+    >>> import comove
+    >>> with warnings.catch_warnings(record=True) as told:
+    ...     few = comove.DMP.fit(comove.Demonstration.from_lasa("Sine").resampled(10), n_basis=20)
+    >>> print(told[0].message)
+    the recording has 10 samples for 20 weights a dimension, and ...
+    """
+
+
+def kinds() -> dict[str, type[ComoveError] | type[ComoveWarning]]:
+    """Return all classes of errors and warnings by their names, in the order in which they stand in this file."""
+    return {
+        name: kind
+        for name, kind in globals().items()
+        if isinstance(kind, type) and issubclass(kind, (ComoveError, ComoveWarning))
+    }
 
 
 def shortened(text: str, limit: int = 120) -> str:

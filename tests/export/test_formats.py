@@ -102,7 +102,7 @@ def test_numbers_of_numpy_are_rates(verified, tmp_path):
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_unverified_is_refused(verified, tmp_path, name):
-    with pytest.raises(ExportError, match="JointMotion, which nobody has verified"):
+    with pytest.raises(ExportError, match="JointMotion, not a verified one of joints"):
         export(verified.joints, tmp_path, FORMATS[name])
     assert not list(tmp_path.iterdir())
 

@@ -193,7 +193,7 @@ def test_an_interruption_stops_all(verified):
 
 def test_the_unverified_is_not_sent(verified):
     fake = Fake(verified)
-    with pytest.raises(ExportError, match="nobody has verified"):
+    with pytest.raises(ExportError, match="not a verified one of joints"):
         send(fake, verified.joints, clock=fake.clock)
     with pytest.raises(ExportError, match="20 Hz or more"):
         send(fake, verified, rate=5.0, clock=fake.clock)

@@ -97,6 +97,7 @@ def whole_application() -> typer.Typer:
     from comove.cli import (  # noqa: F401  registers verbs
         bench,
         demo,
+        explain,
         generate,
         learn,
         library,
@@ -152,7 +153,7 @@ def _told(error: BaseException) -> int:
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
     if isinstance(error, ComoveError):
-        message = str(error)
+        message = str(error) if error.says_all else f"{error} (comove explain {type(error).__name__})"
     elif isinstance(error, MemoryError):
         message = "there is not enough memory for this; give it less, or more memory"
     elif isinstance(error, UnicodeEncodeError) and error.encoding != "utf-8":

@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from comove.errors import ExportError
 from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
 from comove.export.parts import (
     CARRY,
     PARTS,
     SAMPLE_RATE,
-    ExportError,
     MotionPart,
     parts_of,
     require_rate,

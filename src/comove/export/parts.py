@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
-from comove.errors import RobotError
+from comove.errors import ExportError
 from comove.results.sealed import checksum
 from comove.results.solution import motion_arrays
 from comove.robots.files import joint_arrays
@@ -29,10 +29,6 @@ LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 
 LARGEST_RATE = 1000.0  # Hz, of the fastest controllers
 NANO = 10**9
 PARTS = CARRY, APPROACH, RELEASE = "carry", "approach", "release"
-
-
-class ExportError(RobotError):
-    """Error about a motion that cannot be exported, or not to this place."""
 
 
 @dataclass(frozen=True)
@@ -128,7 +124,7 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
     """
     if not isinstance(motion, VerifiedJointMotion):
         raise ExportError(
-            f"the motion is a {type(motion).__name__}, which nobody has verified",
+            f"the motion is a {type(motion).__name__}, not a verified one of joints",
             key="motion",
             way_out="give the VerifiedJointMotion that comove.robots.verification.verify makes",
         )

@@ -21,8 +21,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import IO, Any
 
+from comove.errors import SendError
 from comove.export.parts import JointSamples
-from comove.export.send import ArmState, RobotState, SendError, Status
+from comove.export.send import ArmState, RobotState, Status
 
 BRIDGE = Path(__file__).with_name("ros1_bridge.py")
 PYTHON = "COMOVE_ROS_PYTHON"

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
-from comove.errors import OptionError, RobotError, near_name
+from comove.errors import OptionError, SendError, near_name
 from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, JointSamples, MotionPart, parts_of, require_rate
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -154,12 +154,6 @@ class SendOutcome:
         """Return the time between the first arm's end and the last one's [s]."""
         ends = [arm.time for arm in self.arms.values() if arm.time is not None]
         return max(ends) - min(ends) if ends else 0.0
-
-
-class SendError(RobotError):
-    """Error of a motion that was not begun, or did not end well; `outcome` is its outcome, if it began."""
-
-    outcome: SendOutcome | None = None
 
 
 def send(

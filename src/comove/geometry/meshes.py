@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import ComoveWarning, SceneError
+from comove.errors import ComoveWarning, MeshError, SceneError
 from comove.geometry.convex_decomposition import SHEET, ConvexDecomposition, decompose
 from comove.geometry.topology import Parts, solids_and_sheets
-from comove.geometry.triangles import FORMATS, MeshError, read_bytes, triangles_of
+from comove.geometry.triangles import FORMATS, read_bytes, triangles_of
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from comove.errors import ComoveWarning, RobotError
-from comove.geometry.triangles import FORMATS, MeshError, as_stl, elements_of, triangles_of
+from comove.errors import ComoveWarning, MeshError, RobotError
+from comove.geometry.triangles import FORMATS, as_stl, elements_of, triangles_of
 from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
 from comove.robots.description import JointLimits, ModelSource, Placement, errors_in
 from comove.robots.soundness import LIMITS, doubts, number, require_sound, short

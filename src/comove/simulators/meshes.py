@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import ExtraError, RobotError
-from comove.geometry.triangles import MAX_BYTES, MeshError, triangles_of
+from comove.errors import ExtraError, MeshError, RobotError
+from comove.geometry.triangles import MAX_BYTES, triangles_of
 
 VERSION = b"4"  # of the conversion
 SEAL = b"# sha256 "

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import ComoveError, ExtraError, RobotError
-from comove.geometry.triangles import MeshError, triangles_of
+from comove.errors import ComoveError, ExtraError, MeshError, RobotError
+from comove.geometry.triangles import triangles_of
 from comove.scenes.scene import Scene
 from comove.views.shapes import hull_faces
 from comove.workbench.geometry import Surface, ball, colour_of, rod

@@ -8,8 +8,8 @@ import time
 import numpy as np
 import pytest
 
-from comove.errors import InputError
-from comove.geometry.triangles import FORMATS, MeshError, as_stl, read_triangles, triangles_of
+from comove.errors import InputError, MeshError
+from comove.geometry.triangles import FORMATS, as_stl, read_triangles, triangles_of
 from tests.geometry.triangles.written import (
     CORNERS,
     FACES,

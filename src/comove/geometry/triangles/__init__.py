@@ -1,6 +1,5 @@
 """Strict readers of triangles from mesh files: damaged files and false claims are refused, in one sentence."""
 
-from comove.geometry.triangles.checks import MeshError
 from comove.geometry.triangles.markup import elements_of
 from comove.geometry.triangles.reader import (
     FORMATS,
@@ -14,7 +13,6 @@ from comove.geometry.triangles.reader import (
 __all__ = [
     "FORMATS",
     "MAX_BYTES",
-    "MeshError",
     "as_stl",
     "elements_of",
     "read_bytes",

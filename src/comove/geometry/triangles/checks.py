@@ -9,7 +9,7 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import InputError
+from comove.errors import MeshError
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -18,10 +18,6 @@ MAX_FACES = 1_000_000
 ANEW = "write it anew: it is cut off or damaged"
 SIMPLER = "simplify it: its hull will do"
 _DECIMAL = b"0123456789+-.eE "
-
-
-class MeshError(InputError):
-    """Raised when a mesh cannot be used."""
 
 
 def numbers(texts: Sequence[bytes]) -> Array:

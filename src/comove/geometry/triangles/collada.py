@@ -11,7 +11,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from comove.geometry.triangles.checks import ANEW, Array, Ints, MeshError, fans, numbers, require_few, shown
+from comove.errors import MeshError
+from comove.geometry.triangles.checks import ANEW, Array, Ints, fans, numbers, require_few, shown
 from comove.geometry.triangles.markup import elements_of
 
 MAX_NODES = 10_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from typing import Any
 
-from comove.geometry.triangles.checks import MeshError
+from comove.errors import MeshError
 
 MAX_DEPTH = 64  # levels of elements
 MAX_ELEMENTS = 300_000

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.geometry.triangles.checks import ANEW, SIMPLER, Array, Ints, MeshError, require_few
+from comove.errors import MeshError
+from comove.geometry.triangles.checks import ANEW, SIMPLER, Array, Ints, require_few
 from comove.geometry.triangles.collada import read_collada
 from comove.geometry.triangles.obj import read_obj
 from comove.geometry.triangles.off import read_off
