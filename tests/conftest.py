@@ -4,7 +4,7 @@ import os
 
 from hypothesis import settings
 
-from comove.planning.compiling import ALONE
+from comove._compiled import ALONE
 
 # Every core runs tests: helpers that compile would only compile the same twice.
 os.environ.setdefault(ALONE, "1")
