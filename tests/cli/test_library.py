@@ -5,24 +5,16 @@ import os
 import re
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from comove.cli import learn, library, solve  # noqa: F401  registers the verbs
-from comove.cli.app import app
 from comove.demonstrations import Demonstration, write_csv
 from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
 from tests.cli.test_cli import SCENE, SWING
+from tests.commands import invoke
 
 VERBS = ("add", "combine", "find", "list", "remove", "show")
-
-
-def invoke(*arguments):
-    with warnings.catch_warnings():
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def good(*arguments, code=0):

@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from tests.cli.test_cli import SCENE, invoke
+from tests.cli.test_cli import SCENE
+from tests.commands import invoke
 
 VERBS = [
     (),

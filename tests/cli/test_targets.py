@@ -13,8 +13,9 @@ from comove.cli import bench, demo, learn, library, reproduce, robot, run, show,
 from comove.errors import ResultError
 from comove.io.folders import check_target
 from comove.results import RESULT
-from tests.cli.test_cli import SCENE, SWING, invoke
+from tests.cli.test_cli import SCENE, SWING
 from tests.cli.test_cli import run as started
+from tests.commands import invoke
 
 FOLDERS = {
     "solve": ("solve", "scene.yaml", "--budget", "100"),
