@@ -269,7 +269,7 @@ def test_a_scene_without_solution(result, tmp_path):
     path = tmp_path / "closed.yaml"
     path.write_text(CLOSED)
     begun = processor_time()
-    outcome = run("solve", path, "--out", tmp_path / "out", "--budget", 6)
+    outcome = run("solve", path, "--out", tmp_path / "out", "--budget", 2)
     assert processor_time() - begun < 3 * 6
     assert outcome.returncode == 1
     assert "Traceback" not in outcome.stderr
@@ -440,6 +440,7 @@ def test_ten_million_rows(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_an_archive_that_unpacks_to_a_gigabyte(tmp_path):
     with zipfile.ZipFile(tmp_path / "carry.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("time", "position"):

@@ -11,6 +11,7 @@ import pytest
 
 from comove.demonstrations import Demonstration, write_csv
 from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
+from tests.cases import spread
 from tests.cli.test_cli import SCENE, SWING
 from tests.commands import invoke
 
@@ -306,7 +307,9 @@ def test_solve_with_an_unfit_library(filled):
 # --- Help ---
 
 
-@pytest.mark.parametrize("arguments", [("learn",), ("library",), *(("library", verb) for verb in VERBS)])
+@pytest.mark.parametrize(
+    "arguments", spread([("learn",), ("library",), *(("library", verb) for verb in VERBS)], 3)
+)
 def test_help_is_there_and_quick(arguments):
     code = (
         "import sys; from comove.cli import main; sys.argv = ['comove', *sys.argv[1:]]\n"
