@@ -1,5 +1,6 @@
 """Shared by all tests."""
 
+import gc
 import os
 
 from hypothesis import settings
@@ -13,3 +14,13 @@ os.environ.setdefault(ALONE, "1")
 settings.register_profile("explore", deadline=None)
 settings.register_profile("comove", deadline=None, derandomize=True)
 settings.load_profile("comove")
+
+# What is imported and collected stays to the end: it is no garbage, and need not be searched for any.
+gc.disable()
+
+
+def pytest_collection_finish():
+    """Search for garbage from here on, in all that comes."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()

@@ -28,8 +28,9 @@ def twice(x):
 
 
 @pytest.fixture
-def kernel(tmp_path):
+def kernel(tmp_path, monkeypatch):
     """Load the kernel as a new process would: from the files beside its source."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # which NUMBA_CACHE_DIR may have set
     (tmp_path / "kernel.py").write_text(KERNEL)
 
     def load(name="comove.kernel_for_tests"):
