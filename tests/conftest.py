@@ -7,6 +7,8 @@ from hypothesis import settings
 
 from comove._compiled import ALONE
 
+MANY = 1000
+
 # Every core runs tests: helpers that compile would only compile the same twice.
 os.environ.setdefault(ALONE, "1")
 
@@ -19,8 +21,12 @@ settings.load_profile("comove")
 gc.disable()
 
 
-def pytest_collection_finish():
-    """Search for garbage from here on, in all that comes."""
+def pytest_collection_finish(session):
+    """Search for garbage in all that comes; where many tests are shared out, share out what they compile as well."""
     gc.collect()
     gc.freeze()
     gc.enable()
+    if len(session.items) > MANY:
+        from tests.warming import warm_up
+
+        warm_up(os.environ.get("PYTEST_XDIST_WORKER"))
