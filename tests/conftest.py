@@ -1,10 +1,13 @@
 """Shared by all tests."""
 
+import gc
 import os
 
 from hypothesis import settings
 
-from comove.planning.compiling import ALONE
+from comove._compiled import ALONE
+
+MANY = 1000
 
 # Every core runs tests: helpers that compile would only compile the same twice.
 os.environ.setdefault(ALONE, "1")
@@ -13,3 +16,17 @@ os.environ.setdefault(ALONE, "1")
 settings.register_profile("explore", deadline=None)
 settings.register_profile("comove", deadline=None, derandomize=True)
 settings.load_profile("comove")
+
+# What is imported and collected stays to the end: it is no garbage, and need not be searched for any.
+gc.disable()
+
+
+def pytest_collection_finish(session):
+    """Search for garbage in all that comes; where many tests are shared out, share out what they compile as well."""
+    gc.collect()
+    gc.freeze()
+    gc.enable()
+    if len(session.items) > MANY:
+        from tests.warming import warm_up
+
+        warm_up(os.environ.get("PYTEST_XDIST_WORKER"))

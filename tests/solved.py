@@ -23,9 +23,13 @@ def random_scene(kind, seed):
     return RANDOM[kind](seed)
 
 
+def scene_of(name):
+    """An example by its name, or a random scene by a name such as "planar 3"."""
+    kind, _, number = name.partition(" ")
+    return random_scene(kind, int(number)) if number else example(name)
+
+
 @cache
 def solved(name, seed=0, **options):
-    """The solution of an example, or of a random scene of the name "planar 3"."""
-    kind, _, number = name.partition(" ")
-    scene = random_scene(kind, int(number)) if number else example(name)
-    return comove.solve(scene, seed=seed, **options)
+    """The solution of an example, or of a random scene by a name such as "planar 3"."""
+    return comove.solve(scene_of(name), seed=seed, **options)

@@ -27,12 +27,22 @@ def rooms():
     return [cell.rstrip("/").removesuffix(".py") for cell in cells]
 
 
+def paths():
+    """Paths of all modules inside the package."""
+    return [path.relative_to(SOURCE) for path in sorted(SOURCE.rglob("*.py"))]
+
+
+@pytest.fixture(scope="module")
 def modules():
-    """Every module of the package as (path, room, parsed source)."""
-    for path in sorted(SOURCE.rglob("*.py")):
-        inside = path.relative_to(SOURCE)
-        room = inside.parts[0].removesuffix(".py")
-        yield inside, room, ast.parse(path.read_text(encoding="utf-8"))
+    """Every module of the package as (path, room, parsed source), by path; gone with the last test of this file."""
+    return {
+        inside: (
+            inside,
+            inside.parts[0].removesuffix(".py"),
+            ast.parse((SOURCE / inside).read_text(encoding="utf-8")),
+        )
+        for inside in paths()
+    }
 
 
 def imported(tree):
@@ -89,10 +99,9 @@ def test_the_order_is_that_of_the_design():
     assert [room for room in order if room in rooms()] == rooms()
 
 
-@pytest.mark.parametrize(("inside", "room", "tree"), [pytest.param(*m, id=str(m[0])) for m in modules()])
-def test_imports_go_up(inside, room, tree):
-    if str(inside) in OUTSIDE:
-        return
+@pytest.mark.parametrize("inside", [path for path in paths() if str(path) not in OUTSIDE], ids=str)
+def test_imports_go_up(inside, modules):
+    _, room, tree = modules[inside]
     order = rooms()
     for other in rooms_entered(tree):
         assert other in order, f"{inside} imports comove.{other}, which is no room"
@@ -101,14 +110,14 @@ def test_imports_go_up(inside, room, tree):
         )
 
 
-def test_the_judge_knows_no_maker():
-    for inside, room, tree in modules():
+def test_the_judge_knows_no_maker(modules):
+    for inside, room, tree in modules.values():
         if room == "verification":
             assert not rooms_entered(tree) & {"optimisers", "planning"}, inside
 
 
-def test_the_judge_of_robots_knows_no_search():
-    for inside, _, tree in modules():
+def test_the_judge_of_robots_knows_no_search(modules):
+    for inside, _, tree in modules.values():
         for judge, maker in (
             ("robots/verification", "robots.search"),
             ("robots/search", "robots.verification"),
@@ -117,16 +126,16 @@ def test_the_judge_of_robots_knows_no_search():
                 assert not [name for name in imported(tree) if f"comove.{maker}" in name], inside
 
 
-def test_optimisers_know_no_robot():
-    for inside, room, tree in modules():
+def test_optimisers_know_no_robot(modules):
+    for inside, room, tree in modules.values():
         if room == "optimisers":
             assert rooms_entered(tree) <= {"errors", "optimisers"}, inside
 
 
-def test_only_the_judges_make_verified_motions():
+def test_only_the_judges_make_verified_motions(modules):
     """`VerifiedMotion(...)` and `VerifiedJointMotion(...)` are called nowhere else, their seals nobody's business."""
     judges = {"VerifiedMotion": "verification", "VerifiedJointMotion": "robots/verification"}
-    for inside, _, tree in modules():
+    for inside, _, tree in modules.values():
         names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
         names |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
         calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
@@ -137,31 +146,31 @@ def test_only_the_judges_make_verified_motions():
                 assert not any(call.split(".")[-1] == made for call in calls), inside
 
 
-def test_the_lab_is_entered_by_the_command_line_only():
-    for inside, room, tree in modules():
+def test_the_lab_is_entered_by_the_command_line_only(modules):
+    for inside, room, tree in modules.values():
         if room not in ("experiments", "cli"):
             assert "experiments" not in rooms_entered(tree), inside
 
 
-def test_pictures_are_drawn_in_views_and_in_the_lab_only():
-    for inside, room, tree in modules():
+def test_pictures_are_drawn_in_views_and_in_the_lab_only(modules):
+    for inside, room, tree in modules.values():
         if room not in ("views", "experiments"):
             assert not [n for n in imported(tree) if n.split(".")[0] == "matplotlib"], inside
         if room != "workbench":
             assert not [n for n in imported(tree) if n.split(".")[0] == "viser"], inside
 
 
-def test_the_viewer_is_bound_in_few_places():
+def test_the_viewer_is_bound_in_few_places(modules):
     """Geometry, edits and the planner know no viewer, so that they can be tested without one."""
     free = {"edits", "gate", "geometry", "link", "protocol", "recording", "saving", "words", "worker"}
     free |= {"arms", "bodies", "live", "playback", "shelf"}
-    for inside, room, tree in modules():
+    for inside, room, tree in modules.values():
         if room == "workbench" and inside.stem in free:
             assert not [n for n in imported(tree) if n.split(".")[0] in ("viser", "websockets")], inside
 
 
-def test_nothing_draws_from_the_global_random_state():
-    for inside, _, tree in modules():
+def test_nothing_draws_from_the_global_random_state(modules):
+    for inside, _, tree in modules.values():
         for node in ast.walk(tree):
             if isinstance(node, ast.Attribute) and ast.unparse(node).startswith(
                 ("np.random.", "numpy.random.")

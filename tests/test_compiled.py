@@ -13,6 +13,7 @@ import pytest
 
 import comove._compiled
 from comove.errors import ComoveWarning
+from tests.cases import spread
 
 numba = pytest.importorskip("numba")
 caching = sys.modules[comove._compiled.CACHING]
@@ -27,8 +28,9 @@ def twice(x):
 
 
 @pytest.fixture
-def kernel(tmp_path):
+def kernel(tmp_path, monkeypatch):
     """Load the kernel as a new process would: from the files beside its source."""
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # which NUMBA_CACHE_DIR may have set
     (tmp_path / "kernel.py").write_text(KERNEL)
 
     def load(name="comove.kernel_for_tests"):
@@ -131,8 +133,9 @@ def test_importing_comove_imports_no_numba():
     assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
-def test_two_processes_compile_into_one_empty_folder(tmp_path):
-    """Both compute the same, three times; the third process finds what they have left whole."""
+@pytest.mark.parametrize("turns", spread([1, 5], 1))
+def test_two_processes_compile_into_one_empty_folder(tmp_path, turns):
+    """Both compute the same, every time; the third process finds what they have left whole."""
     (tmp_path / "kernel.py").write_text(KERNEL)
     code = (
         "import sys, importlib.util, comove\n"
@@ -150,7 +153,7 @@ def test_two_processes_compile_into_one_empty_folder(tmp_path):
             text=True,
         )
 
-    for turn in range(3):
+    for turn in range(turns):
         both = [start("[1, 0.5, 1j]", tmp_path / str(turn)), start("[1j, 1, 0.5]", tmp_path / str(turn))]
         for process in both:
             process.stdin.close()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 import re
+import runpy
 import shlex
 import shutil
 import signal
@@ -17,6 +17,7 @@ import pytest
 
 from comove.demonstrations import formats
 from comove.experiments.examples import copy_examples
+from tests.commands import invoke
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -74,20 +75,14 @@ def folder(tmp_path_factory):
     return folder
 
 
-def run(arguments: list[str], folder: Path) -> str:
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
-    done = subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
-    assert done.returncode == 0, f"{arguments}: {done.stderr}"
-    return done.stdout
-
-
 def test_the_documents_hold_commands_and_code():
     assert len(blocks("sh")) >= 3
     assert len(blocks("python")) >= 2
 
 
 @pytest.mark.parametrize(("page", "code"), commands())
-def test_commands(page, code, folder):
+def test_commands(page, code, folder, monkeypatch):
+    monkeypatch.chdir(folder)
     for line in code.splitlines():
         words = shlex.split(line, comments=True)
         if not words:
@@ -100,20 +95,28 @@ def test_commands(page, code, folder):
         elif words[1] in ("view", "report") and importlib.util.find_spec("viser") is None:
             pytest.skip("the viewer is not installed: pip install 'comove[view]'")
         elif words[1] == "view" and "--html" not in words:
-            serve(words, folder)
+            serve(words)
         else:
-            run(words, folder)
+            done = invoke(*words[1:])
+            assert done.exit_code == 0, f"{page}: {line}: {done.stderr}"
 
 
-def serve(arguments: list[str], folder: Path) -> None:
+def serve(words: list[str]) -> None:
     """Start a command that serves a page until Ctrl-C, and press it once the address is told."""
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     with subprocess.Popen(
-        arguments, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-m", *words],
+        stdout=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(
+            signal.SIGINT, signal.default_int_handler
+        ),  # a shell may ignore them
     ) as running:
-        assert "http://127.0.0.1:" in running.stdout.readline()
-        running.send_signal(signal.SIGINT)
-        assert running.wait(60) == 0
+        try:
+            assert "http://127.0.0.1:" in running.stdout.readline()
+            running.send_signal(signal.SIGINT)
+            assert running.wait(60) == 0
+        finally:
+            running.kill()
 
 
 @pytest.mark.parametrize(("page", "code"), blocks("python"))
@@ -136,9 +139,11 @@ def test_python(page, code, folder, monkeypatch):
         for path in sorted((ROOT / "examples").glob("*.py"))
     ],
 )
-def test_examples(example, folder):
-    out = run([sys.executable, str(example)], folder)
-    assert "False" not in out
+def test_examples(example, folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", [str(example)])
+    runpy.run_path(str(example), run_name="__main__")
+    assert "False" not in capsys.readouterr().out
 
 
 def test_the_scene_of_the_readme_is_the_example():

@@ -8,17 +8,15 @@ import sys
 import time
 
 import pytest
-from typer.testing import CliRunner
 
-from comove.cli import bench  # noqa: F401  registers the verbs
-from comove.cli.app import app
 from comove.experiments.bench.sets import own_scenes, scenes_of
 from comove.experiments.bench.store import RunStore
 from comove.experiments.examples import example_path
+from tests.commands import invoke
 
 
-def invoke(*arguments):
-    return CliRunner().invoke(app, ["bench", *map(str, arguments)])
+def bench(*arguments):
+    return invoke("bench", *arguments)
 
 
 def command(*arguments):
@@ -47,37 +45,37 @@ def others(tmp_path):
 
 
 def test_drawing(tmp_path):
-    outcome = invoke("draw", "easy", "--out", tmp_path / "mine", "--count", 2)
+    outcome = bench("draw", "easy", "--out", tmp_path / "mine", "--count", 2)
     assert outcome.exit_code == 0, outcome.output
     frozen = scenes_of("easy", 2)
     for scene in frozen:
         assert (tmp_path / "mine" / scene.path.name).read_bytes() == scene.path.read_bytes()
-    refused(invoke("draw", "easy", "--out", tmp_path / "mine"), "the folder is not empty", "name another")
-    refused(invoke("draw", "hrad", "--out", tmp_path / "new"), "did you mean 'hard'?")
-    refused(invoke("draw", "hard", "--out", tmp_path / "new", "--count", 0), "--count")
+    refused(bench("draw", "easy", "--out", tmp_path / "mine"), "the folder is not empty", "name another")
+    refused(bench("draw", "hrad", "--out", tmp_path / "new"), "did you mean 'hard'?")
+    refused(bench("draw", "hard", "--out", tmp_path / "new", "--count", 0), "--count")
     assert not (tmp_path / "new").exists()
 
 
 def test_bad_runs(tmp_path, others):
     store = tmp_path / "runs.sqlite"
-    refused(invoke("run", "--out", store, "--sets", "esay"), "did you mean 'easy'?")
-    refused(invoke("run", "--out", store, "--sets", "easy,nothing"), "nothing")
-    refused(invoke("run", "--out", store, "--scenes", 0), "--scenes", "1 to 50")
-    refused(invoke("run", "--out", store, "--systems", "comvoe"), "did you mean 'comove'?")
-    refused(invoke("run", "--out", store, "--systems", ","), "nothing to run")
-    refused(invoke("run", "--out", store, "--seeds", 0), "--seeds")
-    refused(invoke("run", "--out", store, "--budget", -1), "--budget")
-    refused(invoke("run", "--out", store, "--workers", 0), "--workers")
+    refused(bench("run", "--out", store, "--sets", "esay"), "did you mean 'easy'?")
+    refused(bench("run", "--out", store, "--sets", "easy,nothing"), "nothing")
+    refused(bench("run", "--out", store, "--scenes", 0), "--scenes", "1 to 50")
+    refused(bench("run", "--out", store, "--systems", "comvoe"), "did you mean 'comove'?")
+    refused(bench("run", "--out", store, "--systems", ","), "nothing to run")
+    refused(bench("run", "--out", store, "--seeds", 0), "--seeds")
+    refused(bench("run", "--out", store, "--budget", -1), "--budget")
+    refused(bench("run", "--out", store, "--workers", 0), "--workers")
     assert not store.exists()
-    refused(invoke("run", "--out", tmp_path / "none" / "runs.sqlite"), "its folder is not there")
-    refused(invoke("run", "--out", others[0]), "it is no SQLite file")
-    refused(invoke("run", "--out", others[1]), "no store of runs")
+    refused(bench("run", "--out", tmp_path / "none" / "runs.sqlite"), "its folder is not there")
+    refused(bench("run", "--out", others[0]), "it is no SQLite file")
+    refused(bench("run", "--out", others[1]), "no store of runs")
 
 
 def test_scenes_of_ones_own(tmp_path):
     """Files and folders of scenes; what is wrong is said before anything is run."""
     store = tmp_path / "runs.sqlite"
-    invoke("draw", "easy", "--out", tmp_path / "mine", "--count", 2)
+    bench("draw", "easy", "--out", tmp_path / "mine", "--count", 2)
     found = own_scenes([tmp_path / "mine", example_path("wide")])
     assert [scene.name for scene in found] == ["planar-00", "spatial-00", "wide"]
     assert {scene.set for scene in found} == {"own"}
@@ -87,7 +85,7 @@ def test_scenes_of_ones_own(tmp_path):
         ([tmp_path / "empty"], "the folder holds no scene"),
         ([tmp_path / "mine", tmp_path / "mine"], "two scenes are called 'planar-00'"),
     ):
-        refused(invoke("run", *given, "--out", store), words)
+        refused(bench("run", *given, "--out", store), words)
     assert not store.exists()
 
 
@@ -100,34 +98,34 @@ def test_runs_of_ones_own_scenes_are_reported(tmp_path):
     assert {(r.configuration.set, r.configuration.scene) for r in RunStore.open(store).runs()} == {
         ("own", "wide")
     }
-    assert invoke("report", store, "--out", tmp_path / "report").exit_code == 0
+    assert bench("report", store, "--out", tmp_path / "report").exit_code == 0
     assert "| comove | 2/2 |" in (tmp_path / "report" / "report.md").read_text(encoding="utf-8")
 
 
 def test_bad_stores(tmp_path, others):
     for verb in ("report", "export"):
-        refused(invoke(verb, others[0], "--out", tmp_path / "out"), "it is no SQLite file")
-        refused(invoke(verb, others[1], "--out", tmp_path / "out"), "no store of runs")
-        refused(invoke(verb, tmp_path / "none", "--out", tmp_path / "out"), "no such file")
+        refused(bench(verb, others[0], "--out", tmp_path / "out"), "it is no SQLite file")
+        refused(bench(verb, others[1], "--out", tmp_path / "out"), "no store of runs")
+        refused(bench(verb, tmp_path / "none", "--out", tmp_path / "out"), "no such file")
     empty = RunStore.create(tmp_path / "empty.sqlite")
-    refused(invoke("report", empty.path, "--out", tmp_path / "out"), "no run has ended yet")
+    refused(bench("report", empty.path, "--out", tmp_path / "out"), "no run has ended yet")
     assert not (tmp_path / "out").exists()
 
 
 def test_folders_that_cannot_be_written(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("a file, where a folder is wanted")
-    refused(invoke("draw", "easy", "--out", blocked, "--count", 1), "it is a file")
-    refused(invoke("draw", "easy", "--out", blocked / "in", "--count", 1), "cannot be written")
-    refused(invoke("scaling", "--out", blocked), "it is a file")
-    refused(invoke("scaling", "--out", tmp_path / "new", "--of", "setps"), "did you mean 'steps'?")
+    refused(bench("draw", "easy", "--out", blocked, "--count", 1), "it is a file")
+    refused(bench("draw", "easy", "--out", blocked / "in", "--count", 1), "cannot be written")
+    refused(bench("scaling", "--out", blocked), "it is a file")
+    refused(bench("scaling", "--out", tmp_path / "new", "--of", "setps"), "did you mean 'steps'?")
     assert not (tmp_path / "new").exists()
 
 
 def test_what_is_missing_is_said_with_the_way_out(tmp_path, monkeypatch):
     store = RunStore.create(tmp_path / "runs.sqlite")
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    refused(invoke("export", store.path, "--out", tmp_path / "runs.parquet"), "pip install 'comove[data]'")
+    refused(bench("export", store.path, "--out", tmp_path / "runs.parquet"), "pip install 'comove[data]'")
 
 
 @pytest.mark.slow
@@ -140,9 +138,9 @@ def test_from_runs_to_a_report(tmp_path):
     again = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=240)
     assert "2 of 2 runs were in" in again.stderr
     assert [run.status for run in RunStore.open(store).runs()] == ["verified"] * 2
-    assert invoke("report", store, "--out", tmp_path / "report").exit_code == 0
+    assert bench("report", store, "--out", tmp_path / "report").exit_code == 0
     assert "| comove | 2/2 |" in (tmp_path / "report" / "report.md").read_text(encoding="utf-8")
-    assert invoke("export", store, "--out", tmp_path / "runs.parquet").exit_code == 0
+    assert bench("export", store, "--out", tmp_path / "runs.parquet").exit_code == 0
 
 
 @pytest.mark.slow
@@ -176,6 +174,6 @@ def _count(store):
 
 @pytest.mark.slow
 def test_scaling(tmp_path):
-    outcome = invoke("scaling", "--out", tmp_path / "curves", "--of", "basis", "--repeats", 2, "--no-solve")
+    outcome = bench("scaling", "--out", tmp_path / "curves", "--of", "basis", "--repeats", 2, "--no-solve")
     assert outcome.exit_code == 0, outcome.output
     assert "| basis | generation |" in (tmp_path / "curves" / "scaling.md").read_text(encoding="utf-8")

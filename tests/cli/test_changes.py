@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from tests.cli.test_cli import SCENE, assert_refused, invoke, run
+from tests.cli.test_cli import SCENE, assert_refused, run
+from tests.commands import invoke
 
 OPEN = SCENE.replace("duration: 10.0\n", "")
 LIMITS = ("--acceleration", 1, "--jerk", 5)

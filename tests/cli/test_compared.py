@@ -8,7 +8,7 @@ import pytest
 from comove.demonstrations import Demonstration
 from comove.experiments.examples import example_path
 from comove.primitives import DMP, Library, Primitive
-from tests.cli.test_cli import invoke
+from tests.commands import invoke
 
 FILES = {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json"}
 FAILING = ["unconstrained", "leader-follower", "speed-scaled", "task-priority"]

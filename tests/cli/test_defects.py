@@ -3,16 +3,20 @@
 import re
 import subprocess
 import sys
+import tempfile
+import warnings
 from pathlib import Path
 
 import pytest
 
+from comove.cli import main
 from comove.errors import InputError, near_name, plain, readable, shortened
+from comove.results import ResultKind
 
 BREAKING = """
 import sys
 from comove.results import ResultKind
-def read(self, folder, **options): {statement}
+def read(self, folder, **options): 1 / 0
 ResultKind.read = read
 sys.argv = ["comove", "show", "x"]
 from comove.cli import main
@@ -20,28 +24,43 @@ main()
 """
 
 
-def ended_by(statement, **options):
-    """What `comove show` says where reading a result ends so."""
-    command = [sys.executable, "-c", BREAKING.format(statement=statement)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, **options)
+@pytest.fixture
+def ended_by(monkeypatch, capsys):
+    """Exit code, standard output and standard error of `comove show` where reading a result ends so."""
+
+    def call(statement):
+        def read(self, folder, **options):
+            exec(statement, {"read": read, "self": self, "folder": folder})
+
+        monkeypatch.setattr(ResultKind, "read", read)
+        monkeypatch.setattr(sys, "argv", ["comove", "show", "x"])
+        for of_the_process in ("guard_streams", "_unwind_when_ended"):
+            monkeypatch.setattr(f"comove.cli.app.{of_the_process}", lambda: None)
+        with warnings.catch_warnings(), pytest.raises(SystemExit) as left:
+            main()
+        return left.value.code, *capsys.readouterr()
+
+    return call
 
 
 @pytest.mark.parametrize(
     "statement", ["1 / 0", "raise AssertionError", "read(self, folder)", "import no_such"]
 )
-def test_a_defect_is_told_in_one_sentence_and_reported_in_a_file(tmp_path, statement):
-    outcome = ended_by(statement, env={"TMPDIR": str(tmp_path), "PYTHONPATH": ":".join(sys.path)})
-    assert outcome.returncode == 70
-    assert outcome.stdout == ""
-    assert outcome.stderr.count("\n") == 1
-    report = Path(re.search(r"report (\S+)$", outcome.stderr.strip())[1])
+def test_a_defect_is_told_in_one_sentence_and_reported_in_a_file(ended_by, tmp_path, monkeypatch, statement):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    code, said, told = ended_by(statement)
+    assert code == 70
+    assert said == ""
+    assert told.count("\n") == 1
+    report = Path(re.search(r"report (\S+)$", told.strip())[1])
     assert report.parent == tmp_path
     assert "Traceback" in report.read_text()
     assert "'show', 'x'" in report.read_text()
 
 
 def test_a_defect_where_no_report_can_be_written():
-    outcome = ended_by("open('/nowhere', 'w') if 0 else 1 / 0", preexec_fn=_no_files)
+    command = [sys.executable, "-c", BREAKING]
+    outcome = subprocess.run(command, capture_output=True, text=True, timeout=60, preexec_fn=_no_files)
     assert outcome.returncode == 70
     assert "no report could be written" in outcome.stderr
     assert outcome.stderr.count("\n") == 1
@@ -64,11 +83,11 @@ def _no_files():
         ("raise BrokenPipeError(32, 'Broken pipe')", 2, "Broken pipe"),  # another pipe than standard output
     ],
 )
-def test_what_is_no_defect(statement, code, words):
-    outcome = ended_by(statement)
-    assert outcome.returncode == code
-    assert words in outcome.stderr
-    assert outcome.stderr.count("\n") == 1
+def test_what_is_no_defect(ended_by, statement, code, words):
+    found, _, told = ended_by(statement)
+    assert found == code
+    assert words in told
+    assert told.count("\n") == 1
 
 
 def test_nothing_that_is_quoted_is_too_long_to_be_read():

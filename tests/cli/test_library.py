@@ -5,24 +5,17 @@ import os
 import re
 import subprocess
 import sys
-import warnings
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from comove.cli import learn, library, solve  # noqa: F401  registers the verbs
-from comove.cli.app import app
 from comove.demonstrations import Demonstration, write_csv
 from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
+from tests.cases import spread
 from tests.cli.test_cli import SCENE, SWING
+from tests.commands import invoke
 
 VERBS = ("add", "combine", "find", "list", "remove", "show")
-
-
-def invoke(*arguments):
-    with warnings.catch_warnings():
-        return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def good(*arguments, code=0):
@@ -314,7 +307,9 @@ def test_solve_with_an_unfit_library(filled):
 # --- Help ---
 
 
-@pytest.mark.parametrize("arguments", [("learn",), ("library",), *(("library", verb) for verb in VERBS)])
+@pytest.mark.parametrize(
+    "arguments", spread([("learn",), ("library",), *(("library", verb) for verb in VERBS)], 3)
+)
 def test_help_is_there_and_quick(arguments):
     code = (
         "import sys; from comove.cli import main; sys.argv = ['comove', *sys.argv[1:]]\n"

@@ -9,22 +9,16 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from comove.cli import app as _  # noqa: F401
-from comove.cli import demo, learn, library, robot, robot_files, show, solve, verify  # noqa: F401  registers the verbs
-from comove.cli.app import app
+from comove.cli import robot
 from comove.experiments.examples import example_path
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
 from comove.robots import description as descriptions
+from tests.commands import invoke
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENE = EXAMPLES / "baxter" / "gap_30.yaml"
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
 def text_of(result):
@@ -36,7 +30,7 @@ def text_of(result):
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory):
     folder = tmp_path_factory.mktemp("robot") / "result"
-    result = run("robot", "solve", SCENE, "--out", folder)
+    result = invoke("robot", "solve", SCENE, "--out", folder)
     assert result.exit_code == 0, text_of(result)
     return folder
 
@@ -107,9 +101,9 @@ def test_the_robot_is_the_scenes_or_the_commands_whatever_the_folder_says(copy, 
     looser["springs"] = dict.fromkeys(looser.get("springs", {}), 0.9)
     (tmp_path / "looser.yaml").write_text(yaml.safe_dump(looser))
     edited(copy, robot_file=str(tmp_path / "looser.yaml"))
-    assert run("verify", SCENE, copy).exit_code == 0  # by the scene's own
+    assert invoke("verify", SCENE, copy).exit_code == 0  # by the scene's own
     edited(copy, robot_sha256=Robot.load(tmp_path / "looser.yaml").sha256)
-    rejected = run("verify", SCENE, copy)
+    rejected = invoke("verify", SCENE, copy)
     assert rejected.exit_code == 1
     assert "is not the robot that was judged" in rejected.stderr
 
@@ -119,20 +113,20 @@ def test_a_folder_cannot_bring_a_robot_of_its_own(copy, tmp_path):
     """The scene names none: a bundled one may be named by the folder, another by the command alone."""
     nameless = scene_with(tmp_path, robot=None)
     out = tmp_path / "out"
-    assert run("robot", "solve", nameless, "--out", out, "--robot", "baxter").exit_code == 0
-    assert run("verify", nameless, out).exit_code == 0
+    assert invoke("robot", "solve", nameless, "--out", out, "--robot", "baxter").exit_code == 0
+    assert invoke("verify", nameless, out).exit_code == 0
     shutil.copy(descriptions.BUNDLED / "baxter.yaml", tmp_path / "mine.yaml")
     edited(out, robot_file=str(tmp_path / "mine.yaml"))
-    refused = run("verify", nameless, out)
+    refused = invoke("verify", nameless, out)
     assert refused.exit_code == 2
     assert "neither the scene nor the command names a robot" in refused.stderr
-    assert run("verify", nameless, out, "--robot", "baxter").exit_code == 0
+    assert invoke("verify", nameless, out, "--robot", "baxter").exit_code == 0
 
 
 def test_verify_says_where_no_joints_were_judged(copy):
     for name in ("robot.json", "joints.npz", "scene.json", "joints.png"):
         (copy / name).unlink()
-    result = run("verify", SCENE, copy)
+    result = invoke("verify", SCENE, copy)
     assert result.exit_code == 0
     assert "the hands alone" in result.stdout
 
@@ -143,35 +137,35 @@ def test_verify_says_where_no_joints_were_judged(copy):
 )
 def test_show_refuses_entries_that_are_none(copy, changes):
     edited(copy, **changes)
-    shown = run("show", copy)
+    shown = invoke("show", copy)
     assert shown.exit_code == 2 and shown.stdout == ""
     assert shown.stderr.startswith(f"error: {copy}/robot.json: {next(iter(changes))}: ")
 
 
 def test_show_tells_an_edit(copy):
     edited(copy, load_mass=0.3)
-    assert run("show", copy).exit_code == 0  # well signed: that is for `verify` to find
-    assert run("verify", SCENE, copy).exit_code == 1
+    assert invoke("show", copy).exit_code == 0  # well signed: that is for `verify` to find
+    assert invoke("verify", SCENE, copy).exit_code == 1
     summary = json.loads((copy / "robot.json").read_text()) | {"load_mass": 0.2}
     (copy / "robot.json").write_text(json.dumps(summary))
-    assert "was edited" in run("show", copy).stderr
+    assert "was edited" in invoke("show", copy).stderr
 
 
 def test_verify_and_show_speak_of_the_robot(solved):
-    result = run("verify", SCENE, solved)
+    result = invoke("verify", SCENE, solved)
     assert result.exit_code == 0 and "baxter:" in text_of(result)
-    assert "shares of the limits" in text_of(run("show", solved))
+    assert "shares of the limits" in text_of(invoke("show", solved))
 
 
 def test_export_writes_what_it_says_and_nothing_twice(copy):
-    result = run("robot", "export", copy, "--no-transfers")
+    result = invoke("robot", "export", copy, "--no-transfers")
     assert result.exit_code == 0, text_of(result)
     header, *rows = (copy / "baxter.csv").read_text().splitlines()
     assert header.split(",")[:3] == ["time", "left_s0", "left_s1"] and header.count(",") == 16
     assert len(rows) == 1001
-    again = run("robot", "export", copy, "--no-transfers")
+    again = invoke("robot", "export", copy, "--no-transfers")
     assert again.exit_code == 2 and "baxter.csv" in text_of(again)
-    assert run("robot", "solve", SCENE, "--out", copy, "--budget", "0").exit_code == 2
+    assert invoke("robot", "solve", SCENE, "--out", copy, "--budget", "0").exit_code == 2
     assert (copy / "baxter.csv").is_file()
 
 
@@ -186,19 +180,19 @@ def test_the_formats_that_the_help_names_are_those_there_are():
 def test_what_cannot_be_exported_is_told_before_ways_are_planned(copy, monkeypatch, arguments, word):
     monkeypatch.setattr("comove.robots.plan_transfers", lambda *args: pytest.fail("it was planned"))
     (copy / "motion_release.npz").write_text("of somebody else")
-    result = run("robot", "export", copy, *arguments)
+    result = invoke("robot", "export", copy, *arguments)
     assert result.exit_code == 2 and word in text_of(result)
 
 
 def test_simulate_delivers(copy):
-    result = run("robot", "simulate", copy, "--no-pictures")
+    result = invoke("robot", "simulate", copy, "--no-pictures")
     assert result.exit_code == 0, text_of(result)
     summary = json.loads((copy / "simulation.json").read_text())
     assert summary["delivered"] is True and not summary["contacts"]
-    assert result.stdout.strip() in run("show", copy).stdout
+    assert result.stdout.strip() in invoke("show", copy).stdout
     summary["lag_max"] = 0.0
     (copy / "simulation.json").write_text(json.dumps(summary))
-    assert "its own checksum does not fit" in text_of(run("show", copy))
+    assert "its own checksum does not fit" in text_of(invoke("show", copy))
 
 
 @pytest.mark.parametrize("name", ["joints.npz", "robot.json", "scene.json", "solution.npz"])
@@ -213,34 +207,34 @@ def test_an_edited_folder_is_refused_everywhere(copy, name):
     else:
         path.write_text(path.read_text().replace("0.25", "0.26", 1))  # the load's mass
     for verb in (["export", copy], ["simulate", copy], ["send", copy]):
-        result = run("robot", *verb)
+        result = invoke("robot", *verb)
         assert result.exit_code == 2 and "not verified" in text_of(result), (verb, text_of(result))
-    assert run("verify", SCENE, copy).exit_code == 1
+    assert invoke("verify", SCENE, copy).exit_code == 1
 
 
 def test_what_to_do_is_told_once(copy):
     with np.load(copy / "joints.npz") as arrays:
         data = dict(arrays)
     np.savez(copy / "joints.npz", **data | {"position": data["position"][:, :13]})
-    assert run("robot", "export", copy).stderr.count("solve the scene again") == 1
+    assert invoke("robot", "export", copy).stderr.count("solve the scene again") == 1
 
 
 @pytest.mark.slow
 def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
     scene = scene_with(tmp_path, duration=1.0, limits={"speed": 5.0})
-    result = run("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 8)
+    result = invoke("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 8)
     assert result.exit_code == 1, text_of(result)
     needed = re.search(r"1 s are too short for the limits: (\S+) s would do", text_of(result))[1]
-    again = run("robot", "solve", scene, "--out", tmp_path / "again", "--budget", 20, "--duration", needed)
+    again = invoke("robot", "solve", scene, "--out", tmp_path / "again", "--budget", 20, "--duration", needed)
     assert again.exit_code == 0, text_of(again)
     assert json.loads((tmp_path / "out" / "solution.json").read_text())["verified"] is False
-    exported = run("robot", "export", tmp_path / "out")
+    exported = invoke("robot", "export", tmp_path / "out")
     assert exported.exit_code == 2 and "not verified" in text_of(exported)
 
 
 def test_a_duration_left_out_is_as_short_as_joints_and_hands_allow(tmp_path):
     scene = scene_with(tmp_path, duration=None, limits={"speed": 5.0, "acceleration": 20.0, "jerk": 500.0})
-    result = run("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 10)
+    result = invoke("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 10)
     assert result.exit_code == 0, text_of(result)
     report = read_joints(tmp_path / "out").summary
     used = [report[f"{what}_ratio_max"] for what in ("velocity", "acceleration", "torque")]
@@ -270,7 +264,7 @@ LONG = [{"name": "left", "start": [0.6, 0.9, 0.05], "goal": [0.6, 0.8, 0.05]},
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
-    result = run("robot", "solve", scene_with(tmp_path, **changes), "--out", tmp_path / "out")
+    result = invoke("robot", "solve", scene_with(tmp_path, **changes), "--out", tmp_path / "out")
     assert result.exit_code == 2, text_of(result)
     assert not (tmp_path / "out").exists()
     for word in words:
@@ -296,7 +290,7 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
     ],
 )
 def test_wrong_words_on_the_command_line(arguments, word):
-    result = run("robot", *arguments)
+    result = invoke("robot", *arguments)
     assert result.exit_code == 2 and word in text_of(result)
 
 
@@ -305,9 +299,9 @@ def test_wrong_words_on_the_command_line(arguments, word):
 def test_the_papers_pipeline_with_a_robot(passage, tmp_path):
     """Movements of a library combined for one hand, given to both, optimised for arms that follow, simulated."""
     for shape in ("Sine", "CShape", "Line"):
-        result = run("library", "add", f"lasa:{shape}", "--folder", tmp_path / "library")
+        result = invoke("library", "add", f"lasa:{shape}", "--folder", tmp_path / "library")
         assert result.exit_code == 0, text_of(result)
-    result = run(
+    result = invoke(
         *("robot", "solve", example_path(f"baxter_{passage}"), "--out", tmp_path / "arms", "--budget", 60),
         *("--method", "paper", "--library", tmp_path / "library", "--weights", "1,0.2,10"),
     )
@@ -315,13 +309,13 @@ def test_the_papers_pipeline_with_a_robot(passage, tmp_path):
     assert "a combination of" in text_of(result)
     summary = json.loads((tmp_path / "arms" / "solution.json").read_text())
     assert summary["verified"] and summary["method"] == "paper"
-    assert run("verify", tmp_path / "arms" / "scene.json", tmp_path / "arms").exit_code == 0
-    assert run("robot", "simulate", tmp_path / "arms").exit_code == 0
+    assert invoke("verify", tmp_path / "arms" / "scene.json", tmp_path / "arms").exit_code == 0
+    assert invoke("robot", "simulate", tmp_path / "arms").exit_code == 0
 
 
 def test_a_robot_that_is_not_there(solved, monkeypatch):
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
-    result = run("robot", "send", solved, "--timeout", "1")
+    result = invoke("robot", "send", solved, "--timeout", "1")
     assert result.exit_code == 2 and "ros" in text_of(result).lower()
 
 
@@ -330,24 +324,24 @@ XARM = "package://xarm_description/urdf/xarm7.urdf"
 
 def test_a_description_from_a_model_is_written_checked_and_drawn(tmp_path):
     file = tmp_path / "xarms.yaml"
-    made = run("robot", "new", XARM, XARM, "--out", file)
+    made = invoke("robot", "new", XARM, XARM, "--out", file)
     assert made.exit_code == 0, text_of(made)
     assert "to be checked" in made.output
     assert Robot.load(file).joint_names[0].startswith("left_")
     assert (tmp_path / "xarms.png").stat().st_size > 10_000
     before = file.read_bytes()
-    checked = run("robot", "check", file, "--out", tmp_path / "other.png")
+    checked = invoke("robot", "check", file, "--out", tmp_path / "other.png")
     assert checked.exit_code == 0
     assert "in reach of the other's" in checked.output
     assert (tmp_path / "other.png").is_file()
-    again = run("robot", "new", XARM, "--out", file)
+    again = invoke("robot", "new", XARM, "--out", file)
     assert again.exit_code == 2
     assert "already" in text_of(again)
     assert file.read_bytes() == before
 
 
 def test_bases_that_stand_in_each_other_are_no_sound_robot(tmp_path):
-    made = run("robot", "new", XARM, XARM, "--apart", "0.02", "--out", tmp_path / "robot.yaml")
+    made = invoke("robot", "new", XARM, XARM, "--apart", "0.02", "--out", tmp_path / "robot.yaml")
     assert made.exit_code == 1
     assert "NOT SOUND" in made.output
     assert "touch" in made.output
@@ -367,7 +361,7 @@ def test_bases_that_stand_in_each_other_are_no_sound_robot(tmp_path):
 )
 def test_what_is_no_model(arguments, words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    refused = run("robot", "new", *arguments)
+    refused = invoke("robot", "new", *arguments)
     assert refused.exit_code == 2
     assert words in text_of(refused)
     assert not list(tmp_path.iterdir())

@@ -5,10 +5,8 @@ import json
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
-from comove.cli import run  # noqa: F401  registers the verb
-from comove.cli.app import app
+from tests import commands
 
 SCENE = {
     "name": "crossing",
@@ -32,7 +30,7 @@ def invoke(tmp_path):
     def call(scene=SCENE, *options):
         path = tmp_path / "scene.yaml"
         path.write_text(yaml.safe_dump(scene), encoding="utf-8")
-        return CliRunner().invoke(app, ["run", str(path), "--out", str(tmp_path / "out"), *options])
+        return commands.invoke("run", path, "--out", tmp_path / "out", *options)
 
     return call
 

@@ -11,6 +11,7 @@ import time
 import pytest
 import yaml
 
+from tests.cases import spread
 from tests.cli.test_cli import SCENE
 from tests.cli.test_run import SCENE as RUN
 
@@ -76,7 +77,7 @@ def is_whole(folder, made):
     return set(os.listdir(folder / "out")) == set(os.listdir(first / "out"))
 
 
-@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP"])
+@pytest.mark.parametrize("name", spread(["SIGTERM", "SIGINT", "SIGHUP"], 1))
 def test_what_ends_a_command_leaves_nothing_behind(made, folder, name):
     number = getattr(signal, name)
     assert ended_while_writing(folder, made[1], number) in (0, 130 if name == "SIGINT" else 128 + number)
@@ -84,6 +85,7 @@ def test_what_ends_a_command_leaves_nothing_behind(made, folder, name):
     assert is_whole(folder, made)
 
 
+@pytest.mark.slow
 def test_what_a_killed_command_leaves_goes_with_the_next(made, folder):
     assert ended_while_writing(folder, made[1], signal.SIGKILL) == -signal.SIGKILL
     assert is_whole(folder, made)

@@ -6,7 +6,9 @@ import sys
 
 import pytest
 
-from tests.cli.test_cli import SCENE, invoke
+from tests.cases import spread
+from tests.cli.test_cli import SCENE
+from tests.commands import invoke
 
 VERBS = [
     (),
@@ -67,9 +69,9 @@ def test_help_onto_a_full_disk_says_so(verb):
 
 SAYING = [
     ("verify", "good.yaml", "good"),
-    ("show", "good"),
+    pytest.param(("show", "good"), marks=pytest.mark.slow),
     pytest.param(("solve", "good.yaml", "--out", "again", "--json"), marks=pytest.mark.slow),
-    ("solve", "good.yaml", "--out", "again"),
+    pytest.param(("solve", "good.yaml", "--out", "again"), marks=pytest.mark.slow),
     pytest.param(("run", "good.yaml", "--out", "ran"), marks=pytest.mark.slow),
     ("library", "list", "--json"),
     ("--version",),
@@ -106,9 +108,7 @@ def test_a_result_is_there_before_the_pipe_is_found_closed(folder):
     ],
     ids=lambda x: "_".join(x) if isinstance(x, tuple) else str(x),
 )
-@pytest.mark.parametrize(
-    "closing", [pytest.param(">&-", marks=pytest.mark.slow), "<&- >&- 2>&-", "2>/dev/full"]
-)
+@pytest.mark.parametrize("closing", spread(["<&- >&- 2>&-", ">&-", "2>/dev/full"], 1))
 def test_streams_that_are_closed_do_not_change_the_verdict(folder, command, code, closing):
     shell = f'"$0" -m comove "$@" {closing}'
     outcome = subprocess.run(

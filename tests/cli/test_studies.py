@@ -12,21 +12,15 @@ from pathlib import Path
 
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 import comove
-from comove.cli import generate, sweep  # noqa: F401  registers the verbs
-from comove.cli.app import app
 from comove.studies import Study, StudyStore
 from comove.studies.episode import restored
 from comove.studies.runs import RUNS, UNREPEATED
+from tests.commands import invoke
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "studies"
-
-
-def invoke(*arguments):
-    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 def refused(outcome, *words):

@@ -13,8 +13,10 @@ from comove.cli import bench, demo, learn, library, reproduce, robot, run, show,
 from comove.errors import ResultError
 from comove.io.folders import check_target
 from comove.results import RESULT
-from tests.cli.test_cli import SCENE, SWING, invoke
+from tests.cases import spread
+from tests.cli.test_cli import SCENE, SWING
 from tests.cli.test_cli import run as started
+from tests.commands import invoke
 
 FOLDERS = {
     "solve": ("solve", "scene.yaml", "--budget", "100"),
@@ -206,7 +208,9 @@ def test_a_folder_to_work_in_that_may_only_be_read(tmp_path, disk):
 
 @pytest.mark.parametrize(
     "arguments",
-    [("solve", "s.yaml", "--out", "o"), ("show", "o"), ("learn", "a.csv", "--out", "b"), ("demo",)],
+    spread(
+        [("solve", "s.yaml", "--out", "o"), ("show", "o"), ("learn", "a.csv", "--out", "b"), ("demo",)], 1
+    ),
 )
 def test_a_folder_to_work_in_that_is_gone(tmp_path, arguments):
     shell = 'cd "$1" && rmdir "$1" && shift && exec "$0" -m comove "$@"'

@@ -59,6 +59,7 @@ def robot(master, brief, monkeypatch):
         yield start
 
 
+@pytest.mark.slow  # in real time
 def test_both_arms_finish_in_step(robot, brief):
     servers, client = robot()
     outcome = send(client, brief, tolerances=BRIEF)

@@ -35,7 +35,7 @@ def random_pair(rng, kind):
     name, size = KINDS[kind][0], np.exp(rng.uniform(np.log(0.01), np.log(0.6), 3))[: KINDS[kind][1]]
     table = row(name, 0.4 * rng.standard_normal(3), random_turn(rng), size)
     half, turn = np.exp(rng.uniform(np.log(0.005), np.log(0.4), 3)), random_turn(rng)
-    return table, np.vstack([np.zeros(3), (turn * half).T])
+    return table, np.ascontiguousarray(np.vstack([np.zeros(3), (turn * half).T]))
 
 
 def both(table, solid, cutoff=np.inf):

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pytest
 
 from comove.planning import Comove, Paper, PaperCost, solve
 from comove.planning.methods import UNPOLISHED
@@ -74,6 +75,7 @@ def test_smooth_motions_stay_where_their_carrier_can_go():
     assert found.report.acceleration_max < 0.2 * paper.report.acceleration_max
 
 
+@pytest.mark.slow
 def test_the_papers_method_asks_it_about_the_load_as_it_is():
     """However small a load that grows is drawn, hands hold the real one."""
 

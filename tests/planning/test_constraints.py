@@ -16,6 +16,7 @@ from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import plan
 from comove.scenes import Scene
 from tests import brute_force
+from tests.cases import spread
 from tests.planning.test_planner import between as along_edges
 from tests.planning.test_solver import assert_verified, scene_of
 from tests.verification.random_motions import held_scene, motion_on, scene_data
@@ -144,13 +145,16 @@ def test_a_motion_is_found(name, seed):
 
 
 @pytest.mark.parametrize(
-    "name", ["swap round a disc", "tray of three", "planar tray", "level hands", "pose through a slit"]
+    "name",
+    spread(["swap round a disc", "tray of three", "planar tray", "level hands", "pose through a slit"], 2),
 )
 def test_a_motion_is_found_without_the_planner(name):
     assert_kept(comove.solve(SCENES[name](), seed=0, planner=False))
 
 
-@pytest.mark.parametrize("name", ["swap", "bar and hand", "planar tray", "level hands in space", "level bar"])
+@pytest.mark.parametrize(
+    "name", spread(["swap", "bar and hand", "planar tray", "level hands in space", "level bar"], 2)
+)
 def test_a_motion_is_found_by_projection(name):
     assert_kept(comove.solve(SCENES[name](), seed=0, method=Projection()))
 

@@ -17,6 +17,7 @@ from comove.planning import carried_demonstration
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene
 from tests import brute_force
+from tests.cases import spread
 from tests.solved import example, random_scene, solved
 from tests.verification.random_motions import scene_data
 
@@ -143,7 +144,7 @@ def test_global_random_state_does_not_matter():
 # --- Budget and interruption ---
 
 
-@pytest.mark.parametrize("budget", [0.3, 2.0])
+@pytest.mark.parametrize("budget", spread([0.3, 2.0], 1))
 @pytest.mark.parametrize("options", [{}, {"planner": False}, {"obstacles": "cost"}])
 def test_the_budget_is_kept_where_there_is_no_solution(budget, options):
     begun = time.perf_counter()

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from comove.reaction.twist_qp import TwistProgramme
 from comove.reaction.twists import nodes_of, poses_of
+from tests.cases import spread
 
 from .moving import World, run, scene_of
 
@@ -45,8 +46,8 @@ def towards(target, turning=0.0):
     return wanted
 
 
-@pytest.mark.parametrize("acceleration", [None, 2.0])
 @pytest.mark.parametrize("shape", STILL)
+@pytest.mark.parametrize("acceleration", spread([2.0, None], 1))
 @pytest.mark.parametrize("turning", [0.0, 4.0])
 def test_a_bar_driven_at_an_obstacle_never_touches_it(shape, acceleration, turning):
     scene = scene_of([STILL[shape] | {"center": [3.0, 2.05]}], limits={"acceleration": acceleration})
@@ -60,7 +61,7 @@ def test_a_bar_driven_at_an_obstacle_never_touches_it(shape, acceleration, turni
         assert World(scene).clearance(nodes_of(scene, found.poses)) < 0.02
 
 
-@pytest.mark.parametrize("acceleration", [None, 2.0])
+@pytest.mark.parametrize("acceleration", spread([2.0, None], 1))
 @pytest.mark.parametrize("shape", SOLID)
 def test_nor_in_space(shape, acceleration):
     scene = scene_of(
@@ -84,7 +85,7 @@ def test_nor_in_space(shape, acceleration):
         ("box", True, {"constraints": [{"type": "upright"}]}),
     ],
 )
-@pytest.mark.parametrize("acceleration", [None, 2.0])
+@pytest.mark.parametrize("acceleration", spread([2.0, None], 1))
 def test_other_loads_driven_about_touch_nothing(load, spatial, more, acceleration):
     """Wanted velocities that no load could have, changing every second, among obstacles."""
     z = [2.1] if spatial else []
@@ -134,7 +135,7 @@ def test_random_drives_among_random_obstacles(seed, acceleration):
         assert found.acceleration <= acceleration * (1 + ROUND)
 
 
-@pytest.mark.parametrize("acceleration", [None, 2.0, 5.0])
+@pytest.mark.parametrize("acceleration", spread([None, 5.0, 2.0], 2))
 @pytest.mark.parametrize("spatial", [False, True])
 @pytest.mark.parametrize("turn", [0.0, 0.6])
 def test_what_comes_at_nine_tenths_of_the_speed_limit_is_met(acceleration, spatial, turn):
@@ -175,7 +176,7 @@ def test_what_closes_in_from_both_sides_and_stops_does_not_touch(acceleration):
 
 
 @pytest.mark.parametrize("spatial", [False, True])
-@pytest.mark.parametrize("rate", [-2.0, 1.0, 3.0])
+@pytest.mark.parametrize("rate", spread([-2.0, 1.0, 3.0], 2))
 def test_a_spinning_box_pushes_the_bar_away(spatial, rate):
     """A long blade sweeps over where the bar wants to be."""
     z = [2.0] if spatial else []

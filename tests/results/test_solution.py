@@ -174,7 +174,7 @@ def test_an_attempt_is_labelled_so(tmp_path):
 # --- Edits ---
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(st.data())
 def test_an_edited_number_is_rejected_however_small_the_edit(tmp_path_factory, data):
     """The next representable number suffices."""

@@ -807,7 +807,7 @@ def mutated(draw):
     return data
 
 
-@settings(max_examples=600, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=mutated())
 @example(data=edited(SPATIAL, ("obstacles", 0, "box"), 3))
 @example(data=SPATIAL | {"constraints": [{"type": "distance", "distance": -1, "tolerance": -1}]})

@@ -71,6 +71,7 @@ def test_all_runs_are_there_in_any_number_of_processes_and_parts(tmp_path, whole
     assert rows(tmp_path / "merged") == whole
 
 
+@pytest.mark.slow
 def test_what_is_there_is_not_run_again_and_more_can_be_asked_for(tmp_path, whole):
     log = tmp_path / "log"
     run_study(FakeStudy(25, log=log), tmp_path / "study", on_processes(2))
@@ -84,6 +85,7 @@ def test_what_is_there_is_not_run_again_and_more_can_be_asked_for(tmp_path, whol
     assert rows(tmp_path / "study") == whole
 
 
+@pytest.mark.slow
 def test_three_kills_mark_a_run_and_the_rest_goes_on(tmp_path):
     study = FakeStudy(12, killers=(3, 7), raisers=(5,), log=tmp_path / "log")
     run_study(study, tmp_path / "study", on_processes(2))
@@ -116,6 +118,7 @@ def test_an_edited_study_is_refused_with_what_changed(tmp_path, whole):
     assert not (tmp_path / "merged").exists()
 
 
+@pytest.mark.slow
 def test_two_drivers_at_one_store_are_refused(tmp_path, whole):
     first = start(tmp_path / "study")
     assert first.stdout.readline()

@@ -324,7 +324,7 @@ def test_the_distance_of_free_hands_is_bounded_at_every_instant(seed, n_dims):
     assert rejected == (verdict.report.distance_error_max > min(c.tolerance for c in motion.scene.distances))
 
 
-@settings(max_examples=15)
+@settings(max_examples=6)
 @given(seeds, st.sampled_from([2, 3]))
 def test_the_clearance_of_free_hands_is_certified_below_what_is_there(seed, n_dims):
     rng = np.random.default_rng(seed)

@@ -1,36 +1,30 @@
 """Pages to send: they say what was judged anew, and load nothing from anywhere."""
 
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
 from comove.experiments.examples import example_path
+from tests.commands import invoke
 
 pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")
 
 LOADS = re.compile(r"""(?:src|href)\s*=\s*["'](?!data:|#)[^"']+""")
 
 
-def comove(*arguments, folder):
-    command = [sys.executable, "-m", "comove", *map(str, arguments)]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
-
-
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory):
     folder = tmp_path_factory.mktemp("solved")
     assert (
-        comove("solve", example_path("wide"), "--out", "result", "--budget", 5, folder=folder).returncode == 0
+        invoke("solve", example_path("wide"), "--out", "result", "--budget", 5, folder=folder).exit_code == 0
     )
     return folder
 
 
 def test_a_report_of_a_result(solved):
-    done = comove("report", "result", "--html", "report.html", folder=solved)
-    assert done.returncode == 0, done.stderr
+    done = invoke("report", "result", "--html", "report.html", folder=solved)
+    assert done.exit_code == 0, done.stderr
     assert "verified" in done.stdout
     page = (solved / "report.html").read_text(encoding="utf-8")
     outside = page.replace(re.search(r'srcdoc="[^"]*"', page)[0], "")
@@ -49,15 +43,15 @@ def test_an_edited_result_is_not_reported_as_verified(solved, tmp_path):
     arrays["position"] = arrays["position"] + 1e-3
     np.savez(tmp_path / "result" / "solution.npz", **arrays)
     for command in (("report", "result"), ("view", "result")):
-        done = comove(*command, "--html", "page.html", folder=tmp_path)
-        assert done.returncode == 1, done.stderr
+        done = invoke(*command, "--html", "page.html", folder=tmp_path)
+        assert done.exit_code == 1, done.stderr
         assert "NOT VERIFIED" in done.stdout
         assert "ot verified" in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_a_page_of_a_result(solved):
-    done = comove("view", "result", "--html", "page.html", folder=solved)
-    assert done.returncode == 0, done.stderr
+    done = invoke("view", "result", "--html", "page.html", folder=solved)
+    assert done.exit_code == 0, done.stderr
     page = (solved / "page.html").read_text(encoding="utf-8")
     assert "wide: verified at every instant" in page
     assert "default-src 'unsafe-inline'" in page
@@ -76,7 +70,7 @@ def test_a_page_of_a_result(solved):
     ],
 )
 def test_wrong_wishes_are_refused_in_words(tmp_path, arguments, words):
-    done = comove(*arguments, folder=tmp_path)
-    assert done.returncode == 2
+    done = invoke(*arguments, folder=tmp_path)
+    assert done.exit_code == 2
     assert words in done.stderr
     assert not list(tmp_path.iterdir())

@@ -135,6 +135,7 @@ def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_sta
     assert session.stage._pale
 
 
+@pytest.mark.slow
 def test_just_the_obstacle_that_is_named_is_coloured(opened):
     page, session, _ = opened
     grip = grips_of(session.scene)[0]
@@ -185,6 +186,7 @@ def test_a_run_is_stopped_by_its_button_and_by_a_change(opened):
     assert session.stage.recording.time[-1] == pytest.approx(6.0)
 
 
+@pytest.mark.slow
 def test_a_result_takes_the_place_of_no_other_folder(opened):
     page, session, folder = opened
     (folder / "taken").mkdir()
@@ -210,6 +212,7 @@ def test_pages_do_not_disturb_each_other(bench):
     second.close()
 
 
+@pytest.mark.slow
 def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(opened):
     page, session, _ = opened
     on_loop(session, session.changed, "beside", "projection")
@@ -250,6 +253,7 @@ def test_a_drawn_movement_is_learned_used_at_once_and_kept(opened):
     )
 
 
+@pytest.mark.slow
 def test_what_is_held_stays_while_the_scene_changes(opened):
     _, session, _ = opened
     on_loop(session, session.changed, "beside", "the motion shown now")

@@ -107,7 +107,11 @@ def first_rows(
     work.slack[:] = 0.0
     _objective(qp, center, wanted)
     moved_obstacles(table, velocity, spin, rates.period, work.table_after)
-    m, clearance, pace = 0, np.inf, 0.0
+    m, clearance, pace = (
+        np.int64(0),
+        np.inf,
+        0.0,
+    )  # a plain 0 would have all kernels below compiled for it as well
     work.gain[:] = rates.gain
     for i in range(n_hands):
         g, fast = points.node_group[i], length_of(before[i])

@@ -139,13 +139,11 @@ def _tangent(qp: QP, m: int, b: int, y: Array, bend: Array) -> int:
     length = sqrt(x * x + y * y + z * z)
     if not length > ball[3] * (1.0 + ROUND):
         return m
-    x, y, z = x / length, y / length, z / length
+    x, y, z = out = x / length, y / length, z / length
     for c in range(work.rows.shape[1]):
-        work.rows[m, c] = -(
-            x * _bound(qp, b, n_hands, 0, c)
-            + y * _bound(qp, b, n_hands, 1, c)
-            + z * _bound(qp, b, n_hands, 2, c)
-        )
+        work.rows[m, c] = 0.0
+        for axis in range(3):
+            work.rows[m, c] -= out[axis] * _bound(qp, b, n_hands, axis, c)
     inside = INSIDE if b < n_hands else INSIDE_BENDS
     off = x * (ball[0] - bend[0]) + y * (ball[1] - bend[1]) + z * (ball[2] - bend[2])
     work.low[m] = -(1.0 - inside) * ball[3] - off

@@ -483,10 +483,10 @@ class Scene:
 
 @lru_cache(maxsize=8)  # a search asks for them in every generation
 def _offsets_along(scene: Scene, n_steps: int) -> Array:
-    if not scene.moving.any():
-        return np.zeros((0, len(scene.obstacles), 3))
-    offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, n_steps)))
-    offsets.setflags(write=False)
+    offsets = np.zeros((0, len(scene.obstacles), 3))
+    if scene.moving.any():
+        offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, n_steps)))
+    offsets.setflags(write=False)  # in either case: kernels are compiled for what may be written, or may not
     return offsets
 
 

@@ -18,6 +18,8 @@ pytest.importorskip("rosbags")
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
+from tests.cases import spread
+
 KINDS = ["one.bag", "one.mcap", "one.db3", "folder", "sqlite"]
 FILES = KINDS[:3]
 SHARED_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
@@ -78,7 +80,7 @@ def path(tmp_path):
     return tmp_path / "bag"
 
 
-@pytest.mark.parametrize("name", KINDS)
+@pytest.mark.parametrize("name", spread(KINDS, 2))
 @SHARED_FOLDER
 @given(st.integers(2, 30), st.integers(0, 2**32 - 1))
 def test_what_is_written_is_read_bit_by_bit(tmp_path_factory, hand, name, n_steps, seed):

@@ -13,7 +13,8 @@ from comove.demonstrations import Demonstration, resampling
 from comove.demonstrations.cleaning import LENGTHS
 from comove.demonstrations.formats import tables
 from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
-from tests.cli.test_cli import assert_refused, invoke
+from tests.cli.test_cli import assert_refused
+from tests.commands import invoke
 
 TIME = np.arange(0.0, 8.0, 0.01)
 SHARE = np.clip((TIME - 2.0) / 3.0, 0.0, 1.0)

@@ -129,6 +129,7 @@ def test_a_tighter_bound_holds_the_middle_closer():
     assert 5 < errors[1] / errors[0] < 20
 
 
+@pytest.mark.slow
 def test_a_mesh_of_many_rows_leaves_what_comes_after_it_where_it_is(tmp_path):
     """A ball crosses the way. A tube that stands in the far corner, and comes first in the file, changes nothing."""
     write_obj(tmp_path / "tube.obj", *ring(n=10))

@@ -10,10 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from comove.cli import reproduce  # noqa: F401  registers the verb
-from comove.cli.app import app
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError
 from comove.experiments.examples import copy_examples, example
@@ -32,6 +29,7 @@ from comove.experiments.paper.runs import (
 from comove.experiments.paper.tables import all_runs
 from comove.io.folders import check_target
 from comove.primitives import DMP
+from tests.commands import invoke
 from tests.experiments.paper.ideal import GOOD, MOVEMENTS, changed, ideal_runs
 
 
@@ -163,8 +161,8 @@ def test_they_draw_none_indeed(who):
     )
 
 
-def invoke(*words):
-    return CliRunner().invoke(app, ["reproduce", *map(str, words)])
+def reproduce(*words):
+    return invoke("reproduce", *words)
 
 
 def test_bad_input_is_told_in_one_sentence_and_nothing_is_written(tmp_path):
@@ -177,7 +175,7 @@ def test_bad_input_is_told_in_one_sentence_and_nothing_is_written(tmp_path):
         (("--seeds", 1, "--out", tmp_path / "file"), "it is a file"),
         (("--seeds", 1, "--out", tmp_path / "other"), "holds no reproduction"),
     ):
-        result = invoke(*words)
+        result = reproduce(*words)
         assert result.exit_code == 2, result.output
         assert said in result.stderr and len(result.stderr.strip().splitlines()) == 1
     assert {path.name for path in tmp_path.iterdir()} == {"file", "other"}
@@ -208,7 +206,7 @@ def test_ctrl_c_ends_it_at_once_and_leaves_nothing(tmp_path):
 
 @pytest.mark.slow
 def test_a_small_reproduction(tmp_path):
-    result = invoke("--seeds", 1, "--out", tmp_path / "small")
+    result = reproduce("--seeds", 1, "--out", tmp_path / "small")
     assert result.exit_code == 0, result.output
     files = {p.relative_to(tmp_path / "small").as_posix() for p in (tmp_path / "small").rglob("*.*")}
     assert files | {f"paper/{name}" for name in FAILED.values()} == CONTENTS.names

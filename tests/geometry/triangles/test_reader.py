@@ -268,11 +268,11 @@ LARGE = {
     "a.dae": lambda: WEDGE.replace("<asset>", "<a/>" * 5_000_000 + "<asset>").encode(),
     "b.dae": lambda: WEDGE.replace("0 2 1 0", "0 2 1 " * 4_000_000 + "0").encode(),
 }  # fmt: skip
+LONG = ("d.obj", "a.dae", "b.dae", "c.ply")
 
 
 @pytest.mark.parametrize(
-    "name",
-    [pytest.param(name, marks=pytest.mark.slow if name in ("d.obj", "b.dae") else ()) for name in LARGE],
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in LARGE]
 )
 def test_large_ones_are_answered_soon_and_within_bounds(name):
     """A few seconds and 1 GB, whatever it is; 60 s leave room for any machine, what is quadratic takes hours."""

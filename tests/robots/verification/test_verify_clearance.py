@@ -177,6 +177,7 @@ def test_a_box_between_the_hands_is_kept_clear_of():
     assert found.lower < plain.lower - 0.02  # m: the box is wider than the bar
 
 
+@pytest.mark.slow
 @settings(max_examples=2)
 @given(st.integers(0, 2**32 - 1))
 def test_obstacles_anywhere_are_kept_clear_of_as_sampling_says(seed):
