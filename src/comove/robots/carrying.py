@@ -366,9 +366,8 @@ class RobotCarrier:
         `ask`.
         """
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
-        busy = (
-            self._busy
-        )  # asked for here: it needs the same threads, which would wait for each other for ever
+        # Asked for here: it needs the same threads, which would wait for each other for ever.
+        busy = self._busy
         done = _THREADS.map(lambda part: follow(busy, part, start, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
