@@ -107,9 +107,8 @@ def serve(words: list[str]) -> None:
         [sys.executable, "-m", *words],
         stdout=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(
-            signal.SIGINT, signal.default_int_handler
-        ),  # a shell may ignore them
+        # A shell starts background jobs, and so these tests perhaps, with interrupts ignored.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     ) as running:
         try:
             assert "http://127.0.0.1:" in running.stdout.readline()

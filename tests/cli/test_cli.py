@@ -292,24 +292,28 @@ def test_a_scene_without_solution(result, tmp_path):
     assert "NOT VERIFIED" in shown.stdout
 
 
+@pytest.fixture
+def interrupted_later():
+    """Press Ctrl-C once this process has worked for two seconds more."""
+    signals = {signal.SIGINT: signal.default_int_handler}  # a shell may have had them ignored
+    signals[signal.SIGVTALRM] = lambda *_: signal.raise_signal(signal.SIGINT)
+    before = {number: signal.signal(number, handler) for number, handler in signals.items()}
+    yield lambda: signal.setitimer(signal.ITIMER_VIRTUAL, 2.0)
+    signal.setitimer(signal.ITIMER_VIRTUAL, 0.0)
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @pytest.mark.skipif(os.name != "posix", reason="needs signals")
-def test_an_interruption_saves_the_best(result, tmp_path):
+def test_an_interruption_saves_the_best(interrupted_later, tmp_path):
     path = tmp_path / "closed.yaml"
     path.write_text(CLOSED)
-    command = [sys.executable, "-m", "comove", "solve", str(path), "--out", str(tmp_path / "out")]
-    process = subprocess.Popen(
-        [*command, "--budget", "120", "--no-planner"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # A shell starts background jobs, and so these tests perhaps, with interrupts ignored.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
-    )
-    time.sleep(8)
-    process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=60)
-    assert process.returncode == 130
-    assert "Traceback" not in errors
+    command = ["solve", path, "--out", tmp_path / "out", "--no-planner", "--budget"]
+    assert invoke(*command, 0.1).exit_code == 1  # kernels are there
+    interrupted_later()
+    outcome = invoke(*command, 120)
+    assert outcome.exit_code == 130
+    assert "Traceback" not in outcome.stderr
     summary = json.loads((tmp_path / "out" / "solution.json").read_text())
     assert summary["verified"] is False
     assert summary["interrupted"] is True

@@ -21,7 +21,7 @@ RING = np.stack([np.cos(np.linspace(0, 6.28, 60)), np.sin(np.linspace(0, 6.28, 6
 
 
 @cache
-def empty():
+def unobstructed():
     """Two hands carry a bar across an empty square."""
     return crossing()
 
@@ -66,7 +66,7 @@ def ring(center, radius=0.06):
 
 @pytest.mark.parametrize("n_dims", [2, 3])
 def test_all_points_are_held_at_the_instant_of_the_cloud(n_dims):
-    rng, scene = np.random.default_rng(0), empty() if n_dims == 2 else in_space()
+    rng, scene = np.random.default_rng(0), unobstructed() if n_dims == 2 else in_space()
     observer = Clouds(scene)
     for k in range(4):
         points = rng.uniform(0.0, 1.0, (300, n_dims))
@@ -130,7 +130,7 @@ def test_margins_cover_the_truth(obstacles, scanner):
 
 
 def test_what_turns_is_covered_too():
-    observer, out, total = Clouds(empty()), 0, 0
+    observer, out, total = Clouds(unobstructed()), 0, 0
     bar = np.stack([np.linspace(-0.12, 0.12, 60), np.zeros(60)], axis=1)
 
     def turned(time):
@@ -159,7 +159,7 @@ def test_two_that_pass_closely_keep_their_velocities():
 
 def test_two_that_come_apart_are_two():
     """They touch and move alike; then one stays behind."""
-    observer = Clouds(empty())
+    observer = Clouds(unobstructed())
     for k in range(60):
         x = 0.2 + 0.015 * k
         stays = min(x, 0.45)
@@ -173,7 +173,7 @@ def test_two_that_come_apart_are_two():
 
 
 def test_what_goes_out_of_sight_is_kept_for_a_while_with_a_growing_margin():
-    observer, scanner = Clouds(empty()), Scanner()
+    observer, scanner = Clouds(unobstructed()), Scanner()
     for k in range(20):
         observer.update(ring([0.3 + 0.01 * k, 0.5]), 0.05 * k)
     last, nothing = 0.95, np.zeros((0, 2))
@@ -190,7 +190,7 @@ def test_what_goes_out_of_sight_is_kept_for_a_while_with_a_growing_margin():
 
 
 def test_what_is_half_hidden_is_kept_whole():
-    observer = Clouds(empty())
+    observer = Clouds(unobstructed())
     wall = np.stack([np.full(60, 0.5), np.linspace(0.2, 0.8, 60)], axis=1)
     for k in range(10):
         observer.update(wall, 0.05 * k)
@@ -199,7 +199,7 @@ def test_what_is_half_hidden_is_kept_whole():
 
 
 def test_a_stray_point_is_forgotten_with_the_next_cloud():
-    observer, body = Clouds(empty()), ring([0.3, 0.5])
+    observer, body = Clouds(unobstructed()), ring([0.3, 0.5])
     for k in range(4):
         extra = [[0.8, 0.8]] if k == 2 else np.zeros((0, 2))
         observer.update(np.concatenate([body, extra]), 0.05 * k)
@@ -207,7 +207,7 @@ def test_a_stray_point_is_forgotten_with_the_next_cloud():
 
 
 def test_what_comes_back_is_found_again():
-    observer = Clouds(empty())
+    observer = Clouds(unobstructed())
     for k in range(30):
         hidden = 8 <= k < 13
         observer.update(np.zeros((0, 2)) if hidden else ring([0.2 + 0.015 * k, 0.5]), 0.05 * k)
@@ -218,7 +218,7 @@ def test_what_comes_back_is_found_again():
 
 
 def test_margins_grow_until_a_cloud_comes_but_nothing_is_forgotten():
-    observer = Clouds(empty())
+    observer = Clouds(unobstructed())
     for k in range(5):
         observer.update(ring([0.5, 0.5]), 0.05 * k)
     margins = [observer.observe(time).margin[0] for time in (0.2, 0.3, 1.0, 5.0)]
@@ -247,7 +247,7 @@ def test_the_obstacles_of_the_file_that_stand_remain_and_their_points_are_theirs
 PLATE = {"shape": "box", "size": [0.2, 0.1], "grasps": {"left": [-0.1, 0.0], "right": [0.1, 0.0]}}
 SOLID = {"shape": "box", "size": [0.2, 0.1, 0.08], "grasps": {"a": [-0.1, 0, 0], "b": [0.1, 0, 0]}}
 LOADS = {
-    "bar": empty,
+    "bar": unobstructed,
     "plate": lambda: crossing(load=PLATE),
     "bar in space": in_space,
     "solid": lambda: in_space(load=SOLID, constraints=[{"type": "upright"}]),
@@ -285,9 +285,9 @@ def leaves_out_the_load(scene):
 
 
 def test_late_clouds_are_held_against_where_the_load_was():
-    observer = Clouds(empty())
+    observer = Clouds(unobstructed())
     for k in range(50):
-        nodes = nodes_of(empty(), poses_of(empty(), "start"))
+        nodes = nodes_of(unobstructed(), poses_of(unobstructed(), "start"))
         observer.carried(0.01 * k, nodes + [0.005 * k, 0, 0])
     then = 0.353
     bar = np.stack([np.full(40, 0.15 + 0.5 * then), np.linspace(0.4, 0.6, 40)], axis=1)
@@ -310,16 +310,16 @@ def test_the_executor_says_where_the_load_is():
 
 
 def test_nan_and_what_is_far_away_are_ignored():
-    observer, body = Clouds(empty()), ring([0.3, 0.5])
+    observer, body = Clouds(unobstructed()), ring([0.3, 0.5])
     noise = [[np.nan, 0.5], [0.5, np.inf], [np.nan, np.nan], [3.0, 0.5], [0.5, -1e300]]
     observer.update(np.concatenate([body, noise]), 0.0)
-    alone = Clouds(empty())
+    alone = Clouds(unobstructed())
     alone.update(body, 0.0)
     np.testing.assert_array_equal(observer.observe(0.1).table, alone.observe(0.1).table)
 
 
 def test_clouds_from_the_past_are_ignored():
-    observer = Clouds(empty())
+    observer = Clouds(unobstructed())
     observer.update(ring([0.3, 0.5]), 0.2)
     before = observer.observe(0.3)
     for time in (0.2, 0.1, -5.0):
@@ -329,11 +329,11 @@ def test_clouds_from_the_past_are_ignored():
 
 @pytest.mark.parametrize("empty", [[], np.zeros((0, 2)), [[np.nan, np.nan]]])
 def test_empty_clouds_say_that_nothing_is_there(empty):
-    observer = Clouds(empty())
+    observer = Clouds(unobstructed())
     for k in range(3):
         observer.update(empty, 0.1 * k)
         assert len(observer.observe(0.1 * k).margin) == 0
-    assert len(Clouds(empty()).observe(0.0).margin) == 0
+    assert len(Clouds(unobstructed()).observe(0.0).margin) == 0
 
 
 @pytest.mark.parametrize(
@@ -352,8 +352,8 @@ def test_empty_clouds_say_that_nothing_is_there(empty):
     ],
 )
 def test_what_is_no_cloud(points, time, words):
-    observer = Clouds(empty())
-    observer.carried(0.3, nodes_of(empty(), poses_of(empty(), "start")))
+    observer = Clouds(unobstructed())
+    observer.carried(0.3, nodes_of(unobstructed(), poses_of(unobstructed(), "start")))
     observer.update(ring([0.3, 0.5]), 0.2)
     before = observer.observe(0.4)
     with pytest.raises(OptionError, match=words):

@@ -156,6 +156,8 @@ class Objective:
         """
         scene, w, p = self.scene, self.weights, self.penalty
         n_hands = len(scene.manipulators)
+        offsets = offsets.view()
+        offsets.setflags(write=False)  # always: kernels are compiled for what may be written, or may not
         taught, c_res = np.zeros((0, n_hands, 3)), 0.0
         if self.demonstration is not None and w.resemblance > 0:
             taught, c_res = self.demonstration, w.resemblance

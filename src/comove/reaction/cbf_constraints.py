@@ -107,11 +107,9 @@ def first_rows(
     work.slack[:] = 0.0
     _objective(qp, center, wanted)
     moved_obstacles(table, velocity, spin, rates.period, work.table_after)
-    m, clearance, pace = (
-        np.int64(0),
-        np.inf,
-        0.0,
-    )  # a plain 0 would have all kernels below compiled for it as well
+    clearance, pace = np.inf, 0.0
+    # Typed: a plain 0 would have all kernels below compiled for it as well.
+    m: int = np.int64(0)  # type: ignore[assignment]
     work.gain[:] = rates.gain
     for i in range(n_hands):
         g, fast = points.node_group[i], length_of(before[i])

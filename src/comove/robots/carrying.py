@@ -380,7 +380,9 @@ class RobotCarrier:
         `ask`.
         """
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
-        done = _THREADS.map(lambda part: follow(self._busy, part, start, self.scene.duration), parts)
+        # Asked for here: it needs the same threads, which would wait for each other for ever.
+        busy = self._busy
+        done = _THREADS.map(lambda part: follow(busy, part, start, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_start(self, nodes: Array) -> Array:

@@ -115,9 +115,7 @@ def certify_curve(scene: Scene, curve: CurveArrays, time: Array, paths: Paths) -
     if not all(np.isfinite(array).all() for array in (*curve, *paths)):
         return Clearance(-np.inf, -np.inf, float(time[0]), -1)
     body, own, need = scene.body, scene.convex_rows, need_of(scene, curve.nodes)
-    moving = Paths(
-        *(np.ascontiguousarray(array[:, own]) for array in paths)
-    )  # whose layout kernels are compiled for
+    moving = Paths(*(np.ascontiguousarray(array[:, own]) for array in paths))
     around = Around(scene.obstacles[own], moving, *scene.workspace, need)
     found = certified_clearance(curve, body.edges, body.radii, around)
     if len(body.solids):

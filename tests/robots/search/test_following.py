@@ -1,5 +1,7 @@
 """What a search learns of movements: arms follow them, and strain, rates and nearness are what is verified."""
 
+import threading
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -121,6 +123,19 @@ def test_links_that_come_too_near_the_load_cost_something():
     nodes = sampled_nodes(motion, 101)[None]
     contacts = [c.strain(nodes, thin.best_start(nodes[0])).contact[0] for c in (thick, thin)]
     assert contacts[0] > contacts[1] == 0.0
+
+
+def test_motions_that_are_asked_about_first_of_all_are_answered():
+    """The ends, which then are still unknown, are solved by the same threads that follow motions."""
+    carrying = RobotCarrier(robot("gantry"), gantry_scene())
+    nodes = sampled_nodes(movement(carrying.scene, (0.0, 0.0)), 101)
+    start = np.concatenate([branches[0] for branches in carrying.starts])
+    asked = threading.Thread(
+        target=carrying.strain, args=(np.repeat(nodes[None], 8, axis=0), start), daemon=True
+    )
+    asked.start()
+    asked.join(60.0)
+    assert not asked.is_alive()
 
 
 def test_a_movement_out_of_reach_costs_more_the_further_it_is():
