@@ -36,6 +36,7 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 ROBOTS = ("gap_30", "two_ur10", "two_xarm7")
 RADIUS = 0.08  # m
 LONGEST = 40.0  # s
+KEPT = 0.005  # m, that a witness keeps from balls, by capsules of links
 
 
 def drawn(name: str, seed: int) -> Scene:
@@ -55,7 +56,7 @@ def drawn(name: str, seed: int) -> Scene:
 
 
 def witness(executor: JointExecutor, seed: int) -> Reference | None:
-    """Return a motion from the start that touches no ball, planned by who knows where they will be; None if none is
+    """Return a motion from the start that keeps clear of all balls, planned by who knows where they will be; None if none is
     found.
 
     It is the best course of a roadmap that is three times as dense as the executor's, over all the time in which a
@@ -82,7 +83,7 @@ def witness(executor: JointExecutor, seed: int) -> Reference | None:
     configurations, joints, rates = found.at(times)
     nodes = np.ascontiguousarray(pilot.coordinates.nodes(configurations.T[None])[0])
     met = first_contact(
-        pilot.arms, np.ascontiguousarray(joints), nodes, balls, times, np.zeros(len(balls.margin))
+        pilot.arms, np.ascontiguousarray(joints), nodes, balls, times, np.full(len(balls.margin), KEPT)
     )
     hands = nodes[:, : len(scene.manipulators)]
     speed = np.linalg.norm(np.diff(hands, axis=0), axis=2).max() / 0.02

@@ -25,7 +25,7 @@ from comove.planning.configurations import Space
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.roadmap import Roadmap, Way
 from comove.robots.search.following import Arms
-from comove.robots.search.links import ROUGH, nearest_shares, place_links
+from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -41,12 +41,14 @@ class CourseSettings:
     ----------
     slot : length of a slot [s], as of the roadmap's
     n_slots : slots that are foreseen
+    thicker : by how much links may be taken to be thicker, so that there are fewer [m]
     met, near : clearances beyond the scene's, below which something counts as met, and as near [m]
     meeting, nearness : cost of a slot in which something is met, and is almost met, beside 1 for every slot
     """
 
     slot: float = 0.1
     n_slots: int = 80
+    thicker: float = 0.015
     met: float = 0.01
     near: float = 0.08
     meeting: float = 100.0
@@ -68,24 +70,55 @@ class Places(NamedTuple):
     radius: Array
 
 
+def fewer(links: Links, within: float) -> tuple[Numbers, Array]:
+    """Return which links, made a little thicker, hold all that move; arrays, shape (n,), of numbers and radii [m].
+
+    Hands have many small links, of which a larger one beside them nearly holds the most.
+
+    Parameters
+    ----------
+    within : by how much a link may become thicker [m]
+    """
+    kept, radius = list[int](), links.radius.copy()
+    for i in sorted(links.moving.tolist(), key=lambda i: (-links.radius[i], i)):
+        ends = np.stack([links.start[i], links.end[i]])
+        for k in kept:
+            along = links.end[k] - links.start[k]
+            share = np.clip((ends - links.start[k]) @ along / max(along @ along, 1e-18), 0.0, 1.0)
+            off = np.linalg.norm(ends - links.start[k] - share[:, None] * along, axis=1).max()
+            out = off + links.radius[i] - links.radius[k]
+            if links.joint[i] == links.joint[k] and out <= within:
+                radius[k] = max(radius[k], links.radius[k] + out)
+                break
+        else:
+            kept.append(i)
+    which = np.sort(np.array(kept, dtype=np.int64))
+    return which, radius[which]
+
+
 @numba.njit(cache=True, error_model="numpy")
-def places(space: Space, arms: Arms, configurations: Array, joints: Array) -> Places:
-    """Return links and load at samples; arrays, shape (n_samples, n_columns) and (n_samples, n_joints)."""
-    links, around = arms.links, arms.around
-    n, n_links, n_edges = joints.shape[0], links.moving.shape[0], around.edges.shape[0]
+def places(
+    space: Space, arms: Arms, which: tuple[Numbers, Array], configurations: Array, joints: Array
+) -> Places:
+    """Return links and load at samples; arrays, shape (n_samples, n_columns) and (n_samples, n_joints).
+
+    Parameters
+    ----------
+    which : numbers and radii of the links, as of `fewer`
+    """
+    links, around, (chosen, thick) = arms.links, arms.around, which
+    n, n_links, n_edges = joints.shape[0], chosen.shape[0], around.edges.shape[0]
     start, end = np.empty((n, n_links + n_edges, 3)), np.empty((n, n_links + n_edges, 3))
-    radius, nodes = np.empty(n_links + n_edges), np.empty((space.blocks.node.shape[0], 3))
+    nodes = np.empty((space.blocks.node.shape[0], 3))
     a, b = links.start.copy(), links.end.copy()
     for t in range(n):
         place_links(arms.chains, links, joints[t], a, b)
         place_one(space.blocks, configurations[t], 1.0, nodes)
         for m in range(n_links):
-            start[t, m], end[t, m] = a[links.moving[m]], b[links.moving[m]]
-            radius[m] = links.radius[links.moving[m]]
+            start[t, m], end[t, m] = a[chosen[m]], b[chosen[m]]
         for e in range(n_edges):
             start[t, n_links + e], end[t, n_links + e] = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
-            radius[n_links + e] = around.radii[e]
-    return Places(start, end, radius)
+    return Places(start, end, np.concatenate((thick, around.radii)))
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -149,6 +182,9 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
                 ):  # distances of convex bodies are convex in time: out from the nearest instant
                     k = middle if way > 0 else middle - 1
                     while 0 <= k < n_times:
+                        if cost[t, k] >= costs[0]:
+                            k += way
+                            continue
                         h = _clearance(seen, j, p, q, times[k], far) - radius[m]
                         if h >= need[1]:
                             break
@@ -246,12 +282,13 @@ class Foresight:
     def __init__(self, space: Space, arms: Arms, clearance: float, settings: CourseSettings):
         self.space, self.arms, self.settings = space, arms, settings
         self.need = clearance + settings.met, clearance + settings.near
+        self._which = fewer(arms.links, settings.thicker)
         self._costs = np.array([settings.meeting, settings.nearness])
         self._known: tuple[Roadmap, Places] | None = None
 
     def placed(self, way: Way) -> Places:
         """Return the bodies at samples."""
-        return places(self.space, self.arms, *way)
+        return places(self.space, self.arms, self._which, *way)
 
     def cost_along(self, bodies: Places, rows: Numbers, seen: Sighting, times: Array) -> Array:
         """Return what it costs to be at some samples, each at its own time; array, shape (n_times,).

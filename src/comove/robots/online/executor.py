@@ -241,7 +241,7 @@ class JointExecutor:
         self._move(allowed.twists, self.programme.rates)
         pilot = self.pilot
         pilot.clock = min(pilot.clock + pace * period, pilot.reference.duration)
-        waits = pace < 0.5 and pilot.clock < pilot.reference.duration
+        waits = pace < 0.5 or pilot.clock >= pilot.reference.duration
         self._waited = self._waited + period if waits else 0.0
 
     def _move(self, twists: Array, rates: Array) -> None:

@@ -22,7 +22,7 @@ from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import Course, CourseSettings, Foresight, Places
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
-from comove.robots.online.reference import Reference, Stop
+from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
 from comove.robots.online.roadmap import Ground, Growth, Roadmap, RoadmapSettings, Way
 from comove.robots.search.following import Arms
 from comove.scenes.scene import Scene
@@ -37,7 +37,8 @@ class PilotSettings:
     Attributes
     ----------
     every : time between two looks along the reference [s]
-    at_once, anew : time between two choices of a course, where something would be met, and otherwise [s]
+    at_once, anew : time between two choices of a course, where something would be met, and otherwise [s]; twice the
+        first where nothing better was found
     thinking : time after which a new course can begin [s]
     braking : share of the hands' acceleration that is used for a stop
     worth : slots by which another course must be better
@@ -120,7 +121,7 @@ class Pilot:
         self.foresight = Foresight(space, self.arms, standing.clearance, settings.courses)
         self._growth: Growth | None = None
         self._looked = self._chosen = self._present = -np.inf
-        self._n_grown = 0
+        self._n_grown, self._pause = 0, settings.at_once
         self._placed: tuple[Reference, Places] | None = None
 
     def _slots(self, reference: Reference, begin: float, end: float) -> Way:
@@ -164,9 +165,10 @@ class Pilot:
         if waited >= how.patience:
             return since >= how.patience
         if cost.max() >= how.courses.meeting:
-            return since >= how.at_once
+            return since >= self._pause
         fine = self.reference is self._plan and not cost.any()
-        return not fine and self.clock < self.reference.duration and since >= how.anew
+        ends = self.clock >= self.reference.duration and self.reference.left == 0.0
+        return not (fine or ends) and since >= how.anew
 
     def choose(self, time: float, seen: Sighting, here: Way, off: float, waited: float) -> bool:
         """Choose a course, and return whether the reference is another one now.
@@ -179,7 +181,7 @@ class Pilot:
         waited : time that the arms have not come along [s]
         """
         how, slot = self.settings, self.settings.roadmap.slot
-        self._chosen = time
+        self._chosen, self._pause = time, 2.0 * how.at_once  # unless something better is found
         follows, clock, stop = self.reference, self.clock, self._stop()
         if off > how.off or waited >= how.patience:
             follows, clock, stop = Reference.standing(here), 0.0, Stop(how.thinking, 0.0)
@@ -192,7 +194,7 @@ class Pilot:
         cost = self._total(other, 0.0, self._ahead(other, 0.0, seen))
         if waited < how.patience and cost > self._present - how.worth:
             return False
-        self.reference, self.clock = other, 0.0
+        self.reference, self.clock, self._pause = other, 0.0, how.at_once
         return True
 
     def _course(self, configuration: Array, joints: Array, seen: Sighting, stop: Stop) -> Course | None:
@@ -226,7 +228,9 @@ class Pilot:
     def _total(self, reference: Reference, clock: float, cost: Array) -> float:
         """Return the cost of a reference from now on [slots]."""
         to_go = (reference.duration - clock) / self.settings.roadmap.slot
-        return float(cost.sum()) + max(0.0, to_go) + reference.left
+        how, stops = self.settings, reference.left > 0.0  # and another one has to be begun
+        again = (how.thinking + TAIL * WIDTH) / how.roadmap.slot + how.worth if stops else 0.0
+        return float(cost.sum()) + max(0.0, to_go) + reference.left + again
 
     def _stop(self) -> Stop:
         """Return how the reference comes to a stop from its present pace."""

@@ -44,7 +44,8 @@ class RoadmapSettings:
     nearby : share of random configurations that are drawn near to one that is there
     speed, rates : shares of the limits of hands and joints at which ways are gone
     fastest : speed of hands where the scene has no limit [m/s]
-    agree : largest difference of joints where two ways meet [rad]
+    agree, turning : largest difference of redundant joints where two ways meet, which is made up for along one of them
+        [rad], and the share of `rates` that this may take
     """
 
     slot: float = 0.1
@@ -58,7 +59,8 @@ class RoadmapSettings:
     speed: float = 0.7
     rates: float = 0.6
     fastest: float = 0.5
-    agree: float = 0.2
+    agree: float = 0.6
+    turning: float = 0.4
 
 
 class Way(NamedTuple):
@@ -245,7 +247,8 @@ class Growth:
                 continue
             joints = way.joints[-1] if joints is None else joints
             off = joints - way.joints[-1]
-            if np.abs(off).max() <= how.agree:
+            slowly = np.abs(off) <= how.turning * self.ground.most * (len(way.joints) - 1)
+            if slowly.all() and np.abs(off).max() <= how.agree:
                 share = np.linspace(0.0, 1.0, len(way.joints))[:, None]
                 found.append((node, Way(way.configurations, way.joints + share * off)))
         return found
