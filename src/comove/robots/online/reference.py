@@ -104,7 +104,7 @@ class Reference:
 
     @cached_property
     def _curves(self) -> tuple[CubicSpline, CubicSpline]:
-        return tuple(CubicSpline(self.time, values, bc_type="natural") for values in self.way)
+        return tuple(CubicSpline(self.time, values) for values in self.way)
 
 
 def _smooth_step(x: Array) -> Array:

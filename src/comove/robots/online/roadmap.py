@@ -44,8 +44,8 @@ class RoadmapSettings:
     nearby : share of random configurations that are drawn near to one that is there
     speed, rates : shares of the limits of hands and joints at which ways are gone
     fastest : speed of hands where the scene has no limit [m/s]
-    agree, turning : largest difference of redundant joints where two ways meet, which is made up for along one of them
-        [rad], and the share of `rates` that this may take
+    agree, turning : largest difference of redundant joints where two ways meet, which one of them makes up for [rad],
+        and the share of `rates` that this may take
     """
 
     slot: float = 0.1
