@@ -346,6 +346,16 @@ class RobotCarrier:
         """
         _ = self.starts, self.goals
 
+    @property
+    def turning(self) -> float:
+        """Return how far a joint has to turn from start to goal at least, far more where links touch there [rad]."""
+        first, last = self._ends[0]
+        ends = ((first, "start"), (last, "goal"))
+        free = all(
+            self.clearance(q, self.scene.nodes_at(end)) > self.scene.clearance - FAT for q, end in ends
+        )
+        return _apart(first, last) + (0.0 if free else 2.0 * np.pi)
+
     def try_planning(self) -> None:
         """Plan from the start to itself."""
         coordinates, rng = load_coordinates(self.scene), np.random.default_rng(0)

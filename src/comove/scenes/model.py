@@ -270,7 +270,7 @@ _AnyConstraint = Annotated[
 ]
 
 
-class GraspPart(Part):
+class GraspPart(Sparse):
     """The orientation of the hands that hold the load.
 
     The hands keep their tilt, which is given in one of two ways, and turn with the load.
@@ -279,14 +279,17 @@ class GraspPart(Part):
     the load's heading is 0.
     """
 
-    orientation: Literal["down"] | None = None
+    LATER = ("any_of",)
+    orientation: Literal["down", "forward"] | None = None
     quaternion_wxyz: Quaternion | None = None
-    yaw: Literal["load"] = "load"
+    yaw: Literal["load", "free"] = "load"
     offset_deg: Annotated[
         Annotated[Number, Tag("one")] | Annotated[dict[str, Number], Tag("each")],
         Discriminator(lambda value: "each" if isinstance(value, dict) else "one"),
     ] = 0.0
     """By which hands are turned about the vertical against the load's heading; one for all, or by name [deg]."""
+    any_of: Annotated[tuple[GraspPart, ...], BeforeValidator(as_tuple), at_least(1, "grasp")] | None = None
+    """Grasps of which one is chosen; what is said beside them does not count."""
 
     @model_validator(mode="before")
     @classmethod
@@ -299,6 +302,8 @@ class GraspPart(Part):
     def _one_orientation(self) -> GraspPart:
         if self.orientation is not None and self.quaternion_wxyz is not None:
             raise Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
+        if any(part.any_of is not None for part in self.any_of or ()):
+            raise Wrong("a grasp of any_of has an any_of of its own", "name all grasps in one list")
         return self
 
 

@@ -145,6 +145,9 @@ class JointExecutor:
         self.log, self.n_steps = OnlineLog(), 0
         standing = scene.standing()
         self.plan = self._first_plan(standing)
+        if (held := self.plan.scene.file.grasp) != scene.file.grasp and held is not None:  # it was left open
+            scene = self.scene = scene.held_as(held)
+            standing = scene.standing()
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
         self.programme = JointProgramme(scene, self._arms(), self.carrier.grasp, self.settings.period)
