@@ -123,9 +123,9 @@ class RobotCarrier:
             raise _unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise _unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
-        if scene.meshes:
-            way_out = "put boxes and bars in their place, or solve it without a robot"
-            raise _unfit(scene, "shape", "arms carry past boxes and round things, not meshes", way_out)
+        if scene.file.load.shape == "mesh":
+            way_out = "put a bar, a frame or a box in its place, or solve it without a robot"
+            raise _unfit(scene, "load.shape", "arms carry bars, frames and boxes, not meshes", way_out)
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise _unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
