@@ -198,7 +198,7 @@ def test_a_load_on_end_has_no_heading():
             "no manipulator 'c'",
             "a, b",
         ),
-        ({"any_of": [{"any_of": [{}]}]}, "grasp", "any_of of its own", "one list"),
+        ({"any_of": [{"any_of": [{}]}]}, "grasp.any_of[0].any_of", "unknown key", ""),
     ],
 )
 def test_what_is_wrong_with_a_grasp(grasp, key, message, way_out):

@@ -279,7 +279,6 @@ class GraspPart(Sparse):
     the load's heading is 0.
     """
 
-    LATER = ("any_of",)
     orientation: Literal["down", "forward"] | None = None
     quaternion_wxyz: Quaternion | None = None
     yaw: Literal["load", "free"] = "load"
@@ -288,8 +287,6 @@ class GraspPart(Sparse):
         Discriminator(lambda value: "each" if isinstance(value, dict) else "one"),
     ] = 0.0
     """By which hands are turned about the vertical against the load's heading; one for all, or by name [deg]."""
-    any_of: Annotated[tuple[GraspPart, ...], BeforeValidator(as_tuple), at_least(1, "grasp")] | None = None
-    """Grasps of which one is chosen; what is said beside them does not count."""
 
     @model_validator(mode="before")
     @classmethod
@@ -302,9 +299,14 @@ class GraspPart(Sparse):
     def _one_orientation(self) -> GraspPart:
         if self.orientation is not None and self.quaternion_wxyz is not None:
             raise Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
-        if any(part.any_of is not None for part in self.any_of or ()):
-            raise Wrong("a grasp of any_of has an any_of of its own", "name all grasps in one list")
         return self
+
+
+class GraspChoice(GraspPart):
+    """A grasp, or several of which one is chosen; what is said beside `any_of` does not count then."""
+
+    LATER = ("any_of",)
+    any_of: Annotated[tuple[GraspPart, ...], BeforeValidator(as_tuple), at_least(1, "grasp")] | None = None
 
 
 class LeastJerkObjective(Part):
@@ -395,7 +397,7 @@ class SceneFile(Sparse):
     demonstration: DemonstrationSource | None = None
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
     """A robot's name, or the path of its description relative to the scene."""
-    grasp: GraspPart | None = None
+    grasp: GraspChoice | None = None
     objective: Objective | None = None
     """What the motion shall be best in, unless the command says something else."""
 

@@ -29,7 +29,7 @@ from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, alternatives, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
-from comove.scenes.model import GraspPart, SceneFile, canonical
+from comove.scenes.model import GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
 from comove.scenes.rigid import ENDS, HEADING, LoadBodies
@@ -196,7 +196,8 @@ class Scene:
 
     def held_as(self, part: GraspPart) -> Scene:
         """Return the scene with another grasp."""
-        other, groups = self._changed(grasp=part), list(self.groups)
+        choice = GraspChoice(**{key: value for key, value in part if value is not None and key != "any_of"})
+        other, groups = self._changed(grasp=choice), list(self.groups)
         return replace(other, grasp=grasp_of(other.file, _carried(other.file, groups)))
 
     def _changed(self, **keys: Any) -> Scene:
