@@ -90,7 +90,7 @@ def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
     for name in getattr(scene.load, "grasps", None) or ():
         yield ("load", "grasps", name), name
     several = scene.grasp.any_of if scene.grasp else None
-    told = [(("grasp",), scene.grasp)] if scene.grasp else []
+    told: list[tuple[KeyPath, GraspPart]] = [(("grasp",), scene.grasp)] if scene.grasp else []
     told += [(("grasp", "any_of", i), part) for i, part in enumerate(several or ())]
     for path, part in told:
         for name in part.offset_deg if isinstance(part.offset_deg, dict) else ():

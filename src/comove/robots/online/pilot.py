@@ -58,7 +58,7 @@ class PilotSettings:
     worth: float = 3.0
     off: float = 0.03
     patience: float = 1.5
-    most_grown: int = 3
+    most_grown: int = 6
     spare: float = 0.002
     meets: float = 0.5
     roadmap: RoadmapSettings = field(default_factory=RoadmapSettings)
@@ -142,10 +142,13 @@ class Pilot:
         return self._growth
 
     def prepare(self, seen: Sighting) -> None:
-        """Make the roadmap before the run begins, and load all kernels."""
+        """Make the roadmap before the run begins, denser where nothing in it is free, and load all kernels."""
         begin, joints, _ = self.reference.at(0.0)
         self._ahead(self.reference, 0.0, seen)
-        self._course(begin, joints, seen, Stop(self.settings.thinking, 0.0))
+        for _ in range(self.settings.most_grown):
+            found = self._course(begin, joints, seen, Stop(self.settings.thinking, 0.0))
+            if found is None or found.cost < self.settings.courses.meeting:
+                break
 
     def looks_on(self, time: float, seen: Sighting, waited: float) -> bool:
         """Look along the reference from time to time; return whether another course should be chosen.
