@@ -17,13 +17,15 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
+from comove.geometry.distances import CENTER
 from comove.planning import SceneKind
 from comove.reaction.qp_workspace import Sighting
 from comove.robots import Robot
 from comove.robots.kernels import load_robot_kernels
+from comove.robots.online.courses import Places
 from comove.robots.online.executor import JointExecutor
-from comove.robots.online.link_rows import first_contact
 from comove.robots.online.pilot import Pilot
 from comove.robots.online.reference import Reference
 from comove.robots.online.roadmap import Way
@@ -31,6 +33,7 @@ from comove.scenes import Scene
 from comove.simulators.live import run_live
 from comove.simulators.live_record import judge_run
 
+Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ROBOTS = ("gap_30", "two_ur10", "two_xarm7")
 RADIUS = 0.08  # m
@@ -79,15 +82,23 @@ def witness(executor: JointExecutor, seed: int) -> Reference | None:
     found = all_knowing.reference
     times = np.arange(0.0, LONGEST, 0.02)
     configurations, joints, rates = found.at(times)
-    nodes = np.ascontiguousarray(pilot.coordinates.nodes(configurations.T[None])[0])
-    met = first_contact(
-        pilot.arms, np.ascontiguousarray(joints), nodes, balls, times, np.full(len(balls.margin), KEPT)
-    )
-    hands = nodes[:, : len(scene.manipulators)]
-    speed = np.linalg.norm(np.diff(hands, axis=0), axis=2).max() / 0.02
-    chains = pilot.arms.chains
-    fits = speed <= scene.speed_limit and (np.abs(rates) <= chains.velocity).all()
-    return found if met == len(times) and fits else None
+    nodes = pilot.coordinates.nodes(configurations.T[None])[0]
+    speed = np.linalg.norm(np.diff(nodes[:, : len(scene.manipulators)], axis=0), axis=2).max() / 0.02
+    fits = speed <= scene.speed_limit and (np.abs(rates) <= pilot.arms.chains.velocity).all()
+    bodies = pilot.foresight.placed(Way(np.ascontiguousarray(configurations), np.ascontiguousarray(joints)))
+    return found if fits and nearest_ball(bodies, balls, times) >= KEPT else None
+
+
+def nearest_ball(bodies: Places, balls: Sighting, times: Array) -> float:
+    """Return the least distance of capsules, one sample for each instant, from balls that fly straight on [m]."""
+    along, least = bodies.end - bodies.start, np.inf
+    for row, velocity in zip(balls.table, balls.velocity, strict=True):
+        center = row[CENTER : CENTER + 3] + times[:, None] * velocity
+        away = center[:, None] - bodies.start
+        share = (away * along).sum(axis=-1) / np.maximum((along**2).sum(axis=-1), 1e-18)
+        apart = np.linalg.norm(away - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
+        least = min(least, float((apart - bodies.radius).min()) - RADIUS)
+    return least
 
 
 def main() -> None:

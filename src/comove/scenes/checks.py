@@ -13,7 +13,7 @@ from comove.errors import ComoveWarning, near_name
 from comove.io.keys import HAND, UNTURNED, VECTOR, marked
 from comove.io.messages import Flaw, KeyPath, counted, show
 from comove.io.yaml_reader import MAX_NAMES, near_files
-from comove.scenes.model import BarLoad, FrameLoad, SceneFile
+from comove.scenes.model import BarLoad, FrameLoad, GraspPart, SceneFile
 
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""

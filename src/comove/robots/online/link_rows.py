@@ -258,46 +258,6 @@ def _direction(a: Array, b: Array, out: Array) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def first_contact(
-    arms: Arms, joints: Array, nodes: Array, sighting: Sighting, times: Array, need: Array
-) -> int:
-    """Return the number of the first of several instants at which something comes too near to an obstacle.
-
-    Obstacles go on at their present velocities. The number is that of the instants where nothing does.
-
-    Parameters
-    ----------
-    joints : array, shape (n_times, n_joints) [rad]
-    nodes : array, shape (n_times, n_nodes, 3), hands and nodes of the load [m]
-    times : array, shape (n_times,), from now [s]
-    need : array, shape (n_rows,), clearance to be kept from every row of the table [m]
-    """
-    links, around = arms.links, arms.around
-    start, end, table = links.start.copy(), links.end.copy(), sighting.table.copy()
-    for t in range(times.shape[0]):
-        for j in range(table.shape[0]):
-            for axis in range(3):
-                table[j, CENTER + axis] = (
-                    sighting.table[j, CENTER + axis] + times[t] * sighting.velocity[j, axis]
-                )
-        place_links(arms.chains, links, joints[t], start, end)
-        for j in range(table.shape[0]):
-            keep = need[j] + sighting.margin[j]
-            for i in links.moving:
-                far = keep + links.radius[i]
-                near = _may_be_near(table, j, start[i], end[i], far)
-                if near and near_on_edge(table, j, start[i], end[i], np.inf)[0] < far:
-                    return t
-            for e in range(around.edges.shape[0]):
-                a, b = nodes[t, around.edges[e, 0]], nodes[t, around.edges[e, 1]]
-                far = keep + around.radii[e]
-                near = _may_be_near(table, j, a, b, far)
-                if near and near_on_edge(table, j, a, b, np.inf)[0] < far:
-                    return t
-    return times.shape[0]
-
-
-@numba.njit(cache=True, error_model="numpy")
 def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkNeeds) -> bool:
     """Return whether placed links keep their clearances from obstacles, from the load and from each other.
 

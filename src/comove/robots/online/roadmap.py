@@ -203,7 +203,8 @@ class Growth:
 
     def __init__(self, ground: Ground, plan: Way, rng: np.random.Generator, settings: RoadmapSettings):
         self.ground, self.settings, self.rng = ground, settings, rng
-        self._nodes, self._goal, self._known = plan, len(plan.joints) - 1, None
+        self._nodes, self._goal = plan, len(plan.joints) - 1
+        self._known: Roadmap | None = None
         pieces = [Way(*(values[k : k + 2] for values in plan)) for k in range(self._goal)]
         self._ways = [(k, k + 1, piece) for k, piece in enumerate(pieces)]
 
