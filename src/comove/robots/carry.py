@@ -112,24 +112,18 @@ def carry(
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     timed_share = 0.7  # of the budget, after which it is seen how long a way takes that arms go at leisure
     load_robot_kernels(SceneKind.of(scene))
-    if len(scene.alternatives) > 1:
-        wanted = {
-            "demonstration": demonstration,
-            "method": method,
-            "objective": objective,
-            "progress": progress,
-        }
-        return _by_some_grasp(scene, robot, budget, wanted | {"stop": stop, "found": found, "seed": seed})
-    (scene,) = scene.alternatives
-    begun = time.perf_counter()
-    objective = objective or objective_of_scene(scene.file.objective)
-    wanted = {
+    wanted: dict[str, Any] = {
         "demonstration": demonstration,
         "seed": seed,
         "objective": objective,
         "progress": progress,
         "stop": stop,
     }
+    if len(scene.alternatives) > 1:
+        return _by_some_grasp(scene, robot, budget, wanted | {"method": method, "found": found})
+    (scene,) = scene.alternatives
+    begun = time.perf_counter()
+    wanted["objective"] = objective = objective or objective_of_scene(scene.file.objective)
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin, found=found)
         carrier.require_reach()

@@ -315,7 +315,7 @@ class Foresight:
         how, n = self.settings, len(roadmap.joints)
         if self._known is None or self._known[0] is not roadmap:
             self._known = roadmap, self.placed(Way(roadmap.configurations, roadmap.joints))
-        times = since + how.slot * np.arange(how.n_slots + 1)
+        times = since + how.slot * np.arange(how.n_slots + 1, dtype=np.float64)
         more = self.placed(Way(extended.configurations[n:], extended.joints[n:]))
         cost = np.concatenate([self._dangers(self._known[1], seen, times), self._dangers(more, seen, times)])
         net = Network(*(getattr(extended, name) for name in Network._fields))

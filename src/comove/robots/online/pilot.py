@@ -226,7 +226,8 @@ class Pilot:
             self._placed = reference, self.foresight.placed(Way(configurations, joints))
         first = int(np.ceil(clock / how.slot))
         slots = first + np.arange(how.n_slots + 1)
-        return self.foresight.cost_along(self._placed[1], slots, seen, how.slot * slots - clock)
+        times = how.slot * slots.astype(np.float64) - clock
+        return self.foresight.cost_along(self._placed[1], slots, seen, times)
 
     def _total(self, reference: Reference, clock: float, cost: Array) -> float:
         """Return the cost of a reference from now on [slots]."""
