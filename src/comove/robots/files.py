@@ -3,7 +3,7 @@
 `joints.npz` holds `time` (n_steps,) [s], `joint_names` (n_joints,) and `position`, `velocity` and `acceleration`
 (n_steps, n_joints) [rad, s; m for prismatic joints], and nothing else. The curve is rebuilt from position and time.
 `robot.json` holds the verdict, its measures, and the checksums of scene, robot and motions; `scene.json` is the
-scene itself, so that the folder can be judged anew and played without other files.
+scene itself, so that the folder can be judged anew and played without other files but its meshes.
 """
 
 from __future__ import annotations
@@ -165,14 +165,14 @@ def read_joints(folder: str | Path) -> StoredJoints:
     def read() -> StoredJoints:
         summary, arrays = JOINTS.read(folder)
         meshes = summary.get("meshes_in")
-        scene = _read_scene(folder / SCENE, Path(meshes) if isinstance(meshes, str) else folder)
+        scene = _read_scene(folder / SCENE, Path(meshes) if isinstance(meshes, str) else None)
         return StoredJoints(folder, summary, arrays, scene)
 
     return steadily(folder, read)
 
 
-def _read_scene(path: Path, folder: Path) -> Scene:
-    """Return the scene of a file, whose meshes are in a folder."""
+def _read_scene(path: Path, folder: Path | None) -> Scene:
+    """Return the scene of a file, whose meshes are in a folder where it has any."""
     data = read_json(path, AGAIN, SCENE_BYTES)
     try:
         with warnings.catch_warnings():  # what there is to warn of was said when it was solved

@@ -87,6 +87,13 @@ def test_what_comes_is_dodged_and_the_load_held_all_the_way():
 
 
 @pytest.mark.slow
+def test_a_run_repeats_to_the_last_digit():
+    moving = through([0.55, 0.9, 0.2], [0.55, -0.9, 0.2], times=(1.0, 6.0))
+    runs = [run(JointExecutor(scene_with(moving), robot("baxter"), seed=3), 3.0) for _ in range(2)]
+    np.testing.assert_array_equal(*runs)
+
+
+@pytest.mark.slow
 def test_a_robot_that_does_not_come_along_is_waited_for_and_then_told_of():
     executor = JointExecutor(scene_with(), robot("baxter"), seed=1)
     stuck = executor.position.copy()
