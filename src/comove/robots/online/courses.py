@@ -176,10 +176,8 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
                 if apart > far + seen.margin[j] + seen.table[j, REACH]:
                     continue
                 middle = round(share * (n_times - 1))
-                for way in (
-                    -1,
-                    1,
-                ):  # distances of convex bodies are convex in time: out from the nearest instant
+                # Distances of convex bodies are convex in time: out from the nearest instant, until it is far.
+                for way in (-1, 1):
                     k = middle if way > 0 else middle - 1
                     while 0 <= k < n_times:
                         if cost[t, k] >= costs[0]:
