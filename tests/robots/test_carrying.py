@@ -190,11 +190,17 @@ def test_the_distance_told_is_what_is_missing():
     sorted([*EXAMPLES.glob("baxter/*.yaml"), *EXAMPLES.glob("robots/*.yaml")]),
     ids=lambda path: path.stem,
 )
-def test_ends_of_the_examples_are_reached_without_contact(path):
-    carrying = task(path.stem)
-    for found, end in ((carrying.starts, "start"), (carrying.goals, "goal")):
-        q = np.concatenate([branches[0] for branches in found])
-        assert carrying.clearance(q, carrying.scene.nodes_at(end)) > 0.0
+def test_ends_of_the_examples_are_reached_without_contact_by_some_grasp(path):
+    carrying, clear = task(path.stem), 0
+    for scene in carrying.scene.alternatives:
+        choice = replace(carrying, scene=scene)
+        try:
+            ends = ((choice.starts, "start"), (choice.goals, "goal"))
+        except SceneError:
+            continue
+        joints = [(np.concatenate([branches[0] for branches in found]), end) for found, end in ends]
+        clear += all(choice.clearance(q, scene.nodes_at(end)) > 0.0 for q, end in joints)
+    assert clear > 0
 
 
 def test_nothing_depends_on_how_many_threads_there_are():

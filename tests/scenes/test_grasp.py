@@ -52,6 +52,37 @@ def test_down_is_down_and_yaws_with_the_stick():
         assert np.allclose(hand[:, 1], [-np.sin(0.7), np.cos(0.7), 0])  # the fingers open across the stick
 
 
+def test_forward_is_along_the_heading_with_fingers_that_open_upwards():
+    grasp = held(orientation="forward").grasp
+    for psi in (0.0, 0.7, -2.0):
+        for hand in grasp.hand_rotations(stick(psi)):
+            assert np.allclose(hand[:, 2], [np.cos(psi), np.sin(psi), 0.0], atol=1e-14)
+            assert np.allclose(hand[:, 1], [0.0, 0.0, 1.0], atol=1e-14)
+            assert np.isclose(np.linalg.det(hand), 1.0)
+
+
+def test_what_a_scene_leaves_open_is_one_of_its_alternatives():
+    scene = held(any_of=[{"orientation": "down"}, {"orientation": "forward", "offset_deg": 90}])
+    first, second = scene.alternatives
+    assert np.array_equal(scene.grasp.at_rest, first.grasp.at_rest)
+    same = held(orientation="forward", offset_deg=90)
+    assert np.array_equal(second.grasp.at_rest, same.grasp.at_rest)
+    assert second.sha256 == same.sha256  # chosen, it is the scene that says so
+    assert same.alternatives == (same,)
+    assert len({scene.sha256, first.sha256, second.sha256}) == 3
+
+
+def test_a_free_yaw_is_any_multiple_of_45_degrees_for_all_or_one_against_the_others():
+    turned = [
+        [np.rad2deg(np.arctan2(hand[1, 2], hand[0, 2])) for hand in choice.grasp.at_rest]
+        for choice in held(orientation="forward", yaw="free").alternatives
+    ]
+    found = {tuple((np.round(angles).astype(int) % 360).tolist()) for angles in turned}
+    steps = range(0, 360, 45)
+    assert found == {(a, a) for a in steps} | {(a, -a % 360) for a in steps}
+    assert len(found) == len(turned)
+
+
 @given(psi=ANGLES, vector=st.tuples(*[st.floats(-3, 3)] * 3), offset=st.floats(-400, 400))
 def test_a_hand_turns_about_the_vertical_by_heading_and_offset(psi, vector, offset):
     at_rest = Rotation.from_rotvec(vector)
@@ -146,7 +177,7 @@ def test_a_load_on_end_has_no_heading():
     ("grasp", "key", "message", "way_out"),
     [
         ({"orientation": "up"}, "grasp.orientation", "'up' is not known", "'down'"),
-        ({"yaw": "free"}, "grasp.yaw", "'free' is not known", "'load'"),
+        ({"yaw": "fre"}, "grasp.yaw", "'fre' is not known", "'free'"),
         ({"orientaton": "down"}, "grasp.orientaton", "unknown key", "'orientation'?"),
         ("down", "grasp", "'down' is not a mapping", "'key: value'"),
         (
@@ -160,6 +191,14 @@ def test_a_load_on_end_has_no_heading():
         ({"offset_deg": {"a": "x"}}, "grasp.offset_deg.a", "'x' is not a number", "plain number"),
         ({"offset_deg": {"left": 3}}, "grasp.offset_deg.left", "no manipulator 'left'", "a, b"),
         ({"offset_deg": np.nan}, "grasp.offset_deg", "nan is not a finite number", "plain number"),
+        ({"any_of": []}, "grasp.any_of", "the list has 0 entries", ""),
+        (
+            {"any_of": [{"offset_deg": {"c": 1}}]},
+            "grasp.any_of[0].offset_deg.c",
+            "no manipulator 'c'",
+            "a, b",
+        ),
+        ({"any_of": [{"any_of": [{}]}]}, "grasp.any_of[0].any_of", "unknown key", ""),
     ],
 )
 def test_what_is_wrong_with_a_grasp(grasp, key, message, way_out):

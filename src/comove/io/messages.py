@@ -12,7 +12,7 @@ import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sized
 from pathlib import Path
 from types import UnionType
-from typing import Any, NamedTuple, Union, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -173,6 +173,8 @@ def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
         else:
             found = get_args(found)[-1 if get_origin(found) is dict else 0]
         if get_origin(found) in (UnionType, Union):
+            found = get_args(found)[0]
+        if get_origin(found) is Annotated:
             found = get_args(found)[0]
     return found
 

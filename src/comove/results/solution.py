@@ -308,6 +308,18 @@ def _smooth(name: str, value: float) -> float:
 
 
 def filled_in(scene: Scene, stored: StoredResult) -> Scene:
+    """Return the scene with what it leaves open as the result has it: duration and limits, and one of its grasps.
+
+    Raises
+    ------
+    ResultError
+        If the result does not state them.
+    """
+    scene, solved = _timed_as(scene, stored), stored.summary.get("scene_sha256")
+    return next((choice for choice in scene.alternatives if choice.sha256 == solved), scene)
+
+
+def _timed_as(scene: Scene, stored: StoredResult) -> Scene:
     """Return the scene with its open duration and limits taken from the result's own scene.
 
     Raises

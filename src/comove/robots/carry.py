@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.errors import SceneError
 from comove.planning.clock import now
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind
@@ -101,7 +102,7 @@ def carry(
         Time after which the best result so far is returned [s]; compiling, once after installation, does not count.
     begin
         Array, shape (n_joints,), the robot's joints at the start, where it holds the load already [rad]; some that
-        suit are found unless given.
+        suit are found unless given, and wherever the scene leaves the grasp open.
 
     Raises
     ------
@@ -111,15 +112,18 @@ def carry(
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     timed_share = 0.7  # of the budget, after which it is seen how long a way takes that arms go at leisure
     load_robot_kernels(SceneKind.of(scene))
-    begun = now()
-    objective = objective or objective_of_scene(scene.file.objective)
-    wanted = {
+    wanted: dict[str, Any] = {
         "demonstration": demonstration,
         "seed": seed,
         "objective": objective,
         "progress": progress,
         "stop": stop,
     }
+    if len(scene.alternatives) > 1:
+        return _by_some_grasp(scene, robot, budget, wanted | {"method": method, "found": found})
+    (scene,) = scene.alternatives
+    begun = now()
+    wanted["objective"] = objective = objective or objective_of_scene(scene.file.objective)
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin, found=found)
         carrier.require_reach()
@@ -146,6 +150,38 @@ def carry(
         reasons = (*first.solution.reasons, too_short(scene, needed))
         return replace(first, solution=replace(first.solution, reasons=reasons))
     return _on_time(slow, carrier.on(scene))
+
+
+def _by_some_grasp(scene: Scene, robot: Robot, budget: float, wanted: dict[str, Any]) -> RobotSolution:
+    """Carry by the first of the scene's grasps by which it can be done, those first that turn the joints least.
+
+    Each has half of the time that is left, the last all of it.
+    """
+    ranked, first = list[tuple[float, Scene]](), None
+    deadline = now() + budget
+    for choice in scene.alternatives:
+        try:
+            carrier = RobotCarrier(robot, choice.timed(1.0))
+            carrier.require_reach()
+            ranked.append((round(carrier.turning, 6), choice))
+        except SceneError as error:
+            first = first or error
+    if not ranked:
+        assert first is not None, "scenes that leave the grasp open have alternatives"
+        raise first
+    ranked.sort(key=lambda pair: pair[0])
+    best: RobotSolution | None = None
+    for k, (_, choice) in enumerate(ranked):
+        left = deadline - now()
+        if best is not None and left <= 0.0:
+            break
+        share = 1.0 if k == len(ranked) - 1 else 0.5
+        solution = carry(choice, robot, budget=max(share * left, 0.1 * budget), **wanted)
+        best = best or solution
+        if solution.verified or solution.solution.interrupted:
+            return solution
+    assert best is not None, "one was tried"
+    return best
 
 
 def robot_method() -> Comove:

@@ -123,9 +123,9 @@ class RobotCarrier:
             raise _unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise _unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
-        if scene.meshes:
-            way_out = "put boxes and bars in their place, or solve it without a robot"
-            raise _unfit(scene, "shape", "arms carry past boxes and round things, not meshes", way_out)
+        if scene.file.load.shape == "mesh":
+            way_out = "put a bar, a frame or a box in its place, or solve it without a robot"
+            raise _unfit(scene, "load.shape", "arms carry bars, frames and boxes, not meshes", way_out)
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise _unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
@@ -359,6 +359,16 @@ class RobotCarrier:
             If an arm cannot reach its start or its goal.
         """
         _ = self.starts, self.goals
+
+    @property
+    def turning(self) -> float:
+        """Return how far a joint has to turn from start to goal at least, far more where links touch there [rad]."""
+        first, last = self._ends[0]
+        ends = ((first, "start"), (last, "goal"))
+        free = all(
+            self.clearance(q, self.scene.nodes_at(end)) > self.scene.clearance - FAT for q, end in ends
+        )
+        return _apart(first, last) + (0.0 if free else 2.0 * np.pi)
 
     def try_planning(self) -> None:
         """Plan from the start to itself."""

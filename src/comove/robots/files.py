@@ -3,7 +3,7 @@
 `joints.npz` holds `time` (n_steps,) [s], `joint_names` (n_joints,) and `position`, `velocity` and `acceleration`
 (n_steps, n_joints) [rad, s; m for prismatic joints], and nothing else. The curve is rebuilt from position and time.
 `robot.json` holds the verdict, its measures, and the checksums of scene, robot and motions; `scene.json` is the
-scene itself, so that the folder can be judged anew and played without other files.
+scene itself, so that the folder can be judged anew and played without other files but its meshes.
 """
 
 from __future__ import annotations
@@ -123,6 +123,7 @@ def write_joints(
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
         "mass_shares": None if report.mass_shares is None else list(report.mass_shares),
+        **({"meshes_in": str(motion.scene.folder.resolve())} if motion.scene.meshes else {}),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
         "motion_sha256": checksum(motion_arrays(motion)),
@@ -160,15 +161,23 @@ def read_joints(folder: str | Path) -> StoredJoints:
         If a file is missing, incomplete or unreadable.
     """
     folder = Path(folder)
-    return steadily(folder, lambda: StoredJoints(folder, *JOINTS.read(folder), _read_scene(folder / SCENE)))
+
+    def read() -> StoredJoints:
+        summary, arrays = JOINTS.read(folder)
+        meshes = summary.get("meshes_in")
+        scene = _read_scene(folder / SCENE, Path(meshes) if isinstance(meshes, str) else None)
+        return StoredJoints(folder, summary, arrays, scene)
+
+    return steadily(folder, read)
 
 
-def _read_scene(path: Path) -> Scene:
+def _read_scene(path: Path, folder: Path | None) -> Scene:
+    """Return the scene of a file, whose meshes are in a folder where it has any."""
     data = read_json(path, AGAIN, SCENE_BYTES)
     try:
         with warnings.catch_warnings():  # what there is to warn of was said when it was solved
             warnings.simplefilter("ignore", ComoveWarning)
-            return Scene.from_dict(data)
+            return Scene.from_dict(data, folder=folder)
     except InputError as error:
         raise ResultError(str(error), file=path, way_out=AGAIN) from error
 

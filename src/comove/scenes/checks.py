@@ -13,7 +13,7 @@ from comove.errors import ComoveWarning, near_name
 from comove.io.keys import HAND, UNTURNED, VECTOR, marked
 from comove.io.messages import Flaw, KeyPath, counted, show
 from comove.io.yaml_reader import MAX_NAMES, near_files
-from comove.scenes.model import BarLoad, FrameLoad, SceneFile
+from comove.scenes.model import BarLoad, FrameLoad, GraspPart, SceneFile
 
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""
@@ -89,9 +89,12 @@ def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
     yield from marked(scene, HAND)
     for name in getattr(scene.load, "grasps", None) or ():
         yield ("load", "grasps", name), name
-    offsets = scene.grasp.offset_deg if scene.grasp else None
-    for name in offsets if isinstance(offsets, dict) else ():
-        yield ("grasp", "offset_deg", name), name
+    several = scene.grasp.any_of if scene.grasp else None
+    told: list[tuple[KeyPath, GraspPart]] = [(("grasp",), scene.grasp)] if scene.grasp else []
+    told += [(("grasp", "any_of", i), part) for i, part in enumerate(several or ())]
+    for path, part in told:
+        for name in part.offset_deg if isinstance(part.offset_deg, dict) else ():
+            yield (*path, "offset_deg", name), name
 
 
 def _workspace_flaws(scene: SceneFile) -> Iterator[Flaw]:

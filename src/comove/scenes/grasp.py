@@ -14,12 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import matrices, rotation_in_plane
-from comove.scenes.model import SceneFile
+from comove.scenes.model import GraspPart, SceneFile
 
 Array = NDArray[np.float64]
 
-DOWN = np.diag([-1.0, 1.0, -1.0])
-"""A grasp frame whose approach direction points down."""
+HELD = {
+    "down": np.diag([-1.0, 1.0, -1.0]),
+    "forward": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+}
+"""Grasp frames at heading 0, by their names: the approach points down, or along the heading with fingers that open
+upwards."""
+FREE_STEP = 45.0  # deg, between the angles about the vertical that are tried where the yaw is free
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,20 +80,50 @@ class Grasp:
 
 
 def grasp_of(file: SceneFile, carried: tuple[int, ...]) -> Grasp | None:
-    """Return the grasp that a scene file describes, None where it describes none.
+    """Return the grasp that a scene file describes, the first where it describes several; None where it has none.
 
     Parameters
     ----------
     carried : numbers of the hands that form one rigid body with the load
     """
-    part = file.grasp
-    if part is None:
+    if file.grasp is None:
         return None
+    part = alternatives(file)[0]
     offset = part.offset_deg
     offsets = [offset.get(name, 0.0) if isinstance(offset, dict) else offset for name in file.names]
-    held = DOWN if part.quaternion_wxyz is None else matrices(np.array(part.quaternion_wxyz))
+    held = HELD[part.orientation or "down"]
+    if part.quaternion_wxyz is not None:
+        held = matrices(np.array(part.quaternion_wxyz))
     return Grasp(
         holders=tuple(file.names.index(name) for name in file.holders),
         at_rest=np.stack([rotation_in_plane(np.deg2rad(angle)) @ held for angle in offsets]),
         turning=np.isin(np.arange(len(file.names)), carried),
     )
+
+
+def alternatives(file: SceneFile) -> tuple[GraspPart, ...]:
+    """Return the grasps that a scene file leaves open, each with a yaw that is given; none where it has none.
+
+    Where the yaw is free, hands are turned by all multiples of `FREE_STEP` beyond their offsets: all by the same, or
+    the first against the others.
+    """
+    if file.grasp is None:
+        return ()
+    found = list[GraspPart]()
+    for part in file.grasp.any_of or (file.grasp,):
+        if part.yaw == "load":
+            found.append(part)
+            continue
+        turns = FREE_STEP * np.arange(round(360 / FREE_STEP))
+        for first, others in ((1, 1), (1, -1)):
+            for turn in turns.tolist():
+                signs = [first if name == file.names[0] else others for name in file.names]
+                said = part.offset_deg
+                offset = {
+                    name: (said.get(name, 0.0) if isinstance(said, dict) else said) + sign * turn
+                    for name, sign in zip(file.names, signs, strict=True)
+                }
+                same = all(abs((sign - 1) * turn) % 360 == 0 for sign in signs)
+                if others == 1 or not same:
+                    found.append(part.model_copy(update={"yaw": "load", "offset_deg": offset}))
+    return tuple(found)

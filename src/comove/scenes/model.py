@@ -270,7 +270,7 @@ _AnyConstraint = Annotated[
 ]
 
 
-class GraspPart(Part):
+class GraspPart(Sparse):
     """The orientation of the hands that hold the load.
 
     The hands keep their tilt, which is given in one of two ways, and turn with the load.
@@ -279,9 +279,9 @@ class GraspPart(Part):
     the load's heading is 0.
     """
 
-    orientation: Literal["down"] | None = None
+    orientation: Literal["down", "forward"] | None = None
     quaternion_wxyz: Quaternion | None = None
-    yaw: Literal["load"] = "load"
+    yaw: Literal["load", "free"] = "load"
     offset_deg: Annotated[
         Annotated[Number, Tag("one")] | Annotated[dict[str, Number], Tag("each")],
         Discriminator(lambda value: "each" if isinstance(value, dict) else "one"),
@@ -300,6 +300,13 @@ class GraspPart(Part):
         if self.orientation is not None and self.quaternion_wxyz is not None:
             raise Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
         return self
+
+
+class GraspChoice(GraspPart):
+    """A grasp, or several of which one is chosen; what is said beside `any_of` does not count then."""
+
+    LATER = ("any_of",)
+    any_of: Annotated[tuple[GraspPart, ...], BeforeValidator(as_tuple), at_least(1, "grasp")] | None = None
 
 
 class LeastJerkObjective(Part):
@@ -390,7 +397,7 @@ class SceneFile(Sparse):
     demonstration: DemonstrationSource | None = None
     robot: Annotated[str, AfterValidator(_robot_name)] | None = None
     """A robot's name, or the path of its description relative to the scene."""
-    grasp: GraspPart | None = None
+    grasp: GraspChoice | None = None
     objective: Objective | None = None
     """What the motion shall be best in, unless the command says something else."""
 

@@ -27,9 +27,9 @@ from comove.geometry import distances as sd
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.keys import scaled
-from comove.scenes.grasp import Grasp, grasp_of
+from comove.scenes.grasp import Grasp, alternatives, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
-from comove.scenes.model import SceneFile, canonical
+from comove.scenes.model import GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
 from comove.scenes.rigid import ENDS, HEADING, LoadBodies
@@ -185,6 +185,20 @@ class Scene:
     def limited(self, **limits: float | None) -> Scene:
         """Return the scene with other limits, by their keys in a scene file; None for no limit."""
         return self._changed(limits=self.file.limits.model_copy(update=limits))
+
+    @cached_property
+    def alternatives(self) -> tuple[Scene, ...]:
+        """Return the scenes of which each has one of the grasps that this one leaves open; itself where none is."""
+        parts = alternatives(self.file)
+        if len(parts) < 2 and (self.file.grasp is None or parts[0] is self.file.grasp):
+            return (self,)
+        return tuple(self.held_as(part) for part in parts)
+
+    def held_as(self, part: GraspPart) -> Scene:
+        """Return the scene with another grasp."""
+        choice = GraspChoice(**{key: value for key, value in part if value is not None and key != "any_of"})
+        other, groups = self._changed(grasp=choice), list(self.groups)
+        return replace(other, grasp=grasp_of(other.file, _carried(other.file, groups)))
 
     def _changed(self, **keys: Any) -> Scene:
         return replace(self, file=self.file.model_copy(update=keys))

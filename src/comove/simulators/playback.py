@@ -15,10 +15,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import matrices
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification.bodies import OBSTACLE_SHAPES
+from comove.robots.verification.bodies import obstacle_object
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld
@@ -135,10 +134,8 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
     names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
     obstacles = []
     for i, obstacle in enumerate(scene.file.obstacles):
-        turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
         names.append(f"obstacles[{i}] ({obstacle.shape})")
-        shape, pose = OBSTACLE_SHAPES[obstacle.shape](obstacle), _pose(obstacle.center, turn)
-        obstacles.append(geometry.addGeometryObject(pin.GeometryObject(names[-1], 0, pose, shape)))
+        obstacles.append(geometry.addGeometryObject(obstacle_object(scene, i, names[-1])))
     hands = _hand_joints(robot, scene, load)
     parts = []
     for i, part in enumerate(load.parts if load is not None else ()):

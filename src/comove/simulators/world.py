@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.geometry import distances as sd
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
 from comove.scenes.scene import Scene
@@ -96,15 +97,40 @@ def add_obstacles(spec: Any, scene: Scene) -> None:
         "ellipsoid": (kinds.mjGEOM_ELLIPSOID, lambda o: list(o.radii)),
     }
     for i, obstacle in enumerate(scene.file.obstacles):
-        kind, size = shapes[obstacle.shape]
         body, place = spec.worldbody, obstacle.center
         if obstacle.motion is not None:  # moved by who runs the simulation
             body, place = body.add_body(name=moving_body(i), pos=place, mocap=True), (0.0, 0.0, 0.0)
+        name = f"obstacles[{i}] ({obstacle.shape})"
+        if obstacle.shape == "mesh":
+            parts = _add_mesh(spec, body, scene.obstacles[scene.owners == i], name, place)
+            for k, part in enumerate(parts):
+                _finish(part, f"{name} part {k}" if k else name, post)
+            continue
+        kind, size = shapes[obstacle.shape]
         geom = body.add_geom(type=kind, size=size(obstacle), pos=place)
         geom.quat = getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))
         flat = obstacle.shape == "box" and obstacle.size[2] < 0.3 * min(obstacle.size[:2])  # a table
-        _finish(geom, f"obstacles[{i}] ({obstacle.shape})", table if flat else post)
+        _finish(geom, name, table if flat else post)
     _finish(spec.worldbody.add_geom(type=kinds.mjGEOM_PLANE, size=(0, 0, 0.05)), "the floor", (1, 1, 1, 1))
+
+
+def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[Any]:
+    """Add the convex polytopes that hold a mesh to a body, and return them.
+
+    Parameters
+    ----------
+    rows : array, shape (n_polytopes, n_columns), of the table of obstacles
+    """
+    geoms = []
+    for k, row in enumerate(rows):
+        first = sd.PLANES + 4 * int(row[sd.N_PLANES])
+        vertices = row[first : first + 3 * int(row[sd.N_VERTICES])]
+        mesh = spec.add_mesh(name=f"{name} {k}", uservert=vertices.tolist())
+        mesh.inertia = engine().mjtMeshInertia.mjMESH_INERTIA_CONVEX
+        geom = body.add_geom(type=engine().mjtGeom.mjGEOM_MESH, meshname=mesh.name, pos=place)
+        geom.quat = quaternion_of_rotation(row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3))
+        geoms.append(geom)
+    return geoms
 
 
 def moving_body(obstacle: int) -> str:

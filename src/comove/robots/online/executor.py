@@ -1,9 +1,9 @@
 """Online execution of a carry: measured joints in, commanded joints out, among obstacles that move.
 
-A carry is planned and verified among what stands, and followed at its own pace. Every control step the joint
-programme changes the wanted rates of all joints so that links and load keep clear of what is seen now, and the hands
-keep hold of the load. Where the arms fall behind, the plan waits for them, and so it stops where the way is blocked;
-where they wait too long, a new carry is planned around what is in the way.
+A carry is planned and verified among what stands, and followed until something that moves would meet it: then a pilot
+chooses another course in time (`comove.robots.online.pilot`). Every control step the joint programme changes the
+wanted rates of all joints so that links and load keep clear of what is seen now, and the hands keep hold of the load.
+Where the arms fall behind, the reference waits for them.
 
 The load is moved by the exact step of its twist, and joints are solved for its hands: so commands keep hold of it to
 rounding, however long a run is. Measured joints slow the plan down where the robot does not come along.
@@ -13,27 +13,29 @@ from __future__ import annotations
 
 import time as clock
 from array import array
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.blocks import write_pose
 from comove.coordination.group_poses import HandPoses, poses_at
 from comove.errors import OptionError, RobotError
 from comove.execution.executor import Event
 from comove.execution.observers import Functions, Observer
 from comove.geometry.rotations import matrices
-from comove.planning.objectives import LeastJerk
 from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.reaction.twist_qp import NOTHING
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
-from comove.robots.carry import RobotSolution, carry, robot_method
+from comove.robots.carry import carry
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.online.joint_programme import JointProgramme, JointState
-from comove.robots.online.link_rows import clearances_along, first_contact
+from comove.robots.online.pilot import Pilot, PilotSettings
+from comove.robots.online.reference import Reference
+from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration, inside, reach_pose
 from comove.robots.search.following import Arms, hand_rotation
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -54,34 +56,29 @@ class OnlineSettings:
     Attributes
     ----------
     period : control period [s]
-    leisure, haste : time that the first attempt to plan and any later one may take [s]; the robot stands meanwhile
-    catch_up : time constant of the return to the plan [s]
-    behind : distance of the hands behind the plan at which it waits [m]
-    lag : difference of measured and commanded joints at which the plan waits [rad]
+    leisure : time that the search of the plan may take, before anything moves [s]
+    catch_up : time constant of the return to the reference [s]
+    behind : distance of the hands behind the reference at which it waits [m]
+    lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
-    foresight, every : time over which obstacles are foreseen to go on as they move now, and between two looks [s]
-    patience : time that the plan may wait before another is looked for [s]; it doubles while none is found
-    most_patient : longest time between two attempts [s]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
+    pilot : settings of what chooses the reference
     """
 
     period: float = 0.004
     leisure: float = 10.0
-    haste: float = 2.0
     catch_up: float = 0.15
     behind: float = 0.05
     lag: float = 0.06
     lost: float = 0.5
-    foresight: float = 1.5
-    every: float = 0.02
-    patience: float = 1.5
-    most_patient: float = 6.0
     at_goal: float = 1e-3
     at_rest: float = 2e-3
+    pilot: PilotSettings = field(default_factory=PilotSettings)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            require_positive(name, value)
+            if name != "pilot":
+                require_positive(name, value)
         if not 1e-3 <= self.period <= 0.02:
             raise OptionError(
                 f"a control period of {self.period} s", key="period", way_out="give 0.001 to 0.02 s"
@@ -148,6 +145,9 @@ class JointExecutor:
         self.log, self.n_steps = OnlineLog(), 0
         standing = scene.standing()
         self.plan = self._first_plan(standing)
+        if (held := self.plan.scene.file.grasp) != scene.file.grasp and held is not None:  # it was left open
+            scene = self.scene = scene.held_as(held)
+            standing = scene.standing()
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
         self.programme = JointProgramme(scene, self._arms(), self.carrier.grasp, self.settings.period)
@@ -156,8 +156,29 @@ class JointExecutor:
         self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
         self._before = np.zeros((len(scene.manipulators), 3))
-        self._phase, self._waited, self._patience = 0.0, 0.0, self.settings.patience
-        self._looked, self._clear = -np.inf, 1.0
+        self._waited = 0.0
+        self._coordinates = self.plan.motion.motion.coordinates
+        stands = ~scene.moving[scene.owners]
+        self.pilot = Pilot(
+            standing,
+            self._arms(),
+            self._coordinates,
+            Reference.of_plan(self.plan, self.columns),
+            self.programme.needs._replace(obstacle=self.programme.needs.obstacle[stands]),
+            seed=seed,
+            settings=self.settings.pilot,
+        )
+        self._try_kernels()
+
+    def _try_kernels(self) -> None:
+        """Load all kernels that a control step needs, and make the roadmap: the first step would take seconds."""
+        seen, still = self.observer.observe(0.0), np.zeros_like(self.rates)
+        joints = self.position[self.columns]
+        state = JointState(joints, still, still, still)
+        self.programme.allowed_rates(self.poses, state, self._before, self._before, seen)
+        held(self._arms(), nodes_of(self.scene, self.poses), joints)
+        if self.scene.moving.any():
+            self.pilot.prepare(self._movers(seen))
 
     @property
     def time(self) -> float:
@@ -182,11 +203,12 @@ class JointExecutor:
         """
         lag = self._lag(measured)
         seen = self.observer.observe(self.time)
-        self._keep_a_plan(seen)
-        begun = clock.perf_counter()
+        begun, n_planned = clock.perf_counter(), len(self.log.planning)
+        self._keep_a_course(seen)
         self._advance(seen, lag)
         self.n_steps += 1
-        self.log.control.append(clock.perf_counter() - begun)
+        planned = sum(self.log.planning[n_planned:])
+        self.log.control.append(clock.perf_counter() - begun - planned)
         return self.position.copy()
 
     def _lag(self, measured: Array) -> float:
@@ -209,20 +231,20 @@ class JointExecutor:
     def _advance(self, seen: Sighting, lag: float) -> None:
         """Move the load and the joints by one step of the programme."""
         how, scene, period = self.settings, self.scene, self.settings.period
-        here, ahead, wanted_rates, behind = self._reference()
-        pace = min(self._pace(behind, lag), self._foreseen(seen))
+        here, ahead, (there, wanted_rates), behind = self._reference()
+        pace = self._pace(behind, lag)
         twists = pace * twists_between(scene, here, ahead, period)
         twists = twists + twists_between(scene, self.poses, here, how.catch_up)
         wanted = hand_velocities(scene, self.poses, twists)
         joints = self.position[self.columns]
-        now, _, _ = self.plan.joints.at(self._phase)
-        drawn = pace * wanted_rates + (now[self.columns] - joints) / how.catch_up
+        drawn = pace * wanted_rates + (there - joints) / how.catch_up
         state = JointState(joints, self.rates, drawn, self._bend)
         allowed = self.programme.allowed_rates(self.poses, state, self._before, wanted, seen)
         self._note(allowed.relaxed, allowed.blocking)
         self._move(allowed.twists, self.programme.rates)
-        self._phase = min(self._phase + pace * period, self.plan.joints.duration)
-        waits = pace < 0.5 and self._phase < self.plan.joints.duration
+        pilot = self.pilot
+        pilot.clock = min(pilot.clock + pace * period, pilot.reference.duration)
+        waits = pace < 0.5 or pilot.clock >= pilot.reference.duration
         self._waited = self._waited + period if waits else 0.0
 
     def _move(self, twists: Array, rates: Array) -> None:
@@ -248,47 +270,22 @@ class JointExecutor:
         self.rates, self.poses = (following - joints) / period, poses
         self.position[self.columns] = following
 
-    def _reference(self) -> tuple[HandPoses, HandPoses, Array, float]:
-        """Return the plan's poses now and a period later, its joint rates, and how far hands are from it [m]."""
-        motion, duration = self.plan.motion.motion, self.plan.joints.duration
-        times = np.minimum(np.array([self._phase, self._phase + self.settings.period]), duration)
-        here, ahead = (poses_at(motion.coordinates, q) for q in motion.at(times / duration)[0])
-        _, rates, _ = self.plan.joints.at(self._phase)
+    def _reference(self) -> tuple[HandPoses, HandPoses, tuple[Array, Array], float]:
+        """Return the reference's poses now and a period later, its joints and their rates, and how far hands are from
+        it [m].
+        """
+        times = self.pilot.clock + np.array([0.0, self.settings.period])
+        configurations, joints, rates = self.pilot.reference.at(times)
+        here, ahead = (poses_at(self._coordinates, q) for q in configurations)
         n = len(self.scene.manipulators)
         off = nodes_of(self.scene, self.poses)[:n] - nodes_of(self.scene, here)[:n]
-        return here, ahead, rates[self.columns], float(np.linalg.norm(off, axis=1).max())
+        return here, ahead, (joints[0], rates[0]), float(np.linalg.norm(off, axis=1).max())
 
     def _pace(self, behind: float, lag: float) -> float:
         """Return the share of the plan's pace at which it goes on: 1 where arms come along, 0 where it waits."""
         how = self.settings
         left = min(1.0 - behind / how.behind, 2.0 * (1.0 - lag / how.lag))
         return float(np.clip(left, 0.0, 1.0))
-
-    def _foreseen(self, seen: Sighting, n_looks: int = 12) -> float:
-        """Return the share of the pace at which the plan may go on, as obstacles are foreseen to move.
-
-        It is less than 1 where going on would meet something, and earlier than waiting would.
-        """
-        how = self.settings
-        if self.time - self._looked < how.every - 1e-9 or not self.scene.moving.any():
-            return self._clear
-        self._looked = self.time
-        times = np.linspace(0.0, how.foresight, n_looks + 1)[1:]
-        motion, duration = self.plan.motion.motion, self.plan.joints.duration
-        phases = np.minimum(self._phase + times, duration)
-        going = np.ascontiguousarray(self.plan.joints.at(phases)[0][:, self.columns])
-        nodes = motion.coordinates.motion(motion.at(phases / duration))[0]
-        arms = self._arms()
-        moves = self.scene.moving[self.scene.owners]
-        need = np.where(moves, arms.around.clearance, -np.inf)  # among the rest the plan is verified
-        met = first_contact(arms, going, np.ascontiguousarray(nodes), seen, times, need)
-        if met == n_looks:
-            self._clear = 1.0
-            return self._clear
-        here = np.repeat(self.position[self.columns][None], n_looks, axis=0)
-        stays = np.repeat(nodes_of(self.scene, self.poses)[None], n_looks, axis=0)
-        self._clear = met / n_looks if met <= first_contact(arms, here, stays, seen, times, need) else 1.0
-        return self._clear
 
     def _note(self, relaxed: float, blocking: int) -> None:
         self.log.relaxed = max(self.log.relaxed, relaxed)
@@ -309,49 +306,26 @@ class JointExecutor:
         self._tell(f"a plan of {found.motion.scene.duration:.2f} s")
         return found.motion
 
-    def _keep_a_plan(self, seen: Sighting) -> None:
-        """Look for another plan where the present one has waited too long."""
-        at_rest = np.linalg.norm(self._before, axis=1).max() <= self.settings.at_rest
-        if self._waited < self._patience or not at_rest:
+    def _keep_a_course(self, seen: Sighting) -> None:
+        """Let the pilot look on, and choose another course where that is worth it."""
+        pilot, movers = self.pilot, self._movers(seen)
+        if not pilot.looks_on(self.time, movers, self._waited):
             return
+        (part,) = self._coordinates.parts  # one rigid load, or the programme had refused it
+        pose = GroupPose(self.poses.center[0], matrices(self.poses.quaternion[0]))
+        here = Way(write_pose(part.kind, pose, self.scene.n_dims)[None], self.position[self.columns][None])
         begun = clock.perf_counter()
-        found = self._around(seen)
+        found = pilot.choose(self.time, movers, here, self._reference()[3], self._waited)
         self.log.planning.append(clock.perf_counter() - begun)
-        self._waited = 0.0
-        if found.motion is None:
-            self._patience = min(2.0 * self._patience, self.settings.most_patient)
-            self._tell(f"no plan around what is in the way: {found.solution.reasons[0]}")
-            return
-        self.plan, self._phase, self._patience = found.motion, 0.0, self.settings.patience
-        self._follow_plan()
-        self._tell(f"another plan, of {found.motion.scene.duration:.2f} s")
+        if found:
+            self._waited = 0.0
+            self._tell(f"another course, of {pilot.reference.duration:.2f} s")
 
-    def _around(self, seen: Sighting) -> RobotSolution:
-        """Plan a carry from the present joints around obstacles where they are now."""
-        centers = self.observer.ground_truth(np.array([self.time]))[0]
-        start = GroupPose(self.poses.center[0], matrices(self.poses.quaternion[0]))
-        later = self.scene.standing(centers).resumed(
-            0.0, self.plan.scene.duration, (start,), np.zeros((1, 6))
-        )
-        return carry(
-            replace(later, begins=0.0).limited(clearance=self._left(later)).timed(None),
-            self.robot,
-            seed=self.seed + self.n_steps,
-            method=replace(robot_method(), n_ways=1, n_plans=1),
-            objective=LeastJerk(),
-            budget=self.settings.haste,
-            begin=self.position,
-        )
-
-    def _left(self, later: Scene, share: float = 0.8, least: float = 1e-3) -> float:
-        """Return the clearance that a plan from here can keep: the scene's, or most of what is left of it [m]."""
-        nodes, joints = nodes_of(self.scene, self.poses), self.position[self.columns]
-        obstacle, other = clearances_along(
-            self._arms(), joints[None], nodes[None], later.obstacles, later.clearance
-        )
-        of_load = later.clearance_at(nodes)[0]
-        left = min(of_load, other, obstacle.min(initial=np.inf))
-        return later.clearance if left >= later.clearance else max(share * left, least)
+    def _movers(self, seen: Sighting) -> Sighting:
+        """Return the rows of what moves, and of what is seen beyond the scene's obstacles."""
+        n_more = len(seen.margin) - len(self.scene.owners)
+        moves = np.append(self.scene.moving[self.scene.owners], np.ones(n_more, dtype=bool))
+        return Sighting(*(array[moves] for array in seen))
 
     def _follow_plan(self, n_steps: int = 201) -> None:
         """Tell the programme which clearances the plan has."""

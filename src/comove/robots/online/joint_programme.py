@@ -41,6 +41,8 @@ class JointSettings:
     near : clearance from which on links are looked at [m]
     gain : approach of a joint to its limit per range that is left [1/s]
     share : of the joints' accelerations that is used, and of these again when braking before a limit
+    speed : share of the joints' speeds that is used
+    bend : share of a change of rates in a step that may be expected to come of itself, as joints go round
     load : settings of the twist programme
     """
 
@@ -48,6 +50,8 @@ class JointSettings:
     near: float = 0.3
     gain: float = 5.0
     share: float = 0.9
+    speed: float = 0.98
+    bend: float = 0.85
     load: ProgrammeSettings = field(default_factory=lambda: ProgrammeSettings(spare=5e-4))
 
 
@@ -164,11 +168,12 @@ class JointProgramme(TwistProgramme):
             np.minimum(how.gain * left, np.sqrt(2.0 * brake * left))
             for left in (np.maximum(up, 0.0), np.maximum(down, 0.0))
         ]
-        high, low = np.minimum(chains.velocity, fastest[0]), -np.minimum(chains.velocity, fastest[1])
+        speed = how.speed * chains.velocity
+        high, low = np.minimum(speed, fastest[0]), -np.minimum(speed, fastest[1])
         high = np.maximum(high, joints.before - change)
         low = np.minimum(low, joints.before + change)
         low, high = np.maximum(low, joints.before - change), np.minimum(high, joints.before + change)
-        bend = np.clip(joints.bend, -0.5 * change, 0.5 * change)
+        bend = np.clip(joints.bend, -how.bend * change, how.bend * change)
         return low - bend, high - bend
 
     def _assembled(self, m: int) -> Assembled:

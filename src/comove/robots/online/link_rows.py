@@ -23,7 +23,7 @@ from comove.reaction.cbf_constraints import rate
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
-from comove.robots.search.links import nearest_shares, place_links
+from comove.robots.search.links import near_enough, nearest_shares, place_links
 
 Array = NDArray[np.float64]
 
@@ -258,43 +258,38 @@ def _direction(a: Array, b: Array, out: Array) -> None:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def first_contact(
-    arms: Arms, joints: Array, nodes: Array, sighting: Sighting, times: Array, need: Array
-) -> int:
-    """Return the number of the first of several instants at which something comes too near to an obstacle.
-
-    Obstacles go on at their present velocities. The number is that of the instants where nothing does.
+def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkNeeds) -> bool:
+    """Return whether placed links keep their clearances from obstacles, from the load and from each other.
 
     Parameters
     ----------
-    joints : array, shape (n_times, n_joints) [rad]
-    nodes : array, shape (n_times, n_nodes, 3), hands and nodes of the load [m]
-    times : array, shape (n_times,), from now [s]
-    need : array, shape (n_rows,), clearance to be kept from every row of the table [m]
+    start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
+    nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
     """
     links, around = arms.links, arms.around
-    start, end, table = links.start.copy(), links.end.copy(), sighting.table.copy()
-    for t in range(times.shape[0]):
-        for j in range(table.shape[0]):
-            for axis in range(3):
-                table[j, CENTER + axis] = (
-                    sighting.table[j, CENTER + axis] + times[t] * sighting.velocity[j, axis]
-                )
-        place_links(arms.chains, links, joints[t], start, end)
-        for j in range(table.shape[0]):
-            keep = need[j] + sighting.margin[j]
-            for i in links.moving:
-                far = keep + links.radius[i]
-                near = _may_be_near(table, j, start[i], end[i], far)
-                if near and near_on_edge(table, j, start[i], end[i], np.inf)[0] < far:
-                    return t
-            for e in range(around.edges.shape[0]):
-                a, b = nodes[t, around.edges[e, 0]], nodes[t, around.edges[e, 1]]
-                far = keep + around.radii[e]
-                near = _may_be_near(table, j, a, b, far)
-                if near and near_on_edge(table, j, a, b, np.inf)[0] < far:
-                    return t
-    return times.shape[0]
+    for i in links.moving:
+        a, b, thick = start[i], end[i], links.radius[i]
+        for j in range(around.obstacles.shape[0]):
+            far = thick + needs.obstacle[j]
+            if (
+                _may_be_near(around.obstacles, j, a, b, far)
+                and near_on_edge(around.obstacles, j, a, b, np.inf)[0] < far
+            ):
+                return False
+        if links.holds[i]:
+            continue
+        for e in range(around.edges.shape[0]):
+            c, d = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
+            far = thick + around.radii[e] + needs.other
+            if around.edges[e, 0] != around.edges[e, 1] and nearest_shares(a, b, c, d)[2] < far:
+                return False
+    for p in range(links.pairs.shape[0]):
+        i, k = links.pairs[p]
+        far = links.radius[i] + links.radius[k] + needs.other
+        near = near_enough(start[i], end[i], start[k], end[k], far)
+        if near and nearest_shares(start[i], end[i], start[k], end[k])[2] < far:
+            return False
+    return True
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -25,6 +25,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import matrices
+from comove.geometry.surfaces import Surfaces, holds
 from comove.robots.model import Arm, Robot
 from comove.robots.verification.carried import Carried, leverage, load_shapes
 from comove.robots.verification.reach import Bases
@@ -63,6 +64,7 @@ class Bodies:
     exact : array, shape (n_pairs,), index of the exact pair for which a pair is a rough substitute, or its own index:
         the convex hulls of meshes, nearer to everything and much faster, are checked first
     rods : for each shape of the load, its number and the nodes that it spans (see `load_shapes`)
+    surfaces : the scene's meshes, which have an inside where they close
     """
 
     robot: Robot
@@ -74,6 +76,7 @@ class Bodies:
     reach: Array
     exact: NDArray[np.int64]
     rods: tuple[tuple[int, ...], ...]
+    surfaces: Surfaces
 
     def name(self, pair: int) -> str:
         """Return the names of both bodies of a pair, for messages."""
@@ -120,6 +123,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
         reach=_changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3)),
         exact=exact,
         rods=rods,
+        surfaces=scene.surfaces,
     )
 
 
@@ -127,7 +131,7 @@ def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[
     """Add the scene's obstacles; returns the pairs with all links."""
     links, pairs = range(geometry.ngeoms), []
     for i, obstacle in enumerate(scene.file.obstacles):
-        number = geometry.addGeometryObject(_obstacle(obstacle, f"obstacles[{i}]"))
+        number = geometry.addGeometryObject(obstacle_object(scene, i, f"obstacles[{i}]"))
         names.append(f"obstacles[{i}] ({obstacle.shape})")
         pairs += [(link, number, SCENE) for link in links]
     return pairs
@@ -168,10 +172,56 @@ def _parent(geometry: Any, item: int) -> int:
     return geometry.geometryObjects[item].parentJoint
 
 
-def _obstacle(obstacle: Any, name: str) -> Any:
+def obstacle_object(scene: Scene, i: int, name: str) -> Any:
+    """Return obstacle i of a scene as a pinocchio.GeometryObject: a mesh as its triangles, turned as in the scene."""
+    obstacle = scene.file.obstacles[i]
+    if obstacle.shape == "mesh":
+        mesh, center = int(np.argmax(scene.surfaces.owner == i)), np.array(obstacle.center)
+        triangles = _triangles(scene.surfaces.of(mesh) - center)
+        return pin.GeometryObject(name, 0, pin.SE3(np.eye(3), center), triangles)
     turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
     placement = pin.SE3(turn, np.array(obstacle.center))
     return pin.GeometryObject(name, 0, placement, OBSTACLE_SHAPES[obstacle.shape](obstacle))
+
+
+def _triangles(corners: Array) -> Any:
+    """Return triangles, array of shape (n_triangles, 3, 3), as a coal.BVHModelOBBRSS."""
+    vertices, number = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    points, faces, shape = coal.StdVec_Vec3s(), coal.StdVec_Triangle(), coal.BVHModelOBBRSS()
+    points.extend(list(vertices))
+    faces.extend([coal.Triangle(*map(int, face)) for face in number.reshape(-1, 3)])
+    shape.beginModel(len(faces), len(points))
+    shape.addSubModel(points, faces)
+    shape.endModel()
+    return shape
+
+
+def links_inside(bodies: Bodies, joints: Array) -> list[str]:
+    """Return which links are inside solids that meshes of the scene close, in words; no triangle need be near them.
+
+    Parameters
+    ----------
+    joints : array, shape (n_joints,) [rad]
+    """
+    robot, surfaces, found = bodies.robot, bodies.surfaces, list[str]()
+    solids = np.flatnonzero(surfaces.closed)
+    if not len(solids):
+        return found
+    data, placed = robot.model.createData(), robot.collision.createData()
+    pin.updateGeometryPlacements(robot.model, data, robot.collision, placed, joints)
+    for k, item in enumerate(robot.collision.geometryObjects):
+        point = placed.oMg[k].act(_some_point(item.geometry))
+        for mesh in solids.tolist():
+            if holds(surfaces, mesh, *point):
+                found.append(f"{bodies.names[k]} begins inside obstacles[{surfaces.owner[mesh]}] (mesh)")
+    return found
+
+
+def _some_point(shape: Any) -> Array:
+    """Return a point of a body in its own frame [m]."""
+    if isinstance(shape, coal.BVHModelBase):
+        return np.array(shape.vertices()[0])
+    return np.array(shape.point(0)) if isinstance(shape, coal.ConvexBase) else np.zeros(3)
 
 
 def _holders(scene: Scene) -> list[int]:

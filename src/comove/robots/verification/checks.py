@@ -13,7 +13,7 @@ from comove.errors import OptionError, RobotError
 from comove.robots.effort import largest_torque, load_mass
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Extreme, JointMotion, largest_acceleration, largest_velocity, least_margin
-from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies
+from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_inside
 from comove.robots.verification.carried import LoadMotion
 from comove.robots.verification.certificate import certify
 from comove.robots.verification.holding import Errors
@@ -209,6 +209,7 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
 def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> JointFinding:
     """Check that links, load and obstacles keep clear of each other; `slack` as in `certify`."""
     finding = JointFinding({}, {}, [])
+    finding.reasons.extend(links_inside(bodies, curve(curve.x[0])))
     names = {SCENE: "clearance_scene", LOAD: "clearance_load", SELF: "clearance_self"}
     bounds = certify(bodies, carried, curve, slack)
     touching = any(found.upper < required for found, required in zip(bounds, bodies.required, strict=True))

@@ -1,0 +1,360 @@
+"""Courses through a roadmap among things that move: which way, and when, as far ahead as one dares to foresee.
+
+Time goes by in slots. What moves is foreseen to go on as it does now. For every sample of the roadmap and every slot
+it is computed what comes how near (`dangers`); then the least cost of a course from every node at every slot follows
+backwards in time (dynamic programming: Bellman, 1957). A slot that is not spent at the goal costs 1, one near to
+something more, and one in which something is met so much that it is avoided where it can be. What is left to go at
+the end of the time that is foreseen counts as if nothing moved any more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from comove.coordination.blocks import place_one
+from comove.geometry.distances import CENTER, KIND, REACH, SPHERE, segment_distance
+from comove.planning.configurations import Space
+from comove.reaction.qp_workspace import Sighting
+from comove.robots.online.roadmap import Roadmap, Way
+from comove.robots.search.following import Arms
+from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+WAIT = -1
+
+
+@dataclass(frozen=True)
+class CourseSettings:
+    """Settings of the choice of a course.
+
+    Attributes
+    ----------
+    slot : length of a slot [s], as of the roadmap's
+    n_slots : slots that are foreseen
+    thicker : by how much links may be taken to be thicker, so that there are fewer [m]
+    met, near : clearances beyond the scene's, below which something counts as met, and as near [m]
+    meeting, nearness : cost of a slot in which something is met, and is almost met, beside 1 for every slot
+    """
+
+    slot: float = 0.1
+    n_slots: int = 80
+    thicker: float = 0.015
+    met: float = 0.01
+    near: float = 0.08
+    meeting: float = 100.0
+    nearness: float = 10.0
+
+
+class Places(NamedTuple):
+    """Bodies at samples, as capsules.
+
+    Attributes
+    ----------
+    start, end : arrays, shape (n_samples, n_bodies, 3), ends of the axes: of links that move, and then of the load's
+        edges [m]
+    radius : array, shape (n_bodies,) [m]
+    """
+
+    start: Array
+    end: Array
+    radius: Array
+
+
+def fewer(links: Links, within: float) -> tuple[Numbers, Array]:
+    """Return which links, made a little thicker, hold all that move; arrays, shape (n,), of numbers and radii [m].
+
+    Hands have many small links, of which a larger one beside them nearly holds the most.
+
+    Parameters
+    ----------
+    within : by how much a link may become thicker [m]
+    """
+    kept, radius = list[int](), links.radius.copy()
+    for i in sorted(links.moving.tolist(), key=lambda i: (-links.radius[i], i)):
+        ends = np.stack([links.start[i], links.end[i]])
+        for k in kept:
+            along = links.end[k] - links.start[k]
+            share = np.clip((ends - links.start[k]) @ along / max(along @ along, 1e-18), 0.0, 1.0)
+            off = np.linalg.norm(ends - links.start[k] - share[:, None] * along, axis=1).max()
+            out = off + links.radius[i] - links.radius[k]
+            if links.joint[i] == links.joint[k] and out <= within:
+                radius[k] = max(radius[k], links.radius[k] + out)
+                break
+        else:
+            kept.append(i)
+    which = np.sort(np.array(kept, dtype=np.int64))
+    return which, radius[which]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def places(
+    space: Space, arms: Arms, which: tuple[Numbers, Array], configurations: Array, joints: Array
+) -> Places:
+    """Return links and load at samples; arrays, shape (n_samples, n_columns) and (n_samples, n_joints).
+
+    Parameters
+    ----------
+    which : numbers and radii of the links, as of `fewer`
+    """
+    links, around, (chosen, thick) = arms.links, arms.around, which
+    n, n_links, n_edges = joints.shape[0], chosen.shape[0], around.edges.shape[0]
+    start, end = np.empty((n, n_links + n_edges, 3)), np.empty((n, n_links + n_edges, 3))
+    nodes = np.empty((space.blocks.node.shape[0], 3))
+    a, b = links.start.copy(), links.end.copy()
+    for t in range(n):
+        place_links(arms.chains, links, joints[t], a, b)
+        place_one(space.blocks, configurations[t], 1.0, nodes)
+        for m in range(n_links):
+            start[t, m], end[t, m] = a[chosen[m]], b[chosen[m]]
+        for e in range(n_edges):
+            start[t, n_links + e], end[t, n_links + e] = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
+    return Places(start, end, np.concatenate((thick, around.radii)))
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _cost(h: float, need: tuple[float, float], costs: Array) -> float:
+    """Return what a clearance h [m] costs for a slot."""
+    if h < need[0]:
+        return costs[0]
+    return costs[1] * (max(need[1] - h, 0.0) / (need[1] - need[0])) ** 2
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: float) -> float:
+    """Return the clearance of a segment from a mover at a time, less its margin [m].
+
+    Where it is above `far`, any value above `far` may be returned.
+    """
+    table, velocity = seen.table, seen.velocity
+    x, y, z = time * velocity[j, 0], time * velocity[j, 1], time * velocity[j, 2]
+    u, v, w = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    a, b, c = table[j, CENTER] + x - p[0], table[j, CENTER + 1] + y - p[1], table[j, CENTER + 2] + z - p[2]
+    share = min(1.0, max(0.0, (a * u + b * v + c * w) / max(u * u + v * v + w * w, 1e-18)))
+    away = sqrt((a - share * u) ** 2 + (b - share * v) ** 2 + (c - share * w) ** 2) - seen.margin[j]
+    if away - table[j, REACH] > far or table[j, KIND] == SPHERE:
+        return away - table[j, REACH]
+    near = segment_distance(
+        table, j, p[0] - x, p[1] - y, p[2] - z, q[0] - x, q[1] - y, q[2] - z, far + seen.margin[j], ROUGH
+    )
+    return near - seen.margin[j]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array) -> Array:
+    """Return what it costs to be at a sample at an instant; array, shape (n_samples, n_times).
+
+    Parameters
+    ----------
+    seen : obstacles that move, which are foreseen to go on at their velocities
+    need : clearances below which something is met, and is near [m]
+    times : array, shape (n_times,), evenly spaced from now on [s]
+    costs : array, shape (2,), cost of meeting and of nearness
+    """
+    start, end, radius = bodies
+    n_samples, n_times, n_movers = start.shape[0], times.shape[0], seen.table.shape[0]
+    cost, here, last = np.zeros((n_samples, n_times)), np.empty(3), np.empty(3)
+    for j in range(n_movers):
+        velocity = seen.velocity[j]
+        for x in range(3):
+            here[x] = seen.table[j, CENTER + x] + times[0] * velocity[x]
+            last[x] = seen.table[j, CENTER + x] + times[-1] * velocity[x]
+        for t in range(n_samples):
+            for m in range(radius.shape[0]):
+                p, q = start[t, m], end[t, m]
+                far = radius[m] + need[1]
+                _, share, apart = nearest_shares(p, q, here, last)
+                if apart > far + seen.margin[j] + seen.table[j, REACH]:
+                    continue
+                middle = round(share * (n_times - 1))
+                # Distances of convex bodies are convex in time: out from the nearest instant, until it is far.
+                for way in (-1, 1):
+                    k = middle if way > 0 else middle - 1
+                    while 0 <= k < n_times:
+                        if cost[t, k] >= costs[0]:
+                            k += way
+                            continue
+                        h = _clearance(seen, j, p, q, times[k], far) - radius[m]
+                        if h >= need[1]:
+                            break
+                        cost[t, k] = max(cost[t, k], _cost(h, need, costs))
+                        k += way
+    return cost
+
+
+@numba.njit(cache=True, error_model="numpy")
+def dangers_along(
+    bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array
+) -> Array:
+    """Return what each sample costs at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
+    start, end, radius = bodies
+    cost = np.zeros(start.shape[0])
+    for t in range(start.shape[0]):
+        for j in range(seen.table.shape[0]):
+            for m in range(radius.shape[0]):
+                far = radius[m] + need[1]
+                h = _clearance(seen, j, start[t, m], end[t, m], times[t], far) - radius[m]
+                cost[t] = max(cost[t], _cost(h, need, costs))
+    return cost
+
+
+class Network(NamedTuple):
+    """Ways of a roadmap in the form that the kernel takes; fields as in `Roadmap`."""
+
+    nodes: Numbers
+    source: Numbers
+    target: Numbers
+    slots: Numbers
+    begin: Numbers
+    stride: Numbers
+
+
+@numba.njit(cache=True, error_model="numpy")
+def least_costs(net: Network, goal: int, cost: Array, left: Array) -> tuple[Array, Numbers]:
+    """Return the least cost from every node and slot to the end of the time, and the way to take or `WAIT`.
+
+    Parameters
+    ----------
+    goal : number of the node at which slots cost nothing
+    cost : array, shape (n_samples, n_slots + 1), of being at a sample, as of `dangers`
+    left : array, shape (n_nodes,), cost of what is left to go from a node at the end
+
+    Returns
+    -------
+    arrays, shape (n_slots + 1, n_nodes)
+    """
+    n_nodes, n_slots = net.nodes.shape[0], cost.shape[1] - 1
+    value, choice = np.empty((n_slots + 1, n_nodes)), np.full((n_slots + 1, n_nodes), WAIT)
+    value[n_slots] = left
+    for k in range(n_slots - 1, -1, -1):
+        for i in range(n_nodes):
+            value[k, i] = value[k + 1, i] + cost[net.nodes[i], k + 1] + (0.0 if i == goal else 1.0)
+        for e in range(net.source.shape[0]):
+            d, i, there = net.slots[e], net.source[e], net.target[e]
+            if k + d > n_slots:
+                continue
+            total = value[k + d, there] + d + cost[net.nodes[there], k + d]
+            for s in range(d - 1):
+                if total >= value[k, i]:
+                    break
+                total += cost[net.begin[e] + s * net.stride[e], k + 1 + s]
+            if total < value[k, i] - 1e-9:
+                value[k, i], choice[k, i] = total, e
+    return value, choice
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A course that was chosen.
+
+    Attributes
+    ----------
+    way : its samples, one a slot
+    cost : its cost, in slots
+    left : slots that are left to the goal from its end
+    """
+
+    way: Way
+    cost: float
+    left: float
+
+
+class Foresight:
+    """A roadmap with the bodies at its samples, in which courses are chosen.
+
+    Parameters
+    ----------
+    space, arms : the load's space, and the arms
+    clearance : the scene's [m]
+    """
+
+    def __init__(self, space: Space, arms: Arms, clearance: float, settings: CourseSettings):
+        self.space, self.arms, self.settings = space, arms, settings
+        self.need = clearance + settings.met, clearance + settings.near
+        self._which = fewer(arms.links, settings.thicker)
+        self._costs = np.array([settings.meeting, settings.nearness])
+        self._known: tuple[Roadmap, Places] | None = None
+
+    def placed(self, way: Way) -> Places:
+        """Return the bodies at samples."""
+        return places(self.space, self.arms, self._which, *way)
+
+    def cost_along(self, bodies: Places, rows: Numbers, seen: Sighting, times: Array) -> Array:
+        """Return what it costs to be at some samples, each at its own time; array, shape (n_times,).
+
+        Parameters
+        ----------
+        rows : array of int, shape (n_times,), numbers of the samples; beyond the last one stands the last one
+        seen : obstacles that move
+        times : array, shape (n_times,), from now on [s]
+        """
+        rows = np.minimum(rows, len(bodies.start) - 1)
+        chosen = bodies._replace(start=bodies.start[rows], end=bodies.end[rows])
+        return dangers_along(chosen, seen, self.need, times, self._costs)
+
+    def best(self, roadmap: Roadmap, extended: Roadmap, seen: Sighting, since: float) -> Course:
+        """Return the best course from the last node of a roadmap.
+
+        Parameters
+        ----------
+        roadmap, extended : the roadmap, and the same one with the node at which the load is then
+        seen : obstacles that move
+        since : time from now until the course begins [s]
+        """
+        how, n = self.settings, len(roadmap.joints)
+        if self._known is None or self._known[0] is not roadmap:
+            self._known = roadmap, self.placed(Way(roadmap.configurations, roadmap.joints))
+        times = since + how.slot * np.arange(how.n_slots + 1, dtype=np.float64)
+        more = self.placed(Way(extended.configurations[n:], extended.joints[n:]))
+        cost = np.concatenate([self._dangers(self._known[1], seen, times), self._dangers(more, seen, times)])
+        net = Network(*(getattr(extended, name) for name in Network._fields))
+        left = self._left(net, extended.goal, cost[:, -1])
+        value, choice = least_costs(net, extended.goal, cost, left)
+        samples, ends = _samples(net, extended.goal, choice)
+        way = Way(extended.configurations[samples], extended.joints[samples])
+        return Course(way, float(value[0, -1]), float(left[ends]))
+
+    def _dangers(self, bodies: Places, seen: Sighting, times: Array) -> Array:
+        return dangers(bodies, seen, self.need, times, self._costs)
+
+    def _left(self, net: Network, goal: int, blocked: Array) -> Array:
+        """Return the slots from every node to the goal, among what is there at the end; array, shape (n_nodes,)."""
+        how = self.settings
+        weight = net.slots + blocked[net.nodes[net.target]]
+        inner = net.slots > 1
+        middle = net.begin + net.stride * ((net.slots - 2) // 2)
+        weight = weight + np.where(inner, blocked[np.where(inner, middle, 0)], 0.0)
+        n = len(net.nodes)
+        graph = coo_array((weight, (net.target, net.source)), shape=(n, n)).tocsr()
+        left = dijkstra(graph, indices=goal)
+        return np.minimum(left, how.meeting * how.n_slots)
+
+
+def _samples(net: Network, goal: int, choice: Numbers) -> tuple[list[int], int]:
+    """Return the samples that the choices from the last node lead through, and the node at which they end.
+
+    Waiting at the goal at the end is left out.
+    """
+    k, here, samples, rest = 0, len(net.nodes) - 1, [int(net.nodes[-1])], 1
+    while k < len(choice) - 1:
+        e = int(choice[k, here])
+        if e == WAIT:
+            samples.append(int(net.nodes[here]))
+            k += 1
+            rest = rest if here == goal else len(samples)
+            continue
+        d = int(net.slots[e])
+        samples += [int(net.begin[e] + s * net.stride[e]) for s in range(d - 1)]
+        here = int(net.target[e])
+        samples.append(int(net.nodes[here]))
+        k, rest = k + d, len(samples)
+    return samples[:rest], here

@@ -1,0 +1,275 @@
+"""The pilot of an online run: it watches the reference, and chooses another course where that is worth it.
+
+The reference is first the verified plan. Every tenth of a second the pilot looks whether what moves, going on as it
+does now, would meet the arms or the load along it. Where it would, and every second where the reference is no longer
+the plan, the best course of the roadmap is computed; it begins where the reference, still followed for the time that
+thinking takes and then braked, comes to a stop, and is taken if it is worth it. All of that is counted in nodes and
+slots, never in computing time, so that runs repeat.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import Coordinates
+from comove.errors import OptionError
+from comove.planning.configurations import configuration_space, span
+from comove.planning.planner import continuous
+from comove.primitives.arguments import require_positive
+from comove.reaction.qp_workspace import Sighting
+from comove.robots.online.courses import Course, CourseSettings, Foresight, Places
+from comove.robots.online.link_rows import LinkNeeds, clearances_along
+from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
+from comove.robots.online.roadmap import Ground, Growth, Roadmap, RoadmapSettings, Way
+from comove.robots.search.following import Arms
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PilotSettings:
+    """Settings of a pilot.
+
+    Attributes
+    ----------
+    every : time between two looks along the reference [s]
+    at_once, anew : time between two choices of a course, where something would be met, and otherwise [s]; twice the
+        first where nothing better was found
+    thinking : time after which a new course can begin [s]
+    braking : share of the hands' acceleration that is used for a stop
+    worth : slots by which another course must be better
+    off : distance of the hands from the reference from which on a course begins where they are [m]
+    patience : time that arms may stay behind before any course is taken [s]
+    most_grown : how often the roadmap may grow where nothing in it is free
+    spare : clearance of the load beyond the scene's, in the roadmap [m]
+    meets : links are looked at in pairs that come near where joints differ so much from the plan's [rad]
+    roadmap, courses : settings of the roadmap, and of the choice of a course
+    """
+
+    every: float = 0.1
+    at_once: float = 0.3
+    anew: float = 1.0
+    thinking: float = 0.2
+    braking: float = 0.8
+    worth: float = 3.0
+    off: float = 0.03
+    patience: float = 1.5
+    most_grown: int = 6
+    spare: float = 0.002
+    meets: float = 0.5
+    roadmap: RoadmapSettings = field(default_factory=RoadmapSettings)
+    courses: CourseSettings = field(default_factory=CourseSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("every", "at_once", "anew", "thinking", "braking", "worth", "off", "patience", "meets"):
+            require_positive(name, getattr(self, name))
+        if self.roadmap.slot != self.courses.slot:
+            raise OptionError(
+                f"slots of {self.roadmap.slot} and {self.courses.slot} s",
+                key="slot",
+                way_out="give roadmap and courses the same",
+            )
+
+
+class Pilot:
+    """A pilot, which keeps a reference.
+
+    Parameters
+    ----------
+    standing : the scene without what moves
+    arms : the arms in it
+    coordinates : coordinates of the load
+    plan : the verified plan
+    needs : clearances that links keep from what stands, and from each other
+    seed : seed of the roadmap
+
+    Attributes
+    ----------
+    reference, clock : what is followed, and where on it the run is [s]
+    """
+
+    def __init__(
+        self,
+        standing: Scene,
+        arms: Arms,
+        coordinates: Coordinates,
+        plan: Reference,
+        needs: LinkNeeds,
+        *,
+        seed: int,
+        settings: PilotSettings,
+    ):
+        self.settings, self.reference, self.clock = settings, plan, 0.0
+        self.standing, self.coordinates, self._plan, self._seed = standing, coordinates, plan, seed
+        how, chains = settings.roadmap, arms.chains
+        space = configuration_space(standing, coordinates)
+        rng, slots = np.random.default_rng(seed), self._slots(plan, 0.0, plan.duration)
+        along = slots.joints[rng.integers(len(slots.joints), size=300)]
+        along = np.clip(along + rng.normal(0.0, settings.meets, along.shape), chains.lower, chains.upper)
+        self.arms = arms._replace(links=arms.links.near(chains, along))
+        self.ground = Ground(
+            space._replace(required=standing.clearance + settings.spare),
+            self.arms,
+            needs,
+            how.rates * chains.velocity * how.slot,
+            how.speed * min(standing.speed_limit, how.fastest) * how.slot,
+        )
+        self.foresight = Foresight(space, self.arms, standing.clearance, settings.courses)
+        self._growth: Growth | None = None
+        self._looked = self._chosen = self._present = -np.inf
+        self._n_grown, self._pause = 0, settings.at_once
+        self._placed: tuple[Reference, Places] | None = None
+
+    def _slots(self, reference: Reference, begin: float, end: float) -> Way:
+        """Return samples of a reference, one a slot."""
+        slot = self.settings.roadmap.slot
+        count = 1 + max(0, int(np.ceil((end - begin) / slot - 1e-9)))
+        configurations, joints, _ = reference.at(np.minimum(begin + slot * np.arange(count), end))
+        return Way(np.ascontiguousarray(configurations), np.ascontiguousarray(joints))
+
+    @property
+    def growth(self) -> Growth:
+        """Return the roadmap, which is made when it is needed first."""
+        if self._growth is None:
+            rng, how = np.random.default_rng(self._seed), self.settings.roadmap
+            plan = self._slots(self._plan, 0.0, self._plan.duration)
+            self._growth = Growth(self.ground, plan, rng, how)
+            self._growth.grow(how.n_nodes)
+        return self._growth
+
+    def prepare(self, seen: Sighting) -> None:
+        """Make the roadmap before the run begins, denser where nothing in it is free, and load all kernels."""
+        begin, joints, _ = self.reference.at(0.0)
+        self._ahead(self.reference, 0.0, seen)
+        for _ in range(self.settings.most_grown):
+            found = self._course(begin, joints, seen, Stop(self.settings.thinking, 0.0))
+            if found is None or found.cost < self.settings.courses.meeting:
+                break
+
+    def looks_on(self, time: float, seen: Sighting, waited: float) -> bool:
+        """Look along the reference from time to time; return whether another course should be chosen.
+
+        Parameters
+        ----------
+        seen : what moves
+        waited : time that the arms have not come along [s]
+        """
+        how = self.settings
+        if time - self._looked < how.every - 1e-9:
+            return False
+        self._looked = time
+        cost = self._ahead(self.reference, self.clock, seen)
+        self._present = self._total(self.reference, self.clock, cost)
+        since = time - self._chosen
+        if waited >= how.patience:
+            return since >= how.patience
+        if cost.max() >= how.courses.meeting:
+            return since >= self._pause
+        fine = self.reference is self._plan and not cost.any()
+        ends = self.clock >= self.reference.duration and self.reference.left == 0.0
+        return not (fine or ends) and since >= how.anew
+
+    def choose(self, time: float, seen: Sighting, here: Way, off: float, waited: float) -> bool:
+        """Choose a course, and return whether the reference is another one now.
+
+        Parameters
+        ----------
+        seen : what moves
+        here : configuration and joints of the run, one sample each
+        off : distance of the hands from the reference [m]
+        waited : time that the arms have not come along [s]
+        """
+        how, slot = self.settings, self.settings.roadmap.slot
+        self._chosen, self._pause = time, 2.0 * how.at_once  # unless something better is found
+        follows, clock, stop = self.reference, self.clock, self._stop()
+        if off > how.off or waited >= how.patience:
+            follows, clock, stop = Reference.standing(here), 0.0, Stop(how.thinking, 0.0)
+        begin, joints, _ = follows.at(follows.braked(clock, stop, stop.after))
+        found = self._course(begin, joints, seen, stop)
+        if found is None:
+            return False
+        path = continuous(self.ground.space, np.vstack([begin, found.way.configurations]))[1:]
+        other = follows.spliced(clock, stop, found.way._replace(configurations=path), slot, found.left)
+        cost = self._total(other, 0.0, self._ahead(other, 0.0, seen))
+        if waited < how.patience and cost > self._present - how.worth:
+            return False
+        self.reference, self.clock, self._pause = other, 0.0, how.at_once
+        return True
+
+    def _course(self, configuration: Array, joints: Array, seen: Sighting, stop: Stop) -> Course | None:
+        """Return the best course from a configuration.
+
+        The roadmap grows where it leads to nothing that is free.
+        """
+        how, found = self.settings, None
+        for _ in range(2):
+            extended = self._extended(configuration, joints)
+            if extended is None:
+                return found
+            found = self.foresight.best(self.growth.roadmap, extended, seen, stop.after)
+            if found.cost < how.courses.meeting or self._n_grown >= how.most_grown:
+                break
+            self._n_grown += 1
+            self.growth.grow(how.roadmap.n_more)
+        return found
+
+    def _ahead(self, reference: Reference, clock: float, seen: Sighting) -> Array:
+        """Return what a reference costs from now on, and then its end, slot by slot."""
+        how = self.settings.courses
+        if self._placed is None or self._placed[0] is not reference:
+            slots = np.arange(1 + np.ceil(reference.duration / how.slot))
+            configurations, joints, _ = reference.at(how.slot * slots)
+            self._placed = reference, self.foresight.placed(Way(configurations, joints))
+        first = int(np.ceil(clock / how.slot))
+        slots = first + np.arange(how.n_slots + 1)
+        times = how.slot * slots.astype(np.float64) - clock
+        return self.foresight.cost_along(self._placed[1], slots, seen, times)
+
+    def _total(self, reference: Reference, clock: float, cost: Array) -> float:
+        """Return the cost of a reference from now on [slots]."""
+        to_go = (reference.duration - clock) / self.settings.roadmap.slot
+        how, stops = self.settings, reference.left > 0.0  # and another one has to be begun
+        again = (how.thinking + TAIL * WIDTH) / how.roadmap.slot + how.worth if stops else 0.0
+        return float(cost.sum()) + max(0.0, to_go) + reference.left + again
+
+    def _stop(self) -> Stop:
+        """Return how the reference comes to a stop from its present pace."""
+        how, moment = self.settings, 0.02  # s
+        then = self.clock + how.thinking
+        p, q = self.reference.at(np.array([then, then + moment]))[0]
+        return Stop(
+            how.thinking,
+            span(self.ground.space, p, q) / moment / (how.braking * self.standing.acceleration_limit),
+        )
+
+    def _extended(self, configuration: Array, joints: Array) -> Roadmap | None:
+        """Return the roadmap with a configuration as its last node; None where nothing leads there."""
+        for attempt in range(3):
+            ways = self.growth.ways_to(configuration, joints)
+            if ways:
+                return self.growth.roadmap.with_node(configuration, joints, ways)
+            if attempt == 0:
+                self.growth.grow(self.settings.roadmap.n_more, configuration)
+            else:
+                self.growth.ground = self._lenient(configuration, joints)
+        self.growth.ground = self.ground
+        return None
+
+    def _lenient(self, configuration: Array, joints: Array, less: float = 1e-3) -> Ground:
+        """Return a ground that asks for no more clearance than there is at a configuration."""
+        nodes, ground = self.coordinates.nodes(configuration[None, :, None])[0, 0], self.ground
+        keep, other = clearances_along(
+            self.arms, joints[None], nodes[None], self.arms.around.obstacles, self.arms.around.clearance
+        )
+        needs = ground.needs._replace(
+            obstacle=np.minimum(ground.needs.obstacle, keep - less),
+            other=min(ground.needs.other, other - less),
+        )
+        left = self.standing.clearance_at(nodes)[0] - less
+        return ground._replace(
+            needs=needs, space=ground.space._replace(required=min(ground.space.required, left))
+        )

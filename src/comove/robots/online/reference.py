@@ -1,0 +1,113 @@
+"""What an online run follows: configurations of the load and joints as smooth functions of time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from comove.robots.online.roadmap import Way
+from comove.robots.verification.verify import VerifiedJointMotion
+
+Array = NDArray[np.float64]
+
+SAMPLE = 0.02  # s, between samples of a curve
+WIDTH = 0.15  # s, of the filter that rounds the corners of a course
+FADING = 0.3  # s, after which a course that is spliced in is filtered wholly
+TAIL = 4.0  # widths, after which a filter has settled
+
+
+@dataclass(frozen=True)
+class Stop:
+    """How a reference is left: it is followed while another is looked for, and then braked."""
+
+    thinks: float  # s
+    brakes: float  # s
+
+    @property
+    def after(self) -> float:
+        """Return the time from now at which it stands [s]."""
+        return self.thinks + self.brakes
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A curve to follow, at rest at its end.
+
+    Attributes
+    ----------
+    time : array, shape (n_samples,), from 0 [s]
+    way : its samples
+    left : slots that are left to the goal from its end
+    """
+
+    time: Array
+    way: Way
+    left: float = 0.0
+
+    @classmethod
+    def of_plan(cls, plan: VerifiedJointMotion, columns: NDArray[np.int64]) -> Reference:
+        """Return a verified carry as a reference; `columns` are those of the arms' joints."""
+        duration, motion = plan.joints.duration, plan.motion.motion
+        time = np.linspace(0.0, duration, 1 + int(np.ceil(duration / SAMPLE)))
+        joints = plan.joints.at(time)[0][:, columns]
+        return cls(time, Way(np.ascontiguousarray(motion.at(time / duration)[0]), joints))
+
+    @classmethod
+    def standing(cls, here: Way) -> Reference:
+        """Return a reference that stands at a sample."""
+        return cls(np.array([0.0, SAMPLE]), Way(*(np.repeat(values[:1], 2, axis=0) for values in here)))
+
+    def spliced(self, now: float, stop: Stop, course: Way, slot: float, left: float) -> Reference:
+        """Return this reference from now on, braked to a stop, and then a course, its corners rounded.
+
+        Parameters
+        ----------
+        now : where this reference is [s]
+        course : samples, one a slot [s]
+        left : slots that are left to the goal from the course's end
+        """
+        after = stop.after + slot * np.arange(len(course.joints))
+        end = after[-1] + TAIL * WIDTH
+        time = np.linspace(0.0, end, 1 + int(np.ceil(end / SAMPLE)))
+        own = self.at(self.braked(now, stop, time))[:2]
+        blend = _smooth_step(time / FADING)[:, None]
+        curves = []
+        for mine, other in zip(own, course, strict=True):
+            on = np.stack([np.interp(time, after, column) for column in other.T], axis=1)
+            raw = np.where((time < stop.after)[:, None], mine, on)
+            rounded = gaussian_filter1d(raw, WIDTH * (len(time) - 1) / end, axis=0, mode="nearest")
+            curve = raw + blend * (rounded - raw)
+            curve[-1] = other[-1]
+            curves.append(curve)
+        return Reference(time, Way(*curves), left)
+
+    def braked(self, now: float, stop: Stop, time: ArrayLike) -> Array:
+        """Return where this reference is if its pace falls evenly from 1 to 0."""
+        t = np.minimum(np.asarray(time, dtype=float), stop.after)
+        late = np.maximum(t - stop.thinks, 0.0)
+        return np.minimum(now + t - 0.5 * late**2 / max(stop.brakes, 1e-9), self.duration)
+
+    @property
+    def duration(self) -> float:
+        """Return the duration [s]."""
+        return float(self.time[-1])
+
+    def at(self, time: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return configurations, joints and rates of the joints at given times; arrays, shape (..., n)."""
+        t = np.minimum(np.asarray(time, dtype=float), self.duration)
+        return self._curves[0](t), self._curves[1](t), self._curves[1](t, 1)
+
+    @cached_property
+    def _curves(self) -> tuple[CubicSpline, CubicSpline]:
+        return tuple(CubicSpline(self.time, values) for values in self.way)
+
+
+def _smooth_step(x: Array) -> Array:
+    """Return 0 below 0, 1 above 1, and a smooth rise between."""
+    x = np.clip(x, 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)

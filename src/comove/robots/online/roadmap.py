@@ -1,0 +1,305 @@
+"""The roadmap of an online run: configurations of the load with joints that hold it, and ways between them.
+
+It begins with the plan, an instant of it for every slot of time, and grows by random configurations beside it, as a
+rapidly exploring random graph does (Karaman and Frazzoli, 2011). Whatever is in it keeps clear of all that stands,
+and arms can follow it at a moderate pace; what moves is looked at when a course is chosen
+(`comove.robots.online.courses`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.blocks import place_one
+from comove.planning.configurations import Space, edge_is_free, interpolate, random_configuration, span
+from comove.robots.online.link_rows import LinkNeeds, keeps_clear
+from comove.robots.search.chains import reach_pose
+from comove.robots.search.following import Arms, hand_rotation
+from comove.robots.search.links import place_links
+from comove.robots.search.planner import LEADING
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+FREE, BLOCKED, FAST = range(3)
+
+
+@dataclass(frozen=True)
+class RoadmapSettings:
+    """Settings of a roadmap.
+
+    Attributes
+    ----------
+    slot : time between two samples of a way [s]
+    n_nodes, n_more : configurations beside the plan, and of every further growth
+    n_draws : random configurations for every one that is wanted
+    reach : longest way of a new configuration to the nearest one, and of it to others [m]
+    apart : least way between two configurations to which one is joined [m]
+    n_joined : configurations to which a new one is joined at most
+    nearby : share of random configurations that are drawn near to one that is there
+    speed, rates : shares of the limits of hands and joints at which ways are gone
+    fastest : speed of hands where the scene has no limit [m/s]
+    agree, turning : largest difference of redundant joints where two ways meet, which one of them makes up for [rad],
+        and the share of `rates` that this may take
+    """
+
+    slot: float = 0.1
+    n_nodes: int = 600
+    n_more: int = 100
+    n_draws: int = 8
+    reach: float = 0.3
+    apart: float = 0.1
+    n_joined: int = 4
+    nearby: float = 0.7
+    speed: float = 0.7
+    rates: float = 0.6
+    fastest: float = 0.5
+    agree: float = 0.6
+    turning: float = 0.4
+
+
+class Way(NamedTuple):
+    """Samples of a way, one a slot, both ends included.
+
+    Attributes
+    ----------
+    configurations, joints : arrays, shape (n_samples, n_columns) and (n_samples, n_joints)
+    """
+
+    configurations: Array
+    joints: Array
+
+
+class Ground(NamedTuple):
+    """What ways of the load and the arms are judged by.
+
+    Attributes
+    ----------
+    space : the load's space among what stands, whose `required` is the margin that is kept
+    arms : the arms among what stands
+    needs : clearances that links keep
+    most : array, shape (n_joints,), by which joints may move in a slot [rad]
+    step : by which the load may move in a slot [m]
+    """
+
+    space: Space
+    arms: Arms
+    needs: LinkNeeds
+    most: Array
+    step: float
+
+
+@numba.njit(cache=True, error_model="numpy")
+def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
+    """Write the way from p, whose joints are the first of `way`, straight to a target; returns whether it is `FREE`,
+    `BLOCKED`, or too `FAST` for the joints.
+    """
+    space, arms, needs, most, _ = ground
+    (configurations, joints), n = way, way.joints.shape[0] - 1
+    nodes, rotation = np.empty((space.blocks.node.shape[0], 3)), np.empty((3, 3))
+    start, end = arms.links.start.copy(), arms.links.end.copy()
+    configurations[0] = p
+    if not edge_is_free(space, p, target, space.required, np.empty_like(p), nodes):
+        return BLOCKED
+    for k in range(1, n + 1):
+        interpolate(space, p, target, k / n, configurations[k])
+        place_one(space.blocks, configurations[k], 1.0, nodes)
+        joints[k] = joints[k - 1]
+        for i in range(arms.chains.first.shape[0] - 1):
+            hand_rotation(arms.around, nodes, i, rotation)
+            left = reach_pose(arms.chains, i, rotation, nodes[i], arms.around.posture, LEADING, joints[k])
+            if left > LEADING.tolerance:
+                return BLOCKED
+        for j in range(most.shape[0]):
+            if abs(joints[k, j] - joints[k - 1, j]) > most[j]:
+                return FAST
+        place_links(arms.chains, arms.links, joints[k], start, end)
+        if not keeps_clear(arms, start, end, nodes, needs):
+            return BLOCKED
+    return FREE
+
+
+@numba.njit(cache=True, error_model="numpy")
+def spans(space: Space, configurations: Array, q: Array) -> Array:
+    """Return the spans from several configurations to one; array, shape (n,) [m]."""
+    out = np.empty(configurations.shape[0])
+    for i in range(configurations.shape[0]):
+        out[i] = span(space, configurations[i], q)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Roadmap:
+    """Configurations with joints, and ways between them; immutable.
+
+    Attributes
+    ----------
+    configurations, joints : arrays, shape (n_samples, n_columns) and (n_samples, n_joints), of nodes and inside ways
+    nodes : array of int, shape (n_nodes,), samples of the nodes
+    goal : number of the node at the goal
+    source, target, slots : arrays of int, shape (n_ways,): ends of the ways, and how many slots they take
+    begin, stride : arrays of int, shape (n_ways,), the first sample inside a way, and 1 or -1, by which they go on
+    """
+
+    configurations: Array
+    joints: Array
+    nodes: Numbers
+    goal: int
+    source: Numbers
+    target: Numbers
+    slots: Numbers
+    begin: Numbers
+    stride: Numbers
+
+    def with_node(self, configuration: Array, joints: Array, ways: list[tuple[int, Way]]) -> Roadmap:
+        """Return the roadmap with one node more, and ways to it from others, to be gone in both directions."""
+        new = len(self.nodes)
+        at = np.append(self.nodes, len(self.joints))
+        added = _roadmap(
+            Way(configuration[None], joints[None]), [(other, new, way) for other, way in ways], self.goal
+        )
+        shift = len(self.joints)
+        both = {
+            name: np.concatenate([getattr(self, name), getattr(added, name)])
+            for name in ("configurations", "joints", "source", "target", "slots", "stride")
+        }
+        return Roadmap(
+            **both, nodes=at, goal=self.goal, begin=np.concatenate([self.begin, added.begin + shift])
+        )
+
+
+def _roadmap(nodes: Way, ways: list[tuple[int, int, Way]], goal: int) -> Roadmap:
+    """Return the roadmap of some nodes and of ways between them, given by source and target."""
+    counts = np.array([len(way.joints) - 2 for *_, way in ways], dtype=np.int64)
+    begins, ones = len(nodes.joints) + np.cumsum(counts) - counts, np.ones_like(counts)
+    source, target = (np.array([way[k] for way in ways], dtype=np.int64) for k in range(2))
+    return Roadmap(
+        np.concatenate([nodes.configurations, *(way.configurations[1:-1] for *_, way in ways)]),
+        np.concatenate([nodes.joints, *(way.joints[1:-1] for *_, way in ways)]),
+        np.arange(len(nodes.joints)),
+        goal,
+        np.concatenate([source, target]),
+        np.concatenate([target, source]),
+        np.concatenate([counts, counts]) + 1,
+        np.concatenate([begins, begins + counts - 1]),
+        np.concatenate([ones, -ones]),
+    )
+
+
+class Growth:
+    """A roadmap that grows, and the ground that it grows on.
+
+    Parameters
+    ----------
+    ground : what ways are judged by
+    plan : the plan's samples, one a slot
+    rng : source of random configurations
+    """
+
+    def __init__(self, ground: Ground, plan: Way, rng: np.random.Generator, settings: RoadmapSettings):
+        self.ground, self.settings, self.rng = ground, settings, rng
+        self._nodes, self._goal = plan, len(plan.joints) - 1
+        self._known: Roadmap | None = None
+        pieces = [Way(*(values[k : k + 2] for values in plan)) for k in range(self._goal)]
+        self._ways = [(k, k + 1, piece) for k, piece in enumerate(pieces)]
+
+    @property
+    def roadmap(self) -> Roadmap:
+        """Return the roadmap as it is."""
+        if self._known is None:
+            self._known = _roadmap(self._nodes, self._ways, self._goal)
+        return self._known
+
+    def grow(self, n_nodes: int, around: Array | None = None) -> None:
+        """Add up to so many configurations; near to one that is given, where one is."""
+        how, added = self.settings, 0
+        for _ in range(n_nodes * how.n_draws):
+            if added == n_nodes:
+                break
+            drawn = self._drawn(around)
+            near = int(spans(self.ground.space, self._nodes.configurations, drawn).argmin())
+            drawn = self._towards(self._nodes.configurations[near], drawn)
+            ways = self.ways_to(drawn)
+            if ways:
+                new = len(self._nodes.joints)
+                self._ways += [(node, new, way) for node, way in ways]
+                ends = (values[-1:] for values in ways[0][1])
+                self._nodes = Way(*map(np.concatenate, zip(self._nodes, ends, strict=True)))
+                added += 1
+        self._known = None
+
+    def ways_to(self, configuration: Array, joints: Array | None = None) -> list[tuple[int, Way]]:
+        """Return ways to a configuration from nodes nearby, whose joints agree at its end.
+
+        Parameters
+        ----------
+        joints : array, shape (n_joints,), the joints at the configuration; those of the nearest node's way unless
+            given
+        """
+        how, found = self.settings, list[tuple[int, Way]]()
+        for node in self._nearby(configuration):
+            way = self._way(node, configuration)
+            if way is None:
+                continue
+            joints = way.joints[-1] if joints is None else joints
+            off = joints - way.joints[-1]
+            slowly = np.abs(off) <= how.turning * self.ground.most * (len(way.joints) - 1)
+            if slowly.all() and np.abs(off).max() <= how.agree:
+                share = np.linspace(0.0, 1.0, len(way.joints))[:, None]
+                found.append((node, Way(way.configurations, way.joints + share * off)))
+        return found
+
+    def _drawn(self, around: Array | None) -> Array:
+        """Return a random configuration, or a point between one that is there and a random one."""
+        space, how, there = self.ground.space, self.settings, self._nodes.configurations
+        drawn = np.empty(there.shape[1])
+        random_configuration(space, self.rng, drawn)
+        if around is None and self.rng.random() >= how.nearby:
+            return drawn
+        here = around
+        if here is None:
+            here = there[self.rng.integers(len(there))]
+        return self._towards(here, drawn, self.rng.random())
+
+    def _towards(self, here: Array, there: Array, share: float = 1.0) -> Array:
+        """Return the configuration at most a reach, or a share of it, from `here` towards `there`."""
+        out, way = np.empty_like(here), span(self.ground.space, here, there)
+        interpolate(
+            self.ground.space, here, there, min(1.0, share * self.settings.reach / max(way, 1e-12)), out
+        )
+        return out
+
+    def _nearby(self, configuration: Array) -> list[int]:
+        """Return nodes within reach, nearest first, that are not all at one place."""
+        how, space = self.settings, self.ground.space
+        configurations = self._nodes.configurations
+        away = spans(space, configurations, configuration)
+        chosen = list[int]()
+        for node in np.argsort(away, kind="stable").tolist():
+            if away[node] > 1.5 * how.reach or len(chosen) == how.n_joined:
+                break
+            if away[node] > 1e-9 and all(
+                span(space, configurations[node], configurations[other]) > how.apart for other in chosen
+            ):
+                chosen.append(node)
+        return chosen
+
+    def _way(self, node: int, configuration: Array) -> Way | None:
+        """Return the way from a node to a configuration; None where it is blocked."""
+        begin = self._nodes.configurations[node]
+        n = max(1, int(np.ceil(span(self.ground.space, begin, configuration) / self.ground.step)))
+        for slower in (1, 2):
+            way = Way(
+                np.empty((slower * n + 1, len(configuration))),
+                np.empty((slower * n + 1, self._nodes.joints.shape[1])),
+            )
+            way.joints[0] = self._nodes.joints[node]
+            what = lead(self.ground, begin, configuration, way)
+            if what != FAST:
+                break
+        return way if what == FREE else None

@@ -1,0 +1,130 @@
+"""Courses in time: costs by brute force over all courses, and nearness by distances of points on capsules."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from comove.geometry.distances import CENTER
+from comove.reaction.qp_workspace import Sighting
+from comove.robots.online.courses import (
+    WAIT,
+    Network,
+    Places,
+    dangers,
+    dangers_along,
+    fewer,
+    least_costs,
+)
+from comove.robots.search.links import place_links
+from comove.scenes import Scene
+from tests.robots.online.test_link_rows import at_start
+
+NEED, COSTS = (0.02, 0.1), np.array([100.0, 10.0])
+
+
+def network():
+    """A triangle: 0 to 1 takes two slots, with sample 3 on the way, 1 to 2 one, and 0 to 2 three by samples 4, 5."""
+    ways = [
+        (0, 1, 2, 3, 1),
+        (1, 0, 2, 3, -1),
+        (1, 2, 1, 0, 1),
+        (2, 1, 1, 0, 1),
+        (0, 2, 3, 4, 1),
+        (2, 0, 3, 5, -1),
+    ]
+    source, target, slots, begin, stride = (np.array(column) for column in zip(*ways, strict=True))
+    return Network(np.arange(3), source, target, slots, begin, stride)
+
+
+def cheapest(net, goal, cost, left, node, slot):
+    """Least cost by trying everything."""
+    last = cost.shape[1] - 1
+    if slot == last:
+        return left[node]
+    found = [
+        cost[net.nodes[node], slot + 1] + (node != goal) + cheapest(net, goal, cost, left, node, slot + 1)
+    ]
+    for e in range(len(net.source)):
+        d, there = int(net.slots[e]), int(net.target[e])
+        if net.source[e] == node and slot + d <= last:
+            inside = sum(cost[net.begin[e] + s * net.stride[e], slot + 1 + s] for s in range(d - 1))
+            rest = cheapest(net, goal, cost, left, there, slot + d)
+            found.append(d + inside + cost[net.nodes[there], slot + d] + rest)
+    return min(found)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_course_is_cheaper_than_the_one_that_is_chosen(seed):
+    net, rng = network(), np.random.default_rng(seed)
+    cost = rng.choice([0.0, 0.5, 100.0], (6, 7), p=[0.5, 0.2, 0.3])
+    left = np.array([4.0, 1.0, 0.0])
+    value, choice = least_costs(net, 2, cost, left)
+    for node, slot in product(range(3), range(7)):
+        assert value[slot, node] == pytest.approx(cheapest(net, 2, cost, left, node, slot))
+    assert ((choice == WAIT) | (net.source[choice] == np.arange(3))).all()
+
+
+def ball(center, velocity, radius=0.08):
+    """A sighting of a ball."""
+    scene = Scene.from_dict(
+        {
+            "name": "ball",
+            "duration": 5.0,
+            "workspace": {"lower": [-2, -2, -2], "upper": [2, 2, 2]},
+            "obstacles": [{"shape": "sphere", "center": list(center), "radius": radius}],
+            "manipulators": [{"name": "a", "start": [-1, -1, -1], "goal": [-1, -1, 1]}],
+        }
+    )
+    return Sighting.still(scene)._replace(velocity=np.array([velocity]))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_comes_how_near_is_as_points_on_capsules_say(seed):
+    rng = np.random.default_rng(seed)
+    start, end, radius = (
+        rng.uniform(-0.5, 0.5, (5, 4, 3)),
+        rng.uniform(-0.5, 0.5, (5, 4, 3)),
+        rng.uniform(0, 0.1, 4),
+    )
+    begins, times = rng.uniform(-1, 1, 3), np.linspace(0.3, 4.0, 30)
+    seen = ball(begins, (rng.uniform(-0.3, 0.3, 3) - begins) / 2)
+    found = dangers(Places(start, end, radius), seen, NEED, times, COSTS)
+    center = seen.table[0, CENTER : CENTER + 3] + times[:, None] * seen.velocity[0]
+    points = start[..., None, :] + np.linspace(0, 1, 400)[:, None] * (end - start)[..., None, :]
+    apart = np.linalg.norm(points[:, None] - center[:, None, None], axis=-1).min(axis=-1)
+    h = (apart - radius - 0.08).min(axis=-1)
+    wanted = np.where(h < NEED[0], COSTS[0], COSTS[1] * (np.clip(NEED[1] - h, 0, None) / 0.08) ** 2)
+    sure = np.abs(h - NEED[0]) > 1e-3
+    assert 0 < (wanted > 0).sum() < wanted.size
+    np.testing.assert_allclose(found[sure], wanted[sure], atol=0.1)
+    rows = np.array([0, 3, 4, 1, 2])
+    bodies = Places(start[rows], end[rows], radius)
+    np.testing.assert_allclose(dangers_along(bodies, seen, NEED, times[:5], COSTS), found[rows, np.arange(5)])
+
+
+def test_what_stands_is_as_near_at_all_times():
+    rng = np.random.default_rng(3)
+    bodies = Places(*rng.uniform(-0.3, 0.3, (2, 4, 3, 3)), np.full(3, 0.05))
+    found = dangers(bodies, ball([0.2, 0.1, 0.0], [0.0, 0.0, 0.0]), NEED, np.linspace(0, 2, 9), COSTS)
+    np.testing.assert_array_equal(found, np.repeat(found[:, :1], 9, axis=1))
+
+
+def test_fewer_links_hold_all_of_them():
+    carrier, q, _ = at_start()
+    links = carrier.arms.links
+    which, radius = fewer(links, 0.015)
+    assert len(which) < len(links.moving)
+    assert (radius <= links.radius[which] + 0.015 + 1e-12).all()
+    a, b = links.start.copy(), links.end.copy()
+    place_links(carrier.arms.chains, links, q, a, b)
+    rng = np.random.default_rng(0)
+    for i in links.moving:
+        away = rng.normal(size=(40, 3))
+        away *= links.radius[i] / np.linalg.norm(away, axis=1, keepdims=True)
+        surface = a[i] + rng.uniform(size=(40, 1)) * (b[i] - a[i]) + away
+        along = b[which] - a[which]
+        share = np.einsum("pka,ka->pk", surface[:, None] - a[which], along)
+        share = np.clip(share / np.maximum((along**2).sum(axis=1), 1e-18), 0, 1)
+        off = np.linalg.norm(surface[:, None] - a[which] - share[..., None] * along, axis=-1)
+        assert ((off - radius).min(axis=1) <= 1e-9).all()

@@ -1,0 +1,123 @@
+"""The roadmap, references and the pilot: ways hold the load and keep clear, by Pinocchio and the search's links."""
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from comove.coordination.coordinates import load_coordinates
+from comove.errors import OptionError
+from comove.reaction.qp_workspace import Sighting
+from comove.robots.carrying import RobotCarrier
+from comove.robots.online.courses import CourseSettings
+from comove.robots.online.link_rows import LinkNeeds, clearances_along
+from comove.robots.online.pilot import Pilot, PilotSettings
+from comove.robots.online.reference import Reference, Stop
+from comove.robots.online.roadmap import RoadmapSettings, Way
+from comove.scenes import Scene
+from tests.robots.known_carry import TABLE, scene_data
+from tests.robots.small_robots import robot
+
+SETTINGS = PilotSettings(roadmap=RoadmapSettings(n_nodes=40), courses=CourseSettings(n_slots=60))
+
+
+@lru_cache(maxsize=1)
+def stands():
+    """A pilot that stands at the start of the known carry, and its carrier."""
+    scene = Scene.from_dict(scene_data(obstacles=(TABLE,)))
+    carrier, coordinates = RobotCarrier(robot("baxter"), scene), load_coordinates(scene)
+    q = np.concatenate([starts[0] for starts in carrier.starts])
+    here = Way(coordinates.boundary()[:1], q[None])
+    full = scene.clearance
+    needs = LinkNeeds(np.full(len(scene.obstacles), 0.5 * full), 0.0, 0.3)
+    plan = Reference.standing(here)
+    return Pilot(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=SETTINGS), carrier
+
+
+def nothing():
+    """A sighting of nothing that moves."""
+    return ball([0.0, 0.0, 5.0], [0.0, 0.0, 0.0])
+
+
+def ball(center, velocity):
+    """A sighting of a ball."""
+    data = scene_data(obstacles=({"shape": "sphere", "center": list(center), "radius": 0.08},))
+    return Sighting.still(Scene.from_dict(data))._replace(velocity=np.array([velocity]))
+
+
+def test_ways_hold_the_load_and_keep_clear_of_what_stands():
+    pilot, carrier = stands()
+    roadmap, scene = pilot.growth.roadmap, carrier.scene
+    assert len(roadmap.nodes) > 20
+    nodes = pilot.coordinates.nodes(roadmap.configurations.T[None])[0]
+    turns = scene.grasp.hand_rotations(nodes[:, :2])
+    for k in range(0, len(nodes), 7):
+        whole = carrier.robot.home
+        whole[np.concatenate([arm.columns for arm in carrier.holders])] = roadmap.joints[k]
+        for i, arm in enumerate(carrier.holders):
+            pose = carrier.robot.tool_pose(whole, arm)
+            np.testing.assert_allclose(pose[:3, 3], nodes[k, i], atol=0.02)  # where redundant joints turn
+            np.testing.assert_allclose(pose[:3, :3], turns[k, i], atol=0.1)
+        assert scene.clearance_at(nodes[k])[0] >= scene.clearance - 1e-3
+    at = roadmap.nodes
+    joints, placed = np.ascontiguousarray(roadmap.joints[at]), np.ascontiguousarray(nodes[at])
+    keep, other = clearances_along(pilot.arms, joints, placed, scene.obstacles, scene.clearance)
+    assert (keep >= pilot.ground.needs.obstacle - 1e-9).all()
+    assert other >= -1e-9
+
+
+def test_a_way_is_gone_in_both_directions_slot_by_slot():
+    pilot, _ = stands()
+    roadmap, half = pilot.growth.roadmap, len(pilot.growth.roadmap.source) // 2
+    most = pilot.ground.most * (1 + pilot.settings.roadmap.turning) + 1e-9
+    for e in range(0, half, 5):
+        there = _samples(roadmap, e)
+        np.testing.assert_array_equal(there, _samples(roadmap, e + half)[::-1])
+        assert len(there) == roadmap.slots[e] + 1
+        assert (np.abs(np.diff(roadmap.joints[there], axis=0)) <= most).all()
+
+
+def _samples(roadmap, e):
+    inside = roadmap.begin[e] + roadmap.stride[e] * np.arange(roadmap.slots[e] - 1)
+    return np.concatenate([roadmap.nodes[roadmap.source[[e]]], inside, roadmap.nodes[roadmap.target[[e]]]])
+
+
+def test_a_reference_is_left_without_a_jump_and_ends_at_rest():
+    rng = np.random.default_rng(0)
+    time = np.linspace(0, 4, 201)
+    wave = np.stack([np.sin(time), np.cos(time)], axis=1)
+    first = Reference(time, Way(wave, 2 * wave))
+    begin = first.at(1.65)[:2]  # where it stands after 0.2 s at its pace and 0.5 s of braking
+    course = Way(*(np.cumsum(np.vstack([q, 0.02 * rng.normal(size=(20, 2))]), axis=0) for q in begin))
+    other = first.spliced(1.2, Stop(0.2, 0.5), course, 0.1, 3.0)
+    for mine, theirs in zip(first.at(1.2), other.at(0.0), strict=True):
+        np.testing.assert_allclose(theirs, mine, atol=5e-3)
+    np.testing.assert_allclose(other.at(0.15)[0], first.at(1.35)[0], atol=0.02)
+    np.testing.assert_allclose(other.at(other.duration)[0], course.configurations[-1], atol=1e-12)
+    assert np.abs(other.at(other.duration - 0.05)[2]).max() < 0.02
+    assert other.left == 3.0
+
+
+def test_who_stands_in_the_way_goes_out_of_it_in_time():
+    pilot, _ = stands()
+    start = pilot.reference.at(0.0)
+    nodes = pilot.coordinates.nodes(start[0][None, :, None])[0, 0]
+    middle = 0.5 * (nodes[0] + nodes[1])
+    seen = ball(middle + [0.0, 1.6, 0.0], [0.0, -0.4, 0.0])
+    assert not pilot.looks_on(0.0, nothing(), 0.0)
+    assert pilot.looks_on(1.0, seen, 0.0)
+    assert pilot.choose(1.0, seen, Way(start[0][None], start[1][None]), 0.0, 0.0)
+    times = np.arange(0.0, 6.0, 0.05)
+    configurations = pilot.reference.at(times)[0]
+    placed = pilot.coordinates.nodes(configurations.T[None])[0]
+    share = np.linspace(0, 1, 40)[:, None]
+    bar = placed[:, None, 0] + share * (placed[:, None, 1] - placed[:, None, 0])
+    center = middle + np.array([0.0, 1.6, 0.0]) + times[:, None] * [0.0, -0.4, 0.0]
+    stays = nodes[0] + share * (nodes[1] - nodes[0])
+    assert np.linalg.norm(stays - center[:, None], axis=-1).min() < 0.08  # it would have been met
+    assert np.linalg.norm(bar - center[:, None], axis=-1).min() > 0.08 + 0.012 + 0.01
+
+
+def test_slots_of_different_length_are_refused():
+    with pytest.raises(OptionError, match="slots"):
+        PilotSettings(courses=CourseSettings(slot=0.2))

@@ -1,0 +1,72 @@
+"""Meshes beside a robot: verdicts as of the boxes that they are, insides, and notches that hulls would fill."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from comove.robots import verify_joints
+from comove.scenes import Scene
+from tests.meshes import prism, write_stl
+from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, scene_data
+
+
+def slab(folder, size, name="slab.stl"):
+    """A box as a closed mesh whose origin is its centre."""
+    x, y, z = np.array(size) / 2
+    vertices, faces = prism(np.array([[-x, -y], [x, -y], [x, y], [-x, y]]), 0, 2 * z)
+    write_stl(folder / name, vertices - [0, 0, z], faces)
+    return {"shape": "mesh", "file": name}
+
+
+def verdict_on(folder, *obstacles):
+    """The verdict on the known carry among obstacles."""
+    motion, joints = known_carry()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        scene = Scene.from_dict(scene_data(obstacles=obstacles), folder=folder)
+    return verify_joints(baxter(), on_scene(motion, scene), joints)
+
+
+def test_a_box_as_a_mesh_is_as_far_away_as_the_box(tmp_path):
+    mesh = slab(tmp_path, TABLE["size"]) | {"center": TABLE["center"]}
+    one, other = verdict_on(tmp_path, TABLE), verdict_on(tmp_path, mesh)
+    assert one.verified is not None
+    assert other.verified is not None
+    assert other.report.clearance_scene == pytest.approx(one.report.clearance_scene, abs=2e-3)
+    assert "mesh" in other.report.where["clearance_scene"][0]
+
+
+def test_a_mesh_in_the_way_of_a_link_is_named(tmp_path):
+    size, center = [0.06, 0.06, 0.4], [0.75, 0.35, 0.5]
+    mesh = slab(tmp_path, size) | {"center": center}
+    (boxed,) = verdict_on(tmp_path, {"shape": "box", "size": size, "center": center}).reasons
+    (reason,) = verdict_on(tmp_path, mesh).reasons
+    assert "obstacles[0] (mesh)" in reason
+    assert reason.split(" and ")[0] == boxed.split(" and ")[0]  # the same link
+
+
+def test_a_link_inside_a_closed_mesh_is_found_though_no_triangle_is_near(tmp_path):
+    around = slab(tmp_path, [0.7, 1.2, 1.8], "around.stl") | {"center": [-0.15, 0.0, 0.0]}
+    reasons = verdict_on(tmp_path, around).reasons
+    assert any("torso begins inside obstacles[0] (mesh)" in reason for reason in reasons)
+
+
+def test_a_notch_is_free_that_a_hull_would_fill(tmp_path):
+    """Two walls with a floor between them, one mesh: the carry passes over the floor, inside the mesh's hull."""
+    vertices, faces = _channel(0.7)
+    write_stl(tmp_path / "channel.stl", vertices, faces)
+    channel = {"shape": "mesh", "file": "channel.stl", "center": [0.68, 0.0, -0.2]}
+    assert verdict_on(tmp_path, channel).verified is not None
+
+
+def _channel(length):
+    """A channel along x: three boxes in one mesh, by their prisms."""
+    parts, count, faces = [], 0, []
+    for low, high in (((-1.0, 0.0), (1.0, 0.05)), ((-1.0, 0.05), (-0.95, 0.5)), ((0.95, 0.05), (1.0, 0.5))):
+        (a, b), (c, d) = low, high
+        corners, own = prism(np.array([[a, b], [c, b], [c, d], [a, d]]), 0, length)
+        parts.append(corners[:, [2, 0, 1]] - [length / 2, 0.0, 0.0])
+        faces.append(own + count)
+        count += len(corners)
+    return np.concatenate(parts), np.concatenate(faces)
