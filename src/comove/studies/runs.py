@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -113,8 +112,52 @@ def _declared() -> str:
     return ", ".join(["key TEXT PRIMARY KEY", *declared[1:]])
 
 
+class StudyWriter(Writer):
+    """Writes runs into an open store, each as a whole."""
+
+    def add(self, run: StudyRun, motion: StoredMotion | None = None) -> None:
+        """Write a run that has ended; one with the same key stays as it is."""
+        self._insert("runs", astuple(run))
+        if motion is not None:
+            self._insert("motions", astuple(motion))
+        self._connection.commit()
+
+    def add_all(self, runs: Iterable[StudyRun]) -> None:
+        """Write many runs at once, without motions."""
+        self._insert("runs", *map(astuple, runs))
+        self._connection.commit()
+
+    def absorb(self, other: Path) -> int:
+        """Take over all rows of another store but those that are here already.
+
+        Returns
+        -------
+        int, number of runs that are here already with another motion, which stay as they are
+        """
+        self._connection.execute("ATTACH DATABASE ? AS other", (str(other),))
+        try:
+            (different,) = self._connection.execute(
+                "SELECT count(*) FROM runs JOIN other.runs AS theirs USING (key) "
+                "WHERE runs.status != theirs.status OR runs.motion_sha256 != theirs.motion_sha256"
+            ).fetchone()
+            for table in ("motions", "runs"):
+                self._connection.execute(
+                    f"INSERT OR IGNORE INTO {table} SELECT * FROM other.{table} "
+                    "WHERE key NOT IN (SELECT key FROM runs)"
+                )
+            self._connection.execute(
+                "INSERT INTO kills SELECT * FROM other.kills WHERE true "
+                "ON CONFLICT DO UPDATE SET times = max(times, excluded.times)"
+            )
+            self._connection.commit()
+        finally:
+            self._connection.rollback()
+            self._connection.execute("DETACH DATABASE other")
+        return int(different)
+
+
 @dataclass(frozen=True)
-class StudyStore(Store):
+class StudyStore(Store[StudyWriter]):
     """A store of the runs of one study."""
 
     APPLICATION = 0x636F6D73  # "coms", in the header of the file
@@ -125,6 +168,7 @@ class StudyStore(Store):
         "kills": KILLS,
     }
     MADE_BY = "comove generate STUDY --out DIR, or comove sweep STUDY --out DIR"
+    WRITER = StudyWriter
 
     def describe(self, described: Mapping[str, Any], total: int) -> None:
         """Note what is run and how many runs there are; a store of another study is refused.
@@ -172,18 +216,6 @@ class StudyStore(Store):
                 f"its description was changed: {error}", file=self.path, way_out="copy the store again"
             ) from error
 
-    @contextmanager
-    def writer(self) -> Iterator[StudyWriter]:
-        """Lend a writer, which keeps the store open; a second one at a time, in whatever process, is refused.
-
-        Raises
-        ------
-        ResultError
-            If another process works on the store, or it cannot be written.
-        """
-        with self.writing() as connection:
-            yield StudyWriter(connection)
-
     def numbers(self) -> set[int]:
         """Return the numbers of the runs that have ended."""
         with self.connected(reading=True) as connection:
@@ -207,50 +239,6 @@ class StudyStore(Store):
             for row in connection.execute(query):
                 run = StudyRun(*row[: len(COLUMNS)])
                 yield run, StoredMotion(run.key, *row[len(COLUMNS) :])
-
-
-class StudyWriter(Writer):
-    """Writes runs into an open store, each as a whole."""
-
-    def add(self, run: StudyRun, motion: StoredMotion | None = None) -> None:
-        """Write a run that has ended; one with the same key stays as it is."""
-        self._insert("runs", astuple(run))
-        if motion is not None:
-            self._insert("motions", astuple(motion))
-        self._connection.commit()
-
-    def add_all(self, runs: Iterable[StudyRun]) -> None:
-        """Write many runs at once, without motions."""
-        self._insert("runs", *map(astuple, runs))
-        self._connection.commit()
-
-    def absorb(self, other: Path) -> int:
-        """Take over all rows of another store but those that are here already.
-
-        Returns
-        -------
-        int, number of runs that are here already with another motion, which stay as they are
-        """
-        self._connection.execute("ATTACH DATABASE ? AS other", (str(other),))
-        try:
-            (different,) = self._connection.execute(
-                "SELECT count(*) FROM runs JOIN other.runs AS theirs USING (key) "
-                "WHERE runs.status != theirs.status OR runs.motion_sha256 != theirs.motion_sha256"
-            ).fetchone()
-            for table in ("motions", "runs"):
-                self._connection.execute(
-                    f"INSERT OR IGNORE INTO {table} SELECT * FROM other.{table} "
-                    "WHERE key NOT IN (SELECT key FROM runs)"
-                )
-            self._connection.execute(
-                "INSERT INTO kills SELECT * FROM other.kills WHERE true "
-                "ON CONFLICT DO UPDATE SET times = max(times, excluded.times)"
-            )
-            self._connection.commit()
-        finally:
-            self._connection.rollback()
-            self._connection.execute("DETACH DATABASE other")
-        return int(different)
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:

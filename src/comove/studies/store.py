@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import ClassVar, Generic, Self, TypeVar
 
 from comove.errors import ResultError
 from comove.io.files import telling
@@ -29,8 +29,33 @@ def columns_of(declared: str) -> list[str]:
     return re.findall(r'(?:^|, )"?(\w+)"? (?:TEXT|REAL|INTEGER|BLOB)', declared)
 
 
+class Writer:
+    """Writes rows into an open store, each as a whole."""
+
+    def __init__(self, connection: sqlite3.Connection):
+        self._connection = connection
+
+    def _insert(self, table: str, *rows: tuple) -> None:
+        """Insert rows; those whose keys are there already stay as they are."""
+        for row in rows:
+            marks = ", ".join("?" * len(row))
+            self._connection.execute(f"INSERT INTO {table} VALUES ({marks}) ON CONFLICT DO NOTHING", row)
+
+    def note_kill(self, key: str, times: int = 1) -> int:
+        """Note that processes were killed during a run; returns how often that has happened in all."""
+        self._connection.execute(
+            "INSERT INTO kills VALUES (?, ?) ON CONFLICT DO UPDATE SET times = times + excluded.times",
+            (key, times),
+        )
+        self._connection.commit()
+        return self._connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
+
+
+WriterT = TypeVar("WriterT", bound=Writer)
+
+
 @dataclass(frozen=True)
-class Store:
+class Store(Generic[WriterT]):
     """A store, made by `open` or `create`.
 
     Attributes
@@ -39,12 +64,14 @@ class Store:
     APPLICATION : number in the header of the files of this kind
     TABLES : declarations of the columns, by the names of the tables; one of them is called "runs" and has a key
     MADE_BY : command that makes such a file
+    WRITER : kind of the writer that is lent
     """
 
     path: Path
     APPLICATION: ClassVar[int]
     TABLES: ClassVar[Mapping[str, str]]
     MADE_BY: ClassVar[str]
+    WRITER: ClassVar[type]
 
     @classmethod
     def open(cls, path: str | Path) -> Self:
@@ -181,8 +208,8 @@ class Store:
             return {key for (key,) in connection.execute("SELECT key FROM runs")}
 
     @contextmanager
-    def writing(self) -> Iterator[sqlite3.Connection]:
-        """Lend a connection for a writer; a second one at a time, in whatever process, is refused.
+    def writer(self) -> Iterator[WriterT]:
+        """Lend a writer, which keeps the store open; a second one at a time, in whatever process, is refused.
 
         Raises
         ------
@@ -191,29 +218,7 @@ class Store:
         """
         with _alone(self.path), self.connected() as connection:
             connection.execute("PRAGMA synchronous = NORMAL")  # of a power cut the last runs are run again
-            yield connection
-
-
-class Writer:
-    """Writes rows into an open store, each as a whole."""
-
-    def __init__(self, connection: sqlite3.Connection):
-        self._connection = connection
-
-    def _insert(self, table: str, *rows: tuple) -> None:
-        """Insert rows; those whose keys are there already stay as they are."""
-        for row in rows:
-            marks = ", ".join("?" * len(row))
-            self._connection.execute(f"INSERT INTO {table} VALUES ({marks}) ON CONFLICT DO NOTHING", row)
-
-    def note_kill(self, key: str, times: int = 1) -> int:
-        """Note that processes were killed during a run; returns how often that has happened in all."""
-        self._connection.execute(
-            "INSERT INTO kills VALUES (?, ?) ON CONFLICT DO UPDATE SET times = times + excluded.times",
-            (key, times),
-        )
-        self._connection.commit()
-        return self._connection.execute("SELECT times FROM kills WHERE key = ?", (key,)).fetchone()[0]
+            yield self.WRITER(connection)
 
 
 @contextmanager

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from types import NoneType
@@ -137,13 +136,31 @@ _TABLES = {
 }
 
 
+class RunWriter(Writer):
+    """Writes runs of the benchmark into an open store."""
+
+    def plan(self, configurations: Iterable[Configuration]) -> None:
+        """Note the configurations that are to be run, so that a report can list the missing ones."""
+        self._insert("planned", *((c.key, *astuple(c)) for c in configurations))
+        self._connection.commit()
+
+    def add(self, run: Run) -> None:
+        """Write a run that has ended; one with the same key stays as it is."""
+        c = run.configuration
+        ended = run.status, run.message, run.started
+        figures = (*astuple(run.machine), *astuple(run.figures), json.dumps(run.history))
+        self._insert("runs", (c.key, *astuple(c), *ended, *figures))
+        self._connection.commit()
+
+
 @dataclass(frozen=True)
-class RunStore(Store):
+class RunStore(Store[RunWriter]):
     """A store of runs of the benchmark."""
 
     APPLICATION = APPLICATION
     TABLES = _TABLES
     MADE_BY = "comove bench run --out STORE.sqlite"
+    WRITER = RunWriter
 
     def planned(self) -> list[Configuration]:
         """Return the configurations that were to be run."""
@@ -190,35 +207,6 @@ class RunStore(Store):
                 file=self.path,
                 way_out=AS_IT_WAS,
             ) from error
-
-    @contextmanager
-    def writer(self) -> Iterator[RunWriter]:
-        """Lend a writer, which keeps the store open; a second one at a time, in whatever process, is refused.
-
-        Raises
-        ------
-        ResultError
-            If another process works on the store, or it cannot be written.
-        """
-        with self.writing() as connection:
-            yield RunWriter(connection)
-
-
-class RunWriter(Writer):
-    """Writes runs of the benchmark into an open store."""
-
-    def plan(self, configurations: Iterable[Configuration]) -> None:
-        """Note the configurations that are to be run, so that a report can list the missing ones."""
-        self._insert("planned", *((c.key, *astuple(c)) for c in configurations))
-        self._connection.commit()
-
-    def add(self, run: Run) -> None:
-        """Write a run that has ended; one with the same key stays as it is."""
-        c = run.configuration
-        ended = run.status, run.message, run.started
-        figures = (*astuple(run.machine), *astuple(run.figures), json.dumps(run.history))
-        self._insert("runs", (c.key, *astuple(c), *ended, *figures))
-        self._connection.commit()
 
 
 def export_parquet(store: RunStore, path: str | Path) -> int:

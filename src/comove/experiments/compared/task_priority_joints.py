@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.compared.hierarchy import PriorityTask
+from comove.experiments.compared.nearness import RETREAT
 from comove.experiments.compared.task_priority import INSIDE, Controller, Performance, TaskPriority
 from comove.planning.search import Search
 from comove.reaction.qp_workspace import Rates, Sighting
@@ -56,7 +57,7 @@ class JointController(Controller):
         least = self.scene.clearance + method.margin
         self.needs = LinkNeeds(np.full(len(self.scene.obstacles), least), least, near=0.3)
         self.links = Rates(
-            period, self.approach.gain, self.approach.braking, 0.25, np.inf, np.inf, self.scene.clearance
+            period, self.approach.gain, self.approach.braking, RETREAT, np.inf, np.inf, self.scene.clearance
         )
 
     def carried_out(self, motion: CoordinatedMotion) -> dict[str, float]:

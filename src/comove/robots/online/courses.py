@@ -253,7 +253,7 @@ def least_costs(net: Network, goal: int, cost: Array, left: Array) -> tuple[Arra
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class RoadmapCourse:
     """A course that was chosen.
 
     Attributes
@@ -301,7 +301,7 @@ class Foresight:
         chosen = bodies._replace(start=bodies.start[rows], end=bodies.end[rows])
         return dangers_along(chosen, seen, self.need, times, self._costs)
 
-    def best(self, roadmap: Roadmap, extended: Roadmap, seen: Sighting, since: float) -> Course:
+    def best(self, roadmap: Roadmap, extended: Roadmap, seen: Sighting, since: float) -> RoadmapCourse:
         """Return the best course from the last node of a roadmap.
 
         Parameters
@@ -321,7 +321,7 @@ class Foresight:
         value, choice = least_costs(net, extended.goal, cost, left)
         samples, ends = _samples(net, extended.goal, choice)
         way = Way(extended.configurations[samples], extended.joints[samples])
-        return Course(way, float(value[0, -1]), float(left[ends]))
+        return RoadmapCourse(way, float(value[0, -1]), float(left[ends]))
 
     def _dangers(self, bodies: Places, seen: Sighting, times: Array) -> Array:
         return dangers(bodies, seen, self.need, times, self._costs)

@@ -20,10 +20,10 @@ from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
 from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
-from comove.robots.online.courses import Course, CourseSettings, Foresight, Places
+from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
-from comove.robots.online.roadmap import Ground, Growth, Roadmap, RoadmapSettings, Way
+from comove.robots.online.roadmap import Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
 from comove.robots.search.following import Arms
 from comove.scenes.scene import Scene
 
@@ -119,7 +119,7 @@ class Pilot:
             how.speed * min(standing.speed_limit, how.fastest) * how.slot,
         )
         self.foresight = Foresight(space, self.arms, standing.clearance, settings.courses)
-        self._growth: Growth | None = None
+        self._growth: GrowingRoadmap | None = None
         self._looked = self._chosen = self._present = -np.inf
         self._n_grown, self._pause = 0, settings.at_once
         self._placed: tuple[Reference, Places] | None = None
@@ -132,12 +132,12 @@ class Pilot:
         return Way(np.ascontiguousarray(configurations), np.ascontiguousarray(joints))
 
     @property
-    def growth(self) -> Growth:
+    def growth(self) -> GrowingRoadmap:
         """Return the roadmap, which is made when it is needed first."""
         if self._growth is None:
             rng, how = np.random.default_rng(self._seed), self.settings.roadmap
             plan = self._slots(self._plan, 0.0, self._plan.duration)
-            self._growth = Growth(self.ground, plan, rng, how)
+            self._growth = GrowingRoadmap(self.ground, plan, rng, how)
             self._growth.grow(how.n_nodes)
         return self._growth
 
@@ -200,7 +200,9 @@ class Pilot:
         self.reference, self.clock, self._pause = other, 0.0, how.at_once
         return True
 
-    def _course(self, configuration: Array, joints: Array, seen: Sighting, stop: Stop) -> Course | None:
+    def _course(
+        self, configuration: Array, joints: Array, seen: Sighting, stop: Stop
+    ) -> RoadmapCourse | None:
         """Return the best course from a configuration.
 
         The roadmap grows where it leads to nothing that is free.

@@ -23,7 +23,7 @@ TAIL = 4.0  # widths, after which a filter has settled
 
 @dataclass(frozen=True)
 class Stop:
-    """How a reference is left: it is followed while another is looked for, and then braked."""
+    """A way to leave a reference: it is followed while another is looked for, and then braked."""
 
     thinks: float  # s
     brakes: float  # s

@@ -76,7 +76,7 @@ class Way(NamedTuple):
 
 
 class Ground(NamedTuple):
-    """What ways of the load and the arms are judged by.
+    """The criteria by which ways of the load and the arms are judged.
 
     Attributes
     ----------
@@ -191,7 +191,7 @@ def _roadmap(nodes: Way, ways: list[tuple[int, int, Way]], goal: int) -> Roadmap
     )
 
 
-class Growth:
+class GrowingRoadmap:
     """A roadmap that grows, and the ground that it grows on.
 
     Parameters
