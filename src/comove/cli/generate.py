@@ -31,7 +31,8 @@ def generate(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="Write the verified episodes as a dataset into DIR: npz, lerobot, robomimic; may be repeated.",
+            help="Write the verified episodes as a dataset into DIR: npz, lerobot, lerobot-2.1, robomimic, mcap; "
+            "may be repeated.",
         ),
     ] = NO_FORMATS,
     rate: Annotated[int, typer.Option(metavar="HZ", help="Samples a second of the datasets.")] = 50,

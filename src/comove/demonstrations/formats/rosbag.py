@@ -109,6 +109,7 @@ def write(
     storage: str = "mcap",
     frame_id: str = "world",
     start_ns: int = NANO,
+    about: str = "",
 ) -> None:
     """Write movements to a bag, from which they are read again with the same numbers, bit by bit.
 
@@ -123,6 +124,7 @@ def write(
     storage : storage format of a folder, "mcap" or "sqlite3"
     frame_id : reference frame of the positions
     start_ns : stamp of time zero [ns]; not 0, which means "none" in ROS
+    about : text that stands in the bag as a `String` on the topic `/comove/about`
 
     Raises
     ------
@@ -134,7 +136,9 @@ def write(
     if storage not in ("mcap", "sqlite3"):
         raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
-    fill = partial(_write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns)
+    fill = partial(
+        _write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns, about=about
+    )
     suffix = path.suffix.lower()
     if suffix == ".bag":
         with whole_path(path) as draft:
@@ -442,8 +446,13 @@ def _write_messages(
     path: Path,
     frame_id: str,
     start_ns: int,
+    about: str,
 ) -> None:
     """Write the messages of all movements in the order of their stamps."""
+    if about:
+        text = "std_msgs/msg/String"
+        connection = writer.add_connection("/comove/about", text, typestore=store)
+        writer.write(connection, start_ns, encode(store.types[text](data=about), text))
     queue = []
     for name, demo in demos.items():
         topic, kind = _topic_and_type(path, name, demo)

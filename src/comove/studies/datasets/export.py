@@ -8,7 +8,7 @@ from pathlib import Path
 
 from comove.errors import ResultError
 from comove.io.folders import Contents, check_target, whole_folder
-from comove.studies.datasets import lerobot, npz, robomimic
+from comove.studies.datasets import lerobot, lerobot_v21, mcap, npz, robomimic
 from comove.studies.datasets.samples import EpisodeSamples, episodes_of
 
 DATASET = Contents("dataset")
@@ -38,6 +38,8 @@ FORMATS = {
     for format in (
         DatasetFormat("npz", "npz", npz.write),
         DatasetFormat("lerobot", "lerobot", lerobot.write),
+        DatasetFormat("lerobot-2.1", "lerobot-2.1", lerobot_v21.write),
+        DatasetFormat("mcap", "mcap", mcap.write),
         DatasetFormat("robomimic", "robomimic.hdf5", robomimic.write, is_folder=False),
     )
 }
