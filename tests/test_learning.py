@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from comove.errors import ResultError
+from comove.errors import DemonstrationError, ResultError
 from comove.studies import Study, on_processes, run_study
 from comove.studies.datasets import FORMATS, export_episodes
 from comove.verification.record import RecordSamples, verify_execution
@@ -130,11 +130,15 @@ def test_files_that_are_no_episodes_are_told(learn, study, tmp_path):
     whole = (study[1] / "npz/episode_000000.npz").read_bytes()
     for content in (b"", b"no archive", whole[: len(whole) // 2]):
         (folder / "episode_000000.npz").write_bytes(content)
-        with pytest.raises(ResultError, match=r"episode_000000.npz: it is no episode: .*; run: comove generate"):
+        with pytest.raises(
+            ResultError, match=r"episode_000000.npz: it is no episode: .*; run: comove generate"
+        ):
             learn.Episodes.read(tmp_path, 1)
     (folder / "episode_000000.npz").write_bytes(whole)
     with np.load(folder / "episode_000000.npz") as archive:
-        shorter = {name: archive[name][:-1] if name in ("time", "position") else archive[name] for name in archive}
+        shorter = {
+            name: archive[name][:-1] if name in ("time", "position") else archive[name] for name in archive
+        }
     np.savez(folder / "episode_000001.npz", **shorter)
     with pytest.raises(ResultError, match="other numbers of samples, hands or obstacles"):
         learn.Episodes.read(tmp_path, 2)

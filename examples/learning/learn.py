@@ -5,16 +5,15 @@
 
 A policy is told the share of the time that has passed, where the hands, their goals and the obstacles are, and says
 where the hands are to be at the next samples: a chunk, of which the beginning is done before it looks again. It is
-trained by imitation alone, on the first 10, 100 and 1000 episodes, and then carries the bar in scenes that were drawn in
-the same way and never generated. Each policy does so twice: its hands go where it says, or to the nearest pose
-of the bar, so that no output can pull at it. What happened is judged as every execution is, between the samples too.
+trained by imitation alone, on the first 10, 100 and 1000 episodes, and then carries the bar in scenes that were drawn
+in the same way and never generated. Each policy does so twice: its hands go where it says, or to the nearest pose of
+the bar, so that no output can pull at it. What happened is judged as every execution is, between the samples too.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +24,7 @@ import numpy as np
 from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.group_poses import poses_at
 from comove.errors import ComoveError, ExtraError, OptionError, ResultError
+from comove.io.arrays import read_arrays
 from comove.io.files import require_target
 from comove.scenes.scene import Scene
 from comove.studies import Study
@@ -53,6 +53,7 @@ class Settings:
     width : units of each of the two hidden layers
     steps, batch : steps of gradient descent, and samples in each
     rate : largest rate of learning, which falls to zero along half a cosine
+    decay : decay of the weights
     noise : standard deviation by which hands are moved in training, so that the policy learns to come back [m]
     seed : seed of the weights, the samples and the noise
     """
@@ -63,6 +64,7 @@ class Settings:
     steps: int = 10_000
     batch: int = 256
     rate: float = 1e-3
+    decay: float = 0.1
     noise: float = 0.01
     seed: int = 0
 
@@ -88,30 +90,24 @@ class Episodes:
         files = sorted((folder / "npz").glob("episode_*.npz"))[:count]
         if len(files) < count:
             raise ResultError(
-                f"it has {len(files)} episodes as NPZ, and {count} are asked for", file=folder, way_out=f"run: {AGAIN}"
+                f"it has {len(files)} episodes as NPZ, and {count} are asked for",
+                file=folder,
+                way_out=f"run: {AGAIN}",
             )
-        parts = [_arrays(file) for file in files]
+        parts = [read_arrays(file, ("time", "position", "environment")) for file in files]
         for file, part in zip(files, parts, strict=True):
-            if [array.shape for array in part] != [array.shape for array in parts[0]]:
+            if any(part[name].shape != parts[0][name].shape for name in part):
                 raise ResultError(
                     "it has other numbers of samples, hands or obstacles than the first episode",
                     file=file,
                     way_out="let all episodes last as long, among the same obstacles",
                 )
-        return cls(parts[0][0], *(np.stack([part[i] for part in parts]) for i in (1, 2)))
+        hands = np.stack([part["position"] for part in parts])
+        return cls(parts[0]["time"], hands, np.stack([part["environment"][0] for part in parts]))
 
     def first(self, count: int) -> Episodes:
         """Return the first episodes."""
         return Episodes(self.time, self.hands[:count], self.around[:count])
-
-
-def _arrays(file: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, hands and surroundings of one episode."""
-    try:
-        with np.load(file, allow_pickle=False) as archive:
-            return archive["time"], archive["position"], archive["environment"][0]
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
-        raise ResultError(f"it is no episode: {error}", file=file, way_out=f"run: {AGAIN}") from error
 
 
 class Policy(torch.nn.Module):
@@ -158,8 +154,8 @@ def trained(episodes: Episodes, settings: Settings) -> Policy:
     seen = torch.from_numpy(np.concatenate([share, hands, around], axis=2)).float().flatten(0, 1)
     aims = torch.from_numpy(ahead).float().reshape(len(seen), -1)
     policy = Policy(seen, aims, settings)
-    optimiser = torch.optim.Adam(policy.parameters())
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, settings.rate, settings.steps, pct_start=0.05)
+    optimiser = torch.optim.AdamW(policy.parameters(), settings.rate, weight_decay=settings.decay)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, settings.steps)
     for _ in range(settings.steps):
         rows = torch.randint(len(seen), (settings.batch,))
         noise = settings.noise * torch.randn(settings.batch, size)
@@ -273,18 +269,24 @@ def unseen(study: Study, first: int, count: int) -> list[Scene]:
 
 
 def main() -> None:
-    """Train a policy for each number of episodes, let it carry the load in unseen scenes, and print what comes out."""
+    """Train a policy for each number of episodes, let it carry the load in unseen scenes, and print the shares."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("episodes", type=Path, help="folder of `comove generate --format npz`")
     parser.add_argument("--study", type=Path, default=HERE / "gate.yaml", help="study that made them")
-    parser.add_argument("--numbers", type=int, nargs="+", default=[10, 100, 1000], help="episodes to learn from")
+    parser.add_argument(
+        "--numbers", type=int, nargs="+", default=[10, 100, 1000], help="episodes to learn from"
+    )
     parser.add_argument("--scenes", type=int, default=500, help="scenes that the policies have not seen")
-    parser.add_argument("--first", type=int, default=1_000_000, help="number of the first of these in the study")
+    parser.add_argument(
+        "--first", type=int, default=2_000_000, help="number of the first of these in the study"
+    )
     parser.add_argument("--steps", type=int, default=Settings.steps, help="steps of training")
     parser.add_argument("--seed", type=int, default=Settings.seed, help="seed of the training")
-    parser.add_argument("--out", type=Path, default=Path("learned.png"), help="picture of the first four scenes")
+    parser.add_argument(
+        "--out", type=Path, default=Path("learned.png"), help="picture of the first four scenes"
+    )
     options = parser.parse_args()
     try:
         run(options)
@@ -295,7 +297,9 @@ def main() -> None:
 def run(options: argparse.Namespace) -> None:
     """Do what the command line asks for."""
     if min(options.numbers) < 1 or options.scenes < 4 or options.steps < 1:
-        raise OptionError("there is nothing to learn or to show", way_out="give numbers above 0, and 4 scenes or more")
+        raise OptionError(
+            "there is nothing to learn or to show", way_out="give numbers above 0, and 4 scenes or more"
+        )
     require_target(options.out, OptionError)
     study = Study.load(options.study)
     if options.first < study.total:

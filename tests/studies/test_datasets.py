@@ -170,7 +170,7 @@ def test_a_hand_with_the_name_of_a_topic_is_refused(tmp_path):
     scene["manipulators"][0]["name"] = "load"
     study = generate(tmp_path, scene=scene, draws=[], episodes=1)
     pytest.importorskip("rosbags")
-    with pytest.raises(ResultError, match="a hand is called 'load'.*give it another name"):
+    with pytest.raises(ResultError, match=r"a hand is called 'load'.*give it another name"):
         export_episodes(tmp_path / "out", study.folder, FORMATS["mcap"], RATE)
     assert not (tmp_path / "out/mcap").exists()
 

@@ -136,9 +136,7 @@ def write(
     if storage not in ("mcap", "sqlite3"):
         raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
-    fill = partial(
-        _write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns, about=about
-    )
+    fill = partial(_write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns, about=about)
     suffix = path.suffix.lower()
     if suffix == ".bag":
         with whole_path(path) as draft:
