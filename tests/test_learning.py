@@ -16,6 +16,7 @@ pytest.importorskip("torch", reason="torch is not installed: pip install 'comove
 pytestmark = pytest.mark.slow
 
 FOLDER = Path(__file__).parents[1] / "examples" / "learning"
+POSTS = FOLDER.parent / "studies" / "around_posts.yaml"
 N_EPISODES, N_SCENES, FIRST = 8, 6, 5_000_000
 
 
@@ -111,6 +112,7 @@ def test_the_command_prints_a_table_and_draws(learn, study, tmp_path, monkeypatc
         (["--numbers", "0"], "nothing to learn"),
         (["--scenes", "2"], "give numbers above 0, and 4 scenes or more"),
         (["--first", "7"], "scene 7 is among the 8 episodes of the study; give 8 or more"),
+        (["--study", str(POSTS)], "are not those of .*; name the study that made them"),
         (["--study", "nowhere.yaml"], "nowhere.yaml: there is no such file"),
         (["--out", "nowhere/learned.png"], "nowhere"),
     ],

@@ -75,11 +75,13 @@ class Episodes:
 
     Attributes
     ----------
+    number : number of the first of them in the study
     time : array, shape (n_steps,) [s]
     hands : array, shape (n_episodes, n_steps, n_manipulators, n_dims) [m]
     around : array, shape (n_episodes, n_values), goals of the hands and centres of the obstacles [m]
     """
 
+    number: int
     time: np.ndarray
     hands: np.ndarray
     around: np.ndarray
@@ -103,11 +105,22 @@ class Episodes:
                     way_out="let all episodes last as long, among the same obstacles",
                 )
         hands = np.stack([part["position"] for part in parts])
-        return cls(parts[0]["time"], hands, np.stack([part["environment"][0] for part in parts]))
+        around = np.stack([part["environment"][0] for part in parts])
+        return cls(int(files[0].stem.partition("_")[2]), parts[0]["time"], hands, around)
 
     def first(self, count: int) -> Episodes:
         """Return the first episodes."""
-        return Episodes(self.time, self.hands[:count], self.around[:count])
+        return Episodes(self.number, self.time, self.hands[:count], self.around[:count])
+
+    def are_of(self, study: Study) -> bool:
+        """Return whether the first episode is that of a study."""
+        scene = study.draw(self.number).scene
+        return scene is not None and np.array_equal(around_of(scene), self.around[0])
+
+
+def around_of(scene: Scene) -> np.ndarray:
+    """Return goals of the hands and centres of the obstacles, as episodes hold them; array, (n_values,) [m]."""
+    return np.append(scene.goal, scene.centers[:, : scene.n_dims])
 
 
 class Policy(torch.nn.Module):
@@ -181,7 +194,7 @@ def carried(
     held : whether hands go to the nearest pose of the load, and not freely
     """
     loads = [load_coordinates(scene) for scene in scenes]
-    around = np.stack([np.append(s.goal, s.centers[:, : s.n_dims]) for s in scenes])
+    around = np.stack([around_of(scene) for scene in scenes])
     hands = np.stack([scene.start for scene in scenes])[:, None]
     while hands.shape[1] < len(time):
         share = min(1.0, time[hands.shape[1] - 1] / scenes[0].duration)
@@ -309,6 +322,12 @@ def run(options: argparse.Namespace) -> None:
             way_out=f"give {study.total} or more",
         )
     episodes = Episodes.read(options.episodes, max(options.numbers))
+    if not episodes.are_of(study):
+        raise OptionError(
+            f"the episodes in {options.episodes} are not those of {options.study}",
+            key="--study",
+            way_out="name the study that made them",
+        )
     scenes, tolerances = unseen(study, options.first, options.scenes), Tolerances()
     time = np.arange(round(1.25 * len(episodes.time))) * episodes.time[1]  # a quarter more, to come to rest
     torch.set_num_threads(1)
