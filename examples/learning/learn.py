@@ -242,7 +242,7 @@ def row_of(reports: Sequence[ExecutionReport], tolerances: Tolerances) -> list[s
     met = np.array([tolerances.met(report) for report in reports])
     shares = [*met.mean(axis=0), met.all(axis=1).mean()]
     off = 1000 * float(np.median([report.distance_error_max for report in reports]))
-    return [*(f"{100 * share:.0f} %" for share in shares), f"{off:.1f} mm"]
+    return [*(f"{100 * share:.1f} %" for share in shares), f"{off:.1f} mm"]
 
 
 def draw(rows: Sequence[tuple[str, Sequence[RecordSamples]]], tolerances: Tolerances) -> Any:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,10 +16,10 @@ from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.lerobot import ENVIRONMENT, STATE, Statistics
 from comove.studies.datasets.samples import episodes_of
 from comove.studies.runs import RUNS
+from tests.commands import invoke
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"
 RATE = 30
-NEEDED = {"lerobot": "pyarrow", "lerobot-2.1": "pyarrow", "robomimic": "h5py", "mcap": "rosbags"}
 
 
 def generate(folder, **changes):
@@ -37,7 +38,7 @@ def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     study = generate(folder)
     for format in FORMATS.values():
-        pytest.importorskip(NEEDED.get(format.name, "numpy"))
+        pytest.importorskip(format.library)
         export_episodes(folder / "out", study.folder, format, RATE)
     return folder / "out", list(episodes_of(folder / "out", study.folder, RATE))
 
@@ -165,12 +166,13 @@ def test_mcap_tells_about_the_episode_to_other_readers(done):
     assert about["clearance_min"] == pytest.approx(episodes[0].motion.clearance_min, abs=1e-12)
 
 
-def test_a_hand_with_the_name_of_a_topic_is_refused(tmp_path):
-    scene = yaml.safe_load((EXAMPLES / "posts.yaml").read_text())
-    scene["manipulators"][0]["name"] = "load"
-    study = generate(tmp_path, scene=scene, draws=[], episodes=1)
+@pytest.mark.parametrize("name", ["load", "obstacle0", "left-arm"])
+def test_a_hand_that_cannot_be_a_topic_is_refused(name, tmp_path):
     pytest.importorskip("rosbags")
-    with pytest.raises(ResultError, match=r"a hand is called 'load'.*give it another name"):
+    scene = yaml.safe_load((EXAMPLES / "posts.yaml").read_text())
+    scene["manipulators"][0]["name"] = name
+    study = generate(tmp_path, scene=scene, draws=[], episodes=1)
+    with pytest.raises(ResultError, match=rf"the hand '{name}' cannot be a topic.*give it another name"):
         export_episodes(tmp_path / "out", study.folder, FORMATS["mcap"], RATE)
     assert not (tmp_path / "out/mcap").exists()
 
@@ -241,6 +243,15 @@ def test_a_dataset_is_complete_or_not_there(done, tmp_path, monkeypatch):
         assert {path.name for path in copy.iterdir()} <= {RUNS, f"{RUNS}-wal", f"{RUNS}-shm"}
 
 
+@pytest.mark.parametrize("name", ["lerobot", "lerobot-2.1", "mcap", "robomimic"])
+def test_a_missing_library_is_told_before_anything_is_run(name, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, FORMATS[name].library, None)
+    out = tmp_path / "out"
+    done = invoke("generate", EXAMPLES / "around_posts.yaml", "--out", out, "--format", name)
+    wanted = f"{out / FORMATS[name].target}: its kind needs {FORMATS[name].library}, which is not installed"
+    assert done.exit_code == 2 and wanted in done.stderr and not out.exists()
+
+
 def test_a_motion_that_was_edited_is_not_exported(done, tmp_path):
     """Weights of another episode: the curve hits what its own scene holds, or misses its ends."""
     copy = tmp_path / "out"
@@ -261,7 +272,7 @@ def test_episodes_of_different_kinds_do_not_fit_into_one_table(tmp_path):
     ]
     study = generate(tmp_path, draws=draws, episodes=5)
     with pytest.raises(
-        ResultError, match="let all episodes have the same hands and obstacles, or export as npz"
+        ResultError, match="let all episodes have the same hands and obstacles, or export as npz or mcap"
     ):
         export_episodes(tmp_path / "out", study.folder, FORMATS["lerobot"], RATE)
     assert export_episodes(tmp_path / "out", study.folder, FORMATS["npz"], RATE)[1] == 5

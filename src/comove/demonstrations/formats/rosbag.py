@@ -50,7 +50,8 @@ _SQLITE_MAGIC = b"SQLite format 3\x00"
 _RECORD = "copy it again, or let ROS repair it (rosbag reindex, ros2 bag reindex)"
 _Messages = Iterator[tuple[int, Any]]
 """When the bag received each message [ns], and the message."""
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+"""Names that ROS allows in topics."""
 
 
 def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, RecordedSamples]:
@@ -463,7 +464,7 @@ def _write_messages(
 
 
 def _topic_and_type(path: Path, name: str, demo: RecordedSamples) -> tuple[str, str]:
-    if name and not _NAME.fullmatch(name):
+    if name and not NAME.fullmatch(name):
         raise fault(
             path,
             None,

@@ -31,20 +31,20 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     Raises
     ------
     DemonstrationError
-        If rosbags is not installed, or the name of a hand is no name in ROS.
+        If rosbags is not installed.
     ResultError
-        If a hand has the name of another topic.
+        If the name of a hand is no name in ROS, or that of another topic.
     """
     count = 0
     for episode in episodes:
         path = folder / f"episode_{episode.run.number:06d}.mcap"
         movements: dict[str, RecordedSamples] = {}
         for name, movement in _movements(episode):
-            if name in movements:
+            if name in movements or not rosbag.NAME.fullmatch(name):
                 raise ResultError(
-                    f"a hand is called '{name}', as a topic of the load or of an obstacle",
+                    f"the hand '{name}' cannot be a topic of ROS beside the load and the obstacles",
                     file=episode.scene.name,
-                    way_out="give it another name",
+                    way_out="give it another name of letters, digits and underscores, or export as npz",
                 )
             movements[name] = movement
         rosbag.write(path, movements, about=json.dumps(episode.about, allow_nan=False))

@@ -153,5 +153,5 @@ def require_alike(episode: EpisodeSamples, first: EpisodeSamples) -> None:
                 f"episode {episode.run.number} has {len(one)} values ({', '.join(one[:4])}, ...), and episode "
                 f"{first.run.number} has {len(other)}",
                 file=episode.scene.name,
-                way_out="let all episodes have the same hands and obstacles, or export as npz",
+                way_out="let all episodes have the same hands and obstacles, or export as npz or mcap",
             )
