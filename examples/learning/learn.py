@@ -1,7 +1,7 @@
 """Learn to carry a bar from generated episodes, and let comove's judge say how well.
 
-    comove generate examples/learning/gate.yaml --out episodes --format npz --rate 20
-    python examples/learning/learn.py episodes --numbers 10 100 1000
+    comove generate examples/learning/gate.yaml --out gates --format npz --rate 20
+    python examples/learning/learn.py gates --numbers 10 100 1000
 
 A policy is told the share of the time that has passed, where the hands, their goals and the obstacles are, and says
 where the hands are to be at the next samples: a chunk, of which the beginning is done before it looks again. It is
