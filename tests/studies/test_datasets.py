@@ -22,7 +22,7 @@ RATE = 30
 
 def generate(folder, **changes):
     """A study of few episodes, run into a folder beside its file."""
-    contents = yaml.safe_load((EXAMPLES / "around_posts.yaml").read_text())
+    contents = yaml.safe_load((EXAMPLES / "planar.yaml").read_text())
     shutil.copy(EXAMPLES / "posts.yaml", folder)
     (folder / "study.yaml").write_text(yaml.safe_dump(contents | {"episodes": 3} | changes))
     study = Study.load(folder / "study.yaml")
