@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import json
 import zipfile
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError, SceneError
 from comove.planning import movements_of
 from comove.results.sealed import checksum, finite
@@ -23,6 +27,7 @@ from comove.robots import (
     find_description,
     verify_joints,
 )
+from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
 from comove.studies.episode import DAMAGED, Made, measured, packed, stored, timed_run, unpacked
@@ -31,6 +36,9 @@ from comove.studies.runs import LONGEST, StoredCarry, StudyRun
 from comove.studies.study_file import SimulationPart
 from comove.verification.verify import VerifiedMotion
 
+Array = NDArray[np.float64]
+
+STILL = 0.1  # s, for which a robot has to stand at an end
 GRASPS = {"weld": Weld, "connect": Connect, "friction": Friction}
 
 
@@ -55,23 +63,45 @@ def _loaded(path: Path) -> Robot:
     return Robot.load(path)
 
 
-def require_reach(scene: Scene) -> None:
-    """Make sure that the arms reach start and goal by one of the scene's grasps.
+def require_hold(scene: Scene) -> None:
+    """Make sure that the arms can hold the load at start and goal by one of the scene's grasps, as the judge sees it.
 
     Raises
     ------
     SceneError
-        If they do not, or the robot cannot carry such a load.
+        If they cannot, or the robot cannot carry such a load.
     """
     robot, first = robot_of(scene), None
     for choice in scene.alternatives:
         try:
-            RobotCarrier(robot, choice.timed(1.0)).require_reach()
+            carrier = RobotCarrier(robot, choice.timed(STILL))
+            _require_held(carrier, "start", carrier.starts)
+            _require_held(carrier, "goal", carrier.goals)
             return
         except SceneError as error:
             first = first or error
     if first is not None:
         raise first
+
+
+def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches: Sequence[Array]) -> None:
+    """Refuse an end at which the robot cannot stand still with the load, in no combination of its arms' solutions."""
+    robot, scene = carrier.robot, carrier.scene
+    contents = json.loads(canonical(scene.file))
+    for hand in contents["manipulators"]:
+        hand["start"] = hand["goal"] = hand[end]
+    motion = CoordinatedMotion.straight(Scene.from_dict(contents, folder=scene.folder))
+    first = ""
+    for joints in product(*branches):
+        q = robot.home
+        for arm, own in zip(carrier.holders, joints, strict=True):
+            q[arm.columns] = own
+        standing = JointMotion(np.array([0.0, STILL]), robot.joint_names, np.stack([q, q]))
+        verdict = verify_joints(robot, motion, standing)
+        if verdict.verified is not None:
+            return
+        first = first or verdict.reasons[0]
+    raise SceneError(f"the robot cannot hold the load: {first}", key=f"manipulators.{end}")
 
 
 def carried_run(run: StudyRun, scene: Scene, budget: float, simulation: SimulationPart | None) -> Made:

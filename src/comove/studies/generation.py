@@ -257,7 +257,7 @@ class Study:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", ComoveWarning)
                     scene = Scene.from_dict(self.contents(number, rng), folder=self.folder)
-                    self._require_reach(scene)
+                    self._require_hold(scene)
                 return Drawn(number, seed, scene, rejected, reason)
             except SceneError as error:
                 reason = str(error)
@@ -265,12 +265,12 @@ class Study:
                 reason = str(wrong.args[0])
         return Drawn(number, seed, None, ATTEMPTS, reason)
 
-    def _require_reach(self, scene: Scene) -> None:
-        """Refuse a scene whose start or goal the robot's arms do not reach."""
+    def _require_hold(self, scene: Scene) -> None:
+        """Refuse a scene at whose start or goal the robot cannot hold the load."""
         if self.on_robot:
-            from comove.studies.carried import require_reach
+            from comove.studies.carried import require_hold
 
-            require_reach(scene)
+            require_hold(scene)
 
     def key(self, number: int) -> str:
         """Return the key of an episode: the checksum of all that it follows from."""
