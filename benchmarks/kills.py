@@ -178,6 +178,7 @@ class Crew:
                 self.end(name)
         else:
             self.processes[victim].kill()
+            self.processes[victim].wait()
         if victim == "scheduler":  # its driver says so, and ends by itself
             _, err = self.processes["driver"].communicate(timeout=PATIENCE)
             if self.processes["driver"].returncode and "scheduler" not in err.splitlines()[-1]:

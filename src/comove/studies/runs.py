@@ -268,9 +268,9 @@ class StudyStore(Store[StudyWriter]):
         with self.connected(reading=True) as connection:
             for row in connection.execute(query, (status,)):
                 run = StudyRun(*row[: len(COLUMNS)])
-                *motion, joints, certificate, simulation = row[len(COLUMNS) :]
+                scene, curve, path, joints, certificate, simulation = row[len(COLUMNS) :]
                 carry = None if joints is None else StoredCarry(run.key, joints, certificate, simulation)
-                yield run, StoredMotion(run.key, *motion, carry)
+                yield run, StoredMotion(run.key, scene, curve, path, carry)
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:
