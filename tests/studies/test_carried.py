@@ -17,6 +17,7 @@ from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.samples import episodes_of
 from comove.studies.keys import change
 from comove.studies.merging import merge
+from comove.studies.on_dask import on_dask
 from comove.studies.runs import RUNS
 from tests.commands import invoke
 from tests.robots.small_robots import gantry
@@ -291,6 +292,15 @@ def test_workers_parts_and_a_second_run_give_the_same_rows(tmp_path):
     first = rows(tmp_path / "1")
     assert len(first[1]) == 5 and all(motion.carry is not None for motion in first[1])
     assert first == rows(tmp_path / "2") == rows(tmp_path / "merged") == rows(tmp_path / "resumed")
+
+
+@pytest.mark.slow
+def test_a_scheduler_gives_the_same_rows(tmp_path):
+    pytest.importorskip("distributed")
+    study = Study.load(written(tmp_path, episodes=3))
+    run_study(study, tmp_path / "processes", on_processes(1))
+    run_study(study, tmp_path / "dask", on_dask("local", 2))
+    assert rows(tmp_path / "dask") == rows(tmp_path / "processes")
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import typer
 from comove.cli import studies as s
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
 from comove.cli.options import require_one_of
+from comove.errors import SceneError, near_name
 
 if TYPE_CHECKING:
     from comove.studies import StudyReport
@@ -48,9 +49,14 @@ def generate(
 
     s.require_alone(shard, slurm)
     part, loaded, run = Shard.parse(shard), Study.load(study, episodes=episodes), s.runs_of(workers, dask)
+    for name in formats:
+        require_one_of(name, tuple(FORMATS), "format")
+    for name in loaded.file.formats:
+        if name not in FORMATS:
+            way_out = near_name(name, FORMATS)
+            raise SceneError(f"unknown format '{name}'", file=study, key="formats", way_out=way_out)
     wanted = formats or (loaded.file.formats if shard == s.WHOLE else ())
     for name in wanted:
-        require_one_of(name, tuple(FORMATS), "format")
         check_export(out, FORMATS[name])
     if slurm is not None:
         command = ("generate",) if episodes is None else ("generate", "--episodes", str(episodes))

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError, SceneError
 from comove.planning import movements_of
+from comove.planning.clock import now
 from comove.results.sealed import checksum, finite
 from comove.robots import (
     JointMotion,
@@ -30,7 +31,7 @@ from comove.robots import (
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
-from comove.studies.episode import DAMAGED, Made, measured, packed, stored, timed_run, unpacked
+from comove.studies.episode import CUT, DAMAGED, Made, measured, packed, stored, timed_run, unpacked
 from comove.studies.many import movement_of
 from comove.studies.runs import LONGEST, StoredCarry, StudyRun
 from comove.studies.study_file import SimulationPart
@@ -115,9 +116,10 @@ def carried_run(run: StudyRun, scene: Scene, budget: float, simulation: Simulati
     """
 
     def search(run: StudyRun) -> Made:
-        movements = movements_of(movement_of(scene), scene)
+        movements, begun = movements_of(movement_of(scene), scene), now()
         found = carry(scene, robot_of(scene), demonstration=movements, seed=run.seed, budget=budget)
-        run = measured(run, found.solution, budget)
+        cut_short = int(now() - begun > CUT * budget)  # it may solve several times
+        run = replace(measured(run, found.solution, budget), cut_short=cut_short)
         if found.motion is None:
             reasons = "; ".join(found.solution.reasons or found.verdict.reasons)
             return replace(run, status="not verified", reason=reasons[:LONGEST]), None
