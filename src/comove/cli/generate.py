@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -13,7 +14,7 @@ from comove.cli.options import require_one_of
 from comove.errors import SceneError, near_name
 
 if TYPE_CHECKING:
-    from comove.studies import StudyReport
+    from comove.studies import Study, StudyReport
 
 NO_FORMATS: list[str] = []
 
@@ -49,13 +50,7 @@ def generate(
 
     s.require_alone(shard, slurm)
     part, loaded, run = Shard.parse(shard), Study.load(study, episodes=episodes), s.runs_of(workers, dask)
-    for name in formats:
-        require_one_of(name, tuple(FORMATS), "format")
-    for name in loaded.file.formats:
-        if name not in FORMATS:
-            way_out = near_name(name, FORMATS)
-            raise SceneError(f"unknown format '{name}'", file=study, key="formats", way_out=way_out)
-    wanted = formats or (loaded.file.formats if shard == s.WHOLE else ())
+    wanted = _formats(formats, loaded, shard)
     for name in wanted:
         check_export(out, FORMATS[name])
     if slurm is not None:
@@ -82,6 +77,19 @@ def generate(
         dataset, count = export_episodes(out, loaded.folder, FORMATS[name], rate)
         print(f"{name}: {dataset} holds {count} episodes", file=sys.stderr if json else sys.stdout)
     return VERIFIED if report.verified else NOT_VERIFIED
+
+
+def _formats(named: list[str], study: Study, shard: str) -> Sequence[str]:
+    """Return the formats that are written: those of the command, else those of the study unless a part is run."""
+    from comove.studies.datasets import FORMATS
+
+    for name in named:
+        require_one_of(name, tuple(FORMATS), "format")
+    for name in study.file.formats:
+        if name not in FORMATS:
+            way_out = near_name(name, FORMATS)
+            raise SceneError(f"unknown format '{name}'", file=study.path, key="formats", way_out=way_out)
+    return named or (study.file.formats if shard == s.WHOLE else ())
 
 
 def _text(report: StudyReport) -> str:
