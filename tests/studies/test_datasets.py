@@ -24,9 +24,9 @@ RATE = 30
 
 def generate(folder, **changes):
     """A study of few episodes, run into a folder beside its file."""
-    contents = yaml.safe_load((EXAMPLES / "around_posts.yaml").read_text())
+    contents = yaml.safe_load((EXAMPLES / "planar.yaml").read_text())
     shutil.copy(EXAMPLES / "posts.yaml", folder)
-    (folder / "study.yaml").write_text(yaml.safe_dump(contents | {"episodes": 3} | changes))
+    (folder / "study.yaml").write_text(yaml.safe_dump(contents | {"episodes": 3, "seed": 0} | changes))
     study = Study.load(folder / "study.yaml")
     run_study(study, folder / "out", on_processes(1))
     return study
@@ -272,7 +272,8 @@ def test_episodes_of_different_kinds_do_not_fit_into_one_table(tmp_path):
     ]
     study = generate(tmp_path, draws=draws, episodes=5)
     with pytest.raises(
-        ResultError, match="let all episodes have the same hands and obstacles, or export as npz or mcap"
+        ResultError,
+        match="let all episodes have the same robot, hands and obstacles, or export as npz or mcap",
     ):
         export_episodes(tmp_path / "out", study.folder, FORMATS["lerobot"], RATE)
     assert export_episodes(tmp_path / "out", study.folder, FORMATS["npz"], RATE)[1] == 5

@@ -1,8 +1,9 @@
 """Episodes as a LeRobot dataset, version 3.0: few Parquet files that hold many episodes, and tables about them.
 
 `observation.state` holds the hands, `action` the hands at the next sample, `observation.environment_state` their goal
-and the centres of the obstacles [m]. The table of the episodes holds, besides what LeRobot writes there, all that is
-known of an episode, in columns that begin with `comove/`.
+and the centres of the obstacles [m]. Of a robot, `observation.state` holds its joints, `action` the planned joints of
+the next sample [rad], and `observation.hands` the hands with their quaternions w x y z. The table of the episodes
+holds, besides what LeRobot writes there, all that is known of an episode, in columns that begin with `comove/`.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from comove.io.files import extra
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 STATE, ACTION, ENVIRONMENT = "observation.state", "action", "observation.environment_state"
+HANDS = "observation.hands"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 CHUNK = 1000
@@ -109,7 +111,7 @@ class _Tables:
         self.parquet.write_table(self.pa.Table.from_pylist(self.rows), self.folder / EPISODES)
         info = {
             "codebase_version": "v3.0",
-            "robot_type": "comove",
+            "robot_type": first.robot,
             "total_episodes": len(self.rows),
             "total_frames": self.frames,
             "total_tasks": 1,
@@ -157,11 +159,8 @@ def frame_columns(episode: EpisodeSamples, number: int, before: int) -> dict[str
     before : number of frames of the episodes before
     """
     frames = np.arange(len(episode.time), dtype=np.int64)
-    n_steps = len(frames)
-    return {
-        STATE: episode.position.reshape(n_steps, -1).astype(np.float32),
-        ACTION: episode.action.reshape(n_steps, -1).astype(np.float32),
-        ENVIRONMENT: episode.environment.astype(np.float32),
+    vectors = {name: values.astype(np.float32) for name, (_, values) in _vectors(episode).items()}
+    return vectors | {
         "timestamp": (frames / episode.rate).astype(np.float32),
         "frame_index": frames,
         "episode_index": np.full_like(frames, number),
@@ -184,11 +183,22 @@ def arrow_table(pa: Any, columns: Mapping[str, NDArray]) -> Any:
 
 def features_of(first: EpisodeSamples) -> dict[str, Any]:
     """Return the description of the columns, in the form that LeRobot gives it."""
-    hands = {"dtype": "float32", "shape": [len(first.state_names)], "names": list(first.state_names)}
-    around = list(first.environment_names)
-    features: dict[str, Any] = {STATE: hands, ACTION: hands}
-    features |= {ENVIRONMENT: {"dtype": "float32", "shape": [len(around)], "names": around}}
+    features: dict[str, Any] = {
+        key: {"dtype": "float32", "shape": [len(names)], "names": list(names)}
+        for key, (names, _) in _vectors(first).items()
+    }
     return features | {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
+
+
+def _vectors(episode: EpisodeSamples) -> dict[str, tuple[tuple[str, ...], NDArray]]:
+    """Return the vectors of an episode: names and values, array of shape (n_steps, n_values), by feature."""
+    poses = {} if episode.poses is None else {HANDS: episode.poses}
+    return {
+        STATE: (episode.state_names, episode.state),
+        ACTION: (episode.state_names, episode.command),
+        **poses,
+        ENVIRONMENT: (episode.environment_names, episode.environment),
+    }
 
 
 class Statistics:

@@ -59,7 +59,7 @@ def _info(first: EpisodeSamples, episodes: int, frames: int) -> dict[str, Any]:
     """Return what describes the whole dataset."""
     return {
         "codebase_version": "v2.1",
-        "robot_type": "comove",
+        "robot_type": first.robot,
         "total_episodes": episodes,
         "total_frames": frames,
         "total_tasks": 1,
