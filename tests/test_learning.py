@@ -16,7 +16,7 @@ pytest.importorskip("torch", reason="torch is not installed: pip install 'comove
 pytestmark = pytest.mark.slow
 
 FOLDER = Path(__file__).parents[1] / "examples" / "learning"
-POSTS = FOLDER.parent / "studies" / "around_posts.yaml"
+POSTS = FOLDER.parent / "studies" / "planar.yaml"
 N_EPISODES, N_SCENES, FIRST = 8, 6, 5_000_000
 
 

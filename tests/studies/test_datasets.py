@@ -247,7 +247,7 @@ def test_a_dataset_is_complete_or_not_there(done, tmp_path, monkeypatch):
 def test_a_missing_library_is_told_before_anything_is_run(name, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, FORMATS[name].library, None)
     out = tmp_path / "out"
-    done = invoke("generate", EXAMPLES / "around_posts.yaml", "--out", out, "--format", name)
+    done = invoke("generate", EXAMPLES / "planar.yaml", "--out", out, "--format", name)
     wanted = f"{out / FORMATS[name].target}: its kind needs {FORMATS[name].library}, which is not installed"
     assert done.exit_code == 2 and wanted in done.stderr and not out.exists()
 
