@@ -74,7 +74,7 @@ class CarrierSettings:
     same_branch: float = 0.3
     n_between: int = 300
     wander: float = 0.4
-    slack: float = 0.5
+    slack: float = 1.0
     haste: int = 8
     unlikely: float = 0.5
 
