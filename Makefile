@@ -3,6 +3,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 	$$p -c 'import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))' 2>/dev/null && echo $$p && break; done)
 VENV := .venv
 BIN := $(VENV)/bin
+unexport PYTHONDONTWRITEBYTECODE  # or each of the hundreds of commands that tests start compiles comove anew
 PARALLEL := --numprocesses auto --maxprocesses 8 --dist loadfile
 
 .PHONY: dist docs paper demo reproduce ablation test test-all lint bench clean

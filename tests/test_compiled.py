@@ -86,6 +86,21 @@ def test_nobody_gets_the_code_of_another_signature(kernel, tmp_path):
     assert again(0.5) == 1.0 and hits(again) == 0
 
 
+def test_who_needs_one_signature_imports_nothing_of_the_others(kernel, tmp_path, monkeypatch):
+    (tmp_path / "points.py").write_text(
+        "import typing\n\nPoint = typing.NamedTuple('Point', [('x', float)])\n"
+    )
+    (tmp_path / "kernel.py").write_text(KERNEL.replace("x + x", "2 * x[0]"))
+    monkeypatch.syspath_prepend(tmp_path)
+    point = importlib.import_module("points").Point(1.5)
+    assert kernel()((4,)) == 8 and kernel()(point) == 3
+    monkeypatch.delitem(sys.modules, "points")
+    again = kernel()
+    assert again((4,)) == 8 and hits(again) == 1 and "points" not in sys.modules
+    again = kernel()
+    assert again(point) == 3 and hits(again) == 1
+
+
 def test_without_a_folder_to_keep_them_kernels_are_compiled_and_that_is_said_once(kernel, monkeypatch):
     def nowhere(*_):
         raise RuntimeError("cannot cache function: no locator available")

@@ -63,20 +63,25 @@ def _guard(caching: ModuleType) -> None:
     begin, load, save = cache.__init__, cache.load_overload, cache.save_overload
 
     class Sealed(file):  # type: ignore[misc,valid-type]
-        """Cache files whose contents and signature are checked; a file that does not match counts as missing."""
+        """Cache files whose contents and signature are checked; a file that does not match counts as missing.
+
+        The index has signatures as texts: types themselves would import the modules that define them, so that
+        whoever solves a scene would load robots because a robot's planner has the same kernels.
+        """
 
         def load(self, key: Any) -> Any:
-            name = self._load_index().get(key)
+            signature = _text(key)
+            name = self._load_index().get(signature)
             try:
                 with open(self._data_path(name or ""), "rb") as stored:
                     seal, data = stored.read(32), stored.read()
-                return pickle.loads(data) if seal == _seal(key, data) else None
+                return pickle.loads(data) if seal == _seal(signature, data) else None
             except OSError:
                 return None
 
         def save(self, key: Any, data: Any) -> None:
-            self._sealed_for = key
-            super().save(key, data)
+            self._sealed_for = _text(key)
+            super().save(self._sealed_for, data)
 
         def _save_data(self, name: str, data: Any) -> None:
             data = self._dump(data)
@@ -85,9 +90,10 @@ def _guard(caching: ModuleType) -> None:
 
         def _load_index(self) -> dict:
             try:
-                return super()._load_index()
+                index = super()._load_index()
             except Exception:  # pickle may raise anything on damaged data
                 return {}
+            return index if all(isinstance(signature, str) for signature in index) else {}
 
     def begin_guarded(self: Any, py_func: Any) -> None:
         if not py_func.__module__.startswith(OURS):
@@ -120,9 +126,14 @@ def _guard(caching: ModuleType) -> None:
     cache.__init__, cache.load_overload, cache.save_overload = begin_guarded, load_guarded, save_guarded
 
 
-def _seal(key: Any, data: bytes) -> bytes:
+def _text(key: Any) -> str:
+    """Return what a function is compiled for, types and processor, in words that every process finds alike."""
+    return _ADDRESS.sub("", repr(key))
+
+
+def _seal(signature: str, data: bytes) -> bytes:
     """Return the checksum of a compiled function and of the signature that it was compiled for."""
-    return hashlib.sha256(_ADDRESS.sub("", repr(key)).encode() + data).digest()
+    return hashlib.sha256(signature.encode() + data).digest()
 
 
 def _tell_once() -> None:

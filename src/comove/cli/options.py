@@ -76,13 +76,21 @@ def budget_left(budget: float, saving: float, scene: Scene) -> float:
 
 def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Method:
     """Return the method with the given name, one of those `known`."""
-    from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
     from comove.planning import Comove, Paper, Printed, Projection
 
     require_one_of(name, known, "method")
-    own = (Comove, Projection, Paper, Printed)
-    compared = (Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
-    return {kind.name: kind for kind in (*own, *compared)}[name]()
+    kinds: tuple[type[Method], ...] = (Comove, Projection, Paper, Printed)
+    if name in COMPARED:  # a third of a second, which comove's own methods do not need
+        from comove.experiments.compared import (
+            LeaderFollower,
+            Single,
+            SpeedScaled,
+            TaskPriority,
+            Unconstrained,
+        )
+
+        kinds = (Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
+    return {kind.name: kind for kind in kinds}[name]()
 
 
 def objective_of(
@@ -145,13 +153,14 @@ def from_library(
     result to all hands; the paper's methods get this movement. Other methods get the single movement that suits best.
     A quarter of the budget may be spent.
     """
-    from comove.experiments.compared.single import alone
     from comove.planning import Paper, Printed, best_movement, combine
     from comove.primitives import ProMP
 
     demonstration = scene.file.demonstration
     plane = None if demonstration is None else demonstration.plane
     if isinstance(method, (Paper, Printed)):
+        from comove.experiments.compared.single import alone
+
         found = combine(library, alone(scene), seed=seed, budget=0.25 * budget, plane=plane)
         if found.interrupted:
             raise KeyboardInterrupt

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -85,7 +84,6 @@ def solve(
     """Find a verified motion for SCENE, save it and draw it."""
     from comove.cli.progress import progress_bar
     from comove.cli.texts import in_rows, summary_text
-    from comove.experiments.compared import Single
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind, load_kernels, movements_of, solve
     from comove.primitives import Library, ProMP
@@ -117,8 +115,10 @@ def solve(
         taught = (
             demonstration_of(loaded) if demonstration is None else o.demonstration_at(demonstration, loaded)
         )
-        if library is not None and isinstance(chosen, Single):
-            chosen = replace(chosen, movements=Library(library))
+        if library is not None and method == "single":
+            from comove.experiments.compared import Single
+
+            chosen = Single(movements=Library(library))
         elif library is not None:
             source, taught = o.from_library(Library(library), loaded, chosen, seed, budget)
         movements = movements_of(taught, chosen.scene_of(loaded))

@@ -21,8 +21,6 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
-from scipy.spatial import ConvexHull, cKDTree
 
 from comove.geometry.cells import Solid, are_inside, no_solid, pieces, solid_of
 from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of
@@ -365,6 +363,8 @@ class _Groups:
         """Return whether the pieces in a hull fill it completely."""
         if self.thickness or not self.distance.is_near(hull, 0.0):
             return False
+        from scipy.spatial import ConvexHull
+
         volume = ConvexHull(hull.vertices).volume
         pieces = (hull_of(self._points_of(int(k))) for k in np.flatnonzero(held))
         return volume - sum(ConvexHull(p.vertices).volume for p in pieces if p) <= CONVEX * volume
@@ -410,6 +410,9 @@ class Distance:
     """
 
     def __init__(self, corners: Array, solid: Solid, resolution: float):
+        from scipy.ndimage import distance_transform_edt
+        from scipy.spatial import cKDTree
+
         self.corners, self.solid = corners, solid
         low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         wide = high - low + 2 * resolution

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, HalfspaceIntersection, QhullError
 
 from comove.geometry import distances as sd
 from comove.geometry.simplices import nearest_of_simplex
@@ -42,6 +41,8 @@ class Polytope:
 
 def hull_of(points: Array) -> Polytope | None:
     """Return the convex hull of points, array of shape (n, 3) [m]; None where they all lie in one plane."""
+    from scipy.spatial import ConvexHull, QhullError  # a quarter of a second, which only polytopes need
+
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):  # all in one plane, fewer than four, or as good as
@@ -80,6 +81,8 @@ def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
     """
     if len(hull.vertices) <= MANY_VERTICES and len(hull.planes) <= MANY_PLANES:
         return hull, 0.0
+    from scipy.spatial import HalfspaceIntersection
+
     middle = hull.vertices.mean(axis=0)
     axes = np.linalg.svd(hull.vertices - middle, full_matrices=False)[2]
     normals, out = np.concatenate([axes, -axes]), OUT * hull.size

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from comove.geometry.cells import are_inside, solid_of
 
@@ -135,6 +133,9 @@ def _connected(faces: Faces, n_vertices: int) -> list[NDArray[np.int64]]:
     """Return the numbers of the faces of each connected part."""
     if not len(faces):
         return []
+    from scipy.sparse import coo_array  # a quarter of a second, which only meshes need
+    from scipy.sparse.csgraph import connected_components
+
     a, b, c = faces.T
     ends = np.concatenate([a, b]), np.concatenate([b, c])
     graph = coo_array((np.ones(len(ends[0])), ends), shape=(n_vertices, n_vertices))

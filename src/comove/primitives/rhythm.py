@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import minimize_scalar
 
 from comove.primitives.basis import released
 from comove.primitives.flow import from_rest, values_at
@@ -136,6 +135,8 @@ def estimated_period(time: Array, position: Array) -> float:
         now = np.stack([np.interp(later, even, column) for column in x.T])
         then = np.stack([np.interp(later + period, even, column) for column in x.T])
         return float(((then - now) ** 2).mean())
+
+    from scipy.optimize import minimize_scalar  # a third of a second, which only rhythms need
 
     shortest, longest = 0.95 * guess, min(1.05 * guess, 0.98 * time[-1])
     if shortest >= longest:
