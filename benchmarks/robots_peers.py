@@ -44,6 +44,7 @@ from roboplan.core import (
 )
 from roboplan.rrt import RRT, PoseConstraint, RRTOptions
 from roboplan.toppra import PathParameterizerTOPPRA, TOPPRAOptions
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from comove.coordination.motion import CoordinatedMotion
@@ -297,9 +298,9 @@ class Peer:
         options = TOPPRAOptions()
         options.dt = 0.005
         found = PathParameterizerTOPPRA(self.scene, group).generate(path, options)
-        times, positions = np.array(found.times), np.array(found.positions)
-        even = np.linspace(0.0, times[-1], 1000)
-        return np.stack([np.interp(even, times, column) for column in positions.T], axis=1)
+        times = np.array(found.times)
+        curve = CubicHermiteSpline(times, np.array(found.positions), np.array(found.velocities))
+        return curve(np.linspace(times[0], times[-1], 1000))
 
 
 def by_roboplan(scene: Scene, robot: Robot, carrier: RobotCarrier, seed: int) -> Outcome:
