@@ -1,18 +1,19 @@
 """Generated episodes: how many a second, how many verified, how various, how many bytes; what the runner costs.
 
-    python benchmarks/generate.py [--episodes 1000] [--workers 1 2] [--rows 1000000]
+    python benchmarks/generate.py [--study planar] [--episodes 1000] [--workers 1 2]
+    python benchmarks/generate.py --only many idle grown [--rows 1000000]
 
-First, episodes of `examples/studies/around_posts.yaml` (planar, three posts, a bar, four people's movements), with
-each number of processes, from kernels in the cache on disk to the last row; the motions of all runs are compared, but
-not of those whose search used up its budget. Then `solve_many`: what a scene takes beyond `solve` in its process.
-Then runs that do nothing, by which the runner's own time is seen. Last, a store of as many rows: rows a second that
-are written, and the time of a report.
+First, episodes of a study in `examples/studies`, with each number of processes, from kernels in the cache on disk to
+the last row; the motions of all runs are compared, but not of those whose search used up its budget. Then
+`solve_many`: what a scene takes beyond `solve`, in its process and in that which asks for it. Then runs that do
+nothing, by which the runner's own time is seen. Last, a store of as many rows: rows a second that are written, and
+the time of a report. All times but one are of the processor, which other work on the machine hardly changes.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import resource
 import statistics
 import tempfile
 import time
@@ -20,7 +21,6 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
 from generate_work import Idle, TimedWork, row_of
 from timing import on_one_thread, print_table
 
@@ -29,7 +29,8 @@ from comove.studies import Study, StudyStore, on_processes, report_of, run_study
 from comove.studies.many import SolvingWork
 from comove.studies.runs import RUNS
 
-STUDY = Path(__file__).parents[1] / "examples" / "studies" / "around_posts.yaml"
+STUDIES = Path(__file__).parents[1] / "examples" / "studies"
+PARTS = ("episodes", "many", "idle", "grown")
 N_MANY, N_IDLE = (
     200,
     5000,
@@ -41,23 +42,30 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--study", choices=("planar", "spatial", "baxter"), default="planar")
+    parser.add_argument("--only", choices=PARTS, nargs="+", default=PARTS)
     parser.add_argument("--episodes", type=int, default=1000)
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2])
     parser.add_argument("--rows", type=int, default=1_000_000)
     options = parser.parse_args()
     on_one_thread()
     with tempfile.TemporaryDirectory() as folder:
-        show(EPISODES, generated(Path(folder), options.episodes, options.workers))
-        show(MANY, [many()])
-        show(IDLE, [idle(Path(folder), workers) for workers in options.workers])
-        show(GROWN, [grown(Path(folder), options.rows)])
+        if "episodes" in options.only:
+            show(EPISODES, generated(options.study, Path(folder), options.episodes, options.workers))
+        if "many" in options.only:
+            show(MANY, [many()])
+        if "idle" in options.only:
+            show(IDLE, [idle(Path(folder), workers) for workers in options.workers])
+        if "grown" in options.only:
+            show(GROWN, [grown(Path(folder), options.rows)])
 
 
 EPISODES = {
     "workers": "workers",
     "episodes": "episodes",
-    "rate": "a second",
-    "seconds": "median [s]",
+    "rate": "a second on the wall",
+    "each": "of the processor",
+    "seconds": "median run [s]",
     "verified": "verified",
     "rejected": "rejected draws",
     "bytes": "bytes each",
@@ -70,7 +78,7 @@ EPISODES = {
     "same": "same motions of the others",
 }
 MANY = {"scenes": "scenes", "solve": "solve [ms]", "beyond": "beyond it [ms]", "p90": "p90"}
-IDLE = {"workers": "workers", "runs": "idle runs", "each": "each [ms]"}
+IDLE = {"workers": "workers", "runs": "idle runs", "each": "each [ms]", "wall": "on the wall [ms]"}
 GROWN = {"rows": "rows", "written": "written a second", "report": "report [s]", "bytes": "bytes a row"}
 
 
@@ -80,20 +88,21 @@ def show(header: dict[str, str], rows: Iterable[dict[str, Any]]) -> None:
     print(flush=True)
 
 
-def generated(folder: Path, episodes: int, workers: list[int]) -> Iterator[dict[str, Any]]:
+def processor() -> float:
+    """Return the processor time of this process and of those that it started and that have ended [s]."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
+
+
+def generated(name: str, folder: Path, episodes: int, workers: list[int]) -> Iterator[dict[str, Any]]:
     """Yield a row for each number of processes."""
-    contents = yaml.safe_load(STUDY.read_text(encoding="utf-8"))
-    contents |= {
-        "episodes": episodes,
-        "scene": yaml.safe_load((STUDY.parent / contents["scene"]).read_text()),
-    }
-    (folder / "study.yaml").write_text(json.dumps(contents))
-    study, first = Study.load(folder / "study.yaml"), None
+    study, first = Study.load(STUDIES / f"{name}.yaml", episodes=episodes), None
     for count in workers:
         out = folder / f"out-{count}"
-        begun = time.perf_counter()
+        begun, used = time.perf_counter(), processor()
         run_study(study, out, on_processes(count))
-        seconds, report = time.perf_counter() - begun, report_of(out)
+        seconds, used = time.perf_counter() - begun, processor() - used
+        report = report_of(out)
         runs = list(StudyStore.open(out / RUNS).runs())
         motions = {run.number: run.motion_sha256 for run in runs if not run.cut_short}
         first = first or motions
@@ -103,6 +112,7 @@ def generated(folder: Path, episodes: int, workers: list[int]) -> Iterator[dict[
             "workers": count,
             "episodes": report.ended,
             "rate": f"{report.ended / seconds:.2f}",
+            "each": f"{report.ended / used:.2f}",
             "seconds": f"{report.seconds:.3f}",
             "verified": f"{100 * report.verified_share:.2f} %",
             "rejected": f"{100 * report.rejected_share:.1f} %",
@@ -118,17 +128,17 @@ def generated(folder: Path, episodes: int, workers: list[int]) -> Iterator[dict[
 
 
 def many() -> dict[str, Any]:
-    """Return what a scene of `solve_many` takes beyond its work, on one process, from scenes to outcomes."""
-    study = Study.load(STUDY)
+    """Return what a scene of `solve_many` takes beyond `solve`, in its process and in this one."""
+    study = Study.load(STUDIES / "planar.yaml")
     tasks = iter([(number, study.draw(number).scene) for number in range(N_MANY)])
     working = run_tasks(TimedWork(SolvingWork()), lambda: next(tasks, None), workers=1)
-    next(working)  # the process has started, and loaded the kernels
-    beyond, inside, before = [], [], time.perf_counter()
+    _, left, _ = next(working).made  # the process has started, and loaded the kernels
+    beyond, inside, before = [], [], time.process_time()
     for ended in working:
-        now = time.perf_counter()
-        inside.append(ended.made[0])
-        beyond.append(now - before - inside[-1])
-        before = now
+        now, (begun, done, _) = time.process_time(), ended.made
+        inside.append(done - begun)
+        beyond.append(now - before + begun - left)
+        before, left = now, done
     beyond.sort()
     return {
         "scenes": len(beyond),
@@ -139,15 +149,21 @@ def many() -> dict[str, Any]:
 
 
 def idle(folder: Path, workers: int) -> dict[str, Any]:
-    """Return the time of a run that does nothing, from the first row to the last."""
+    """Return the time of a run that does nothing, from the first row to the last, its process's part included."""
     times: list[float] = []
+    used = processor()
     run_study(
         Idle(N_IDLE),
         folder / f"idle-{workers}",
         on_processes(workers),
         tell=lambda progress: times.append(time.perf_counter()),
     )
-    return {"workers": workers, "runs": N_IDLE, "each": f"{1000 * (times[-1] - times[1]) / (N_IDLE - 1):.3f}"}
+    return {
+        "workers": workers,
+        "runs": N_IDLE,
+        "each": f"{1000 * (processor() - used) / N_IDLE:.3f}",
+        "wall": f"{1000 * (times[-1] - times[1]) / (N_IDLE - 1):.3f}",
+    }
 
 
 def grown(folder: Path, rows: int) -> dict[str, Any]:
@@ -159,13 +175,13 @@ def grown(folder: Path, rows: int) -> dict[str, Any]:
     with store.writer() as writer:
         store.describe({}, rows)
         writer.add_all(map(row_of, range(rows - last)))
-        begun = time.perf_counter()
+        begun = time.process_time()
         for number in range(rows - last, rows):
             writer.add(row_of(number))
-        written = time.perf_counter() - begun
-    begun = time.perf_counter()
+        written = time.process_time() - begun
+    begun = time.process_time()
     report = report_of(out)
-    seconds = time.perf_counter() - begun
+    seconds = time.process_time() - begun
     return {
         "rows": report.ended,
         "written": f"{last / written:.0f}",

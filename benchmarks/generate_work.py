@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from comove.studies import StudyRun
@@ -13,24 +14,26 @@ from comove.studies.runs import StoredMotion
 
 @dataclass(frozen=True)
 class TimedWork:
-    """Work that also returns the time that it took [s]."""
+    """Work that also returns the processor time of its process before and after it [s]."""
 
     work: Callable[[Any], Any]
 
-    def __call__(self, task: Any) -> tuple[float, Any]:
-        """Return the time, and what was made."""
-        begun = time.perf_counter()
+    def __call__(self, task: Any) -> tuple[float, float, Any]:
+        """Return both times, and what was made."""
+        begun = time.process_time()
         made = self.work(task)
-        return time.perf_counter() - begun, made
+        return begun, time.process_time(), made
 
 
 @dataclass(frozen=True)
 class Idle:
-    """A study whose runs do nothing."""
+    """A study whose runs do nothing but wait, and note in a log that they began."""
 
     total: int
     name: str = "idle"
     budget: float = 1.0
+    pause: float = 0.0
+    log: Path | None = None
 
     @property
     def described(self) -> dict[str, Any]:
@@ -42,7 +45,11 @@ class Idle:
         return f"{number:012d}"
 
     def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:
-        """Return a row at once."""
+        """Return a row after the pause."""
+        if self.log is not None:
+            with open(self.log, "a", encoding="utf-8") as log:
+                log.write(f"{number}\n")
+        time.sleep(self.pause)
         return row_of(number), None
 
 

@@ -34,7 +34,7 @@ def refused(outcome, *words):
 
 def study(folder, **changes):
     """The example with few episodes."""
-    contents = yaml.safe_load((EXAMPLES / "around_posts.yaml").read_text())
+    contents = yaml.safe_load((EXAMPLES / "planar.yaml").read_text()) | {"formats": [], "seed": 0}
     shutil.copy(EXAMPLES / "posts.yaml", folder)
     path = folder / "study.yaml"
     path.write_text(yaml.safe_dump(contents | {"episodes": 4} | changes))

@@ -1,5 +1,12 @@
 """Runs on a Dask scheduler give the rows that processes give; a scheduler that is not there is one sentence."""
 
+import os
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
 import pytest
 
 from comove.errors import ExtraError, OptionError
@@ -42,3 +49,36 @@ def test_what_kills_its_worker_is_marked(tmp_path):
     assert found.pop(3) == ("killed", "its process was killed 3 times")
     assert found.pop(5) == ("refused", "not 5; another")
     assert set(found.values()) == {("verified", "")} and len(found) == 6
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed_is_one_sentence_and_the_rest_is_run_later(tmp_path):
+    pytest.importorskip("distributed")
+    root = Path(__file__).parents[2]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root), str(root / "src")])}
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    with ExitStack() as running:
+
+        def start(kind, *arguments):
+            command = [sys.executable, "-m", f"distributed.cli.dask_{kind}", *arguments, "--no-dashboard"]
+            quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+            process = running.enter_context(subprocess.Popen(command, env=environment, **quiet))
+            running.callback(process.kill)
+            return process
+
+        scheduler = start("scheduler", "--host", "127.0.0.1", "--port", str(port))
+        start("worker", f"tcp://127.0.0.1:{port}", "--nthreads", "1", "--no-nanny")
+
+        def kill(progress):
+            if progress.done == 10:
+                scheduler.kill()
+
+        with pytest.raises(OptionError, match="the scheduler was lost; start it again; the same command"):
+            study = FakeStudy(200, pause=0.02)
+            run_study(study, tmp_path / "out", on_dask(f"tcp://127.0.0.1:{port}", 1), tell=kill)
+    assert 10 <= len(rows(tmp_path / "out")[0]) < 200
+    run_study(FakeStudy(200), tmp_path / "out", on_processes(1))
+    run_study(FakeStudy(200), tmp_path / "whole", on_processes(1))
+    assert rows(tmp_path / "out") == rows(tmp_path / "whole")

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ import comove
 from comove.errors import OptionError, ResultError
 from comove.studies import Study, StudyStore, on_processes, run_study
 from comove.studies.datasets import FORMATS, export_episodes
-from comove.studies.datasets.lerobot import ENVIRONMENT, STATE, _Statistics
+from comove.studies.datasets.lerobot import ENVIRONMENT, STATE, Statistics
 from comove.studies.datasets.samples import episodes_of
 from comove.studies.runs import RUNS
+from tests.commands import invoke
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"
 RATE = 30
@@ -22,9 +24,9 @@ RATE = 30
 
 def generate(folder, **changes):
     """A study of few episodes, run into a folder beside its file."""
-    contents = yaml.safe_load((EXAMPLES / "around_posts.yaml").read_text())
+    contents = yaml.safe_load((EXAMPLES / "planar.yaml").read_text())
     shutil.copy(EXAMPLES / "posts.yaml", folder)
-    (folder / "study.yaml").write_text(yaml.safe_dump(contents | {"episodes": 3} | changes))
+    (folder / "study.yaml").write_text(yaml.safe_dump(contents | {"episodes": 3, "seed": 0} | changes))
     study = Study.load(folder / "study.yaml")
     run_study(study, folder / "out", on_processes(1))
     return study
@@ -36,7 +38,7 @@ def done(tmp_path_factory):
     folder = tmp_path_factory.mktemp("study")
     study = generate(folder)
     for format in FORMATS.values():
-        pytest.importorskip({"lerobot": "pyarrow", "robomimic": "h5py"}.get(format.name, "numpy"))
+        pytest.importorskip(format.library)
         export_episodes(folder / "out", study.folder, format, RATE)
     return folder / "out", list(episodes_of(folder / "out", study.folder, RATE))
 
@@ -99,6 +101,82 @@ def test_lerobot_reads_back(done):
     assert tasks["index_columns"] == ["task"]
 
 
+def test_lerobot_2_1_holds_what_3_0_holds(done):
+    """The reader finds the same hands, file by file, and all that is known of an episode stands in its line."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    folder, episodes = done
+    new, old = (comove.Demonstration.load_recordings(folder / name) for name in ("lerobot", "lerobot-2.1"))
+    for one, other in zip(new, old, strict=True):
+        for name in one:
+            assert np.array_equal(one[name].position, other[name].position)
+            assert np.array_equal(one[name].time, other[name].time)
+    rows = parquet.read_table(folder / "lerobot/data/chunk-000/file-000.parquet")
+    meta = folder / "lerobot-2.1/meta"
+    lines, stats = (
+        [json.loads(line) for line in (meta / name).read_text().splitlines()]
+        for name in ("episodes.jsonl", "episodes_stats.jsonl")
+    )
+    info = json.loads((meta / "info.json").read_text())
+    assert (info["total_frames"], info["total_episodes"]) == (rows.num_rows, len(episodes))
+    begin = 0
+    for row, own, episode in zip(lines, stats, episodes, strict=True):
+        place = {"episode_chunk": 0, "episode_index": row["episode_index"]}
+        table = parquet.read_table(folder / "lerobot-2.1" / info["data_path"].format(**place))
+        assert table.equals(rows.slice(begin, row["length"]))
+        begin += row["length"]
+        assert row["comove/motion_sha256"] == episode.run.motion_sha256
+        assert row["comove/scene_file"]["name"] == episode.scene.name
+        states = np.array(table.column(STATE).to_pylist())
+        assert np.allclose(own["stats"][STATE]["std"], states.std(axis=0), rtol=1e-9)
+        assert own["stats"]["index"]["max"] == [begin - 1]
+
+
+def test_mcap_reads_back(done):
+    """Hands, load and obstacles are found again bit by bit, and the load's frame carries the hands."""
+    folder, episodes = done
+    for episode in episodes:
+        file = folder / f"mcap/episode_{episode.run.number:06d}.mcap"
+        scene = episode.scene
+        for hand, name in enumerate(scene.manipulators):
+            found = comove.Demonstration.load(file, topic=f"/{name}/point")
+            assert np.array_equal(found.position[:, :2], episode.position[:, hand])
+            assert not found.position[:, 2].any() and np.allclose(found.time, episode.time, atol=1e-9)
+        load = comove.Demonstration.load(file, topic="/load/pose")
+        turn = 2 * np.arctan2(load.orientation[:, 3], load.orientation[:, 0])
+        for hand, grasp in enumerate(scene.groups[0].grasps):
+            away = np.stack([np.cos(turn) * grasp[0], np.sin(turn) * grasp[0]], axis=1)
+            assert np.allclose(load.position[:, :2] + away, episode.position[:, hand], atol=1e-9)
+        post = comove.Demonstration.load(file, topic="/obstacle1/point")
+        assert np.array_equal(post.position[0, :2], scene.file.obstacles[1].center)
+
+
+def test_mcap_tells_about_the_episode_to_other_readers(done):
+    """The package of the format itself finds every topic, and scene, seed and certificate as JSON."""
+    reader = pytest.importorskip("mcap.reader")
+    folder, episodes = done
+    with open(folder / "mcap/episode_000000.mcap", "rb") as file:
+        messages = list(reader.make_reader(file).iter_messages())
+    topics = {channel.topic for _, channel, _ in messages}
+    assert topics == {"/comove/about", "/left/point", "/right/point", "/load/pose"} | {
+        f"/obstacle{i}/point" for i in range(3)
+    }
+    (text,) = [message.data for _, channel, message in messages if channel.topic == "/comove/about"]
+    about = json.loads(text[8:].rstrip(b"\0"))  # a string in CDR: four bytes of header, its length, a zero
+    assert about["seed"] == episodes[0].run.seed
+    assert about["clearance_min"] == pytest.approx(episodes[0].motion.clearance_min, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["load", "obstacle0", "left-arm"])
+def test_a_hand_that_cannot_be_a_topic_is_refused(name, tmp_path):
+    pytest.importorskip("rosbags")
+    scene = yaml.safe_load((EXAMPLES / "posts.yaml").read_text())
+    scene["manipulators"][0]["name"] = name
+    study = generate(tmp_path, scene=scene, draws=[], episodes=1)
+    with pytest.raises(ResultError, match=rf"the hand '{name}' cannot be a topic.*give it another name"):
+        export_episodes(tmp_path / "out", study.folder, FORMATS["mcap"], RATE)
+    assert not (tmp_path / "out/mcap").exists()
+
+
 def test_statistics_are_those_of_all_rows(done):
     """Put together from episodes, they are numpy's of the whole table."""
     parquet = pytest.importorskip("pyarrow.parquet")
@@ -114,7 +192,7 @@ def test_statistics_are_those_of_all_rows(done):
         assert stats[name]["count"] == [rows.num_rows]
     rng = np.random.default_rng(0)
     first, second = rng.normal(3.0, 2.0, (50, 2)), rng.normal(-1.0, 0.1, (7, 2))
-    both = _Statistics(first).with_more(_Statistics(second)).plain()
+    both = Statistics(first).with_more(Statistics(second)).plain()
     assert np.allclose(both["std"], np.concatenate([first, second]).std(axis=0))
 
 
@@ -165,6 +243,15 @@ def test_a_dataset_is_complete_or_not_there(done, tmp_path, monkeypatch):
         assert {path.name for path in copy.iterdir()} <= {RUNS, f"{RUNS}-wal", f"{RUNS}-shm"}
 
 
+@pytest.mark.parametrize("name", ["lerobot", "lerobot-2.1", "mcap", "robomimic"])
+def test_a_missing_library_is_told_before_anything_is_run(name, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, FORMATS[name].library, None)
+    out = tmp_path / "out"
+    done = invoke("generate", EXAMPLES / "around_posts.yaml", "--out", out, "--format", name)
+    wanted = f"{out / FORMATS[name].target}: its kind needs {FORMATS[name].library}, which is not installed"
+    assert done.exit_code == 2 and wanted in done.stderr and not out.exists()
+
+
 def test_a_motion_that_was_edited_is_not_exported(done, tmp_path):
     """Weights of another episode: the curve hits what its own scene holds, or misses its ends."""
     copy = tmp_path / "out"
@@ -185,7 +272,8 @@ def test_episodes_of_different_kinds_do_not_fit_into_one_table(tmp_path):
     ]
     study = generate(tmp_path, draws=draws, episodes=5)
     with pytest.raises(
-        ResultError, match="let all episodes have the same hands and obstacles, or export as npz"
+        ResultError,
+        match="let all episodes have the same robot, hands and obstacles, or export as npz or mcap",
     ):
         export_episodes(tmp_path / "out", study.folder, FORMATS["lerobot"], RATE)
     assert export_episodes(tmp_path / "out", study.folder, FORMATS["npz"], RATE)[1] == 5
@@ -200,9 +288,9 @@ def test_bad_rates(done, rate):
 def test_lerobot_itself_reads_it(done):
     """Where the package is installed, its loader gives the same numbers, and finds single episodes."""
     package = pytest.importorskip("lerobot.datasets.lerobot_dataset")
-    folder, episodes = done
-    dataset = package.LeRobotDataset("comove/posts", root=folder / "lerobot")
+    folder, episodes = done[0] / {"v2.1": "lerobot-2.1"}.get(package.CODEBASE_VERSION, "lerobot"), done[1]
+    dataset = package.LeRobotDataset("comove/posts", root=folder)
     assert (dataset.num_episodes, dataset.num_frames) == (3, sum(len(e.time) for e in episodes))
-    alone = package.LeRobotDataset("comove/posts", root=folder / "lerobot", episodes=[1])
+    alone = package.LeRobotDataset("comove/posts", root=folder, episodes=[1])
     found = np.array([alone[i][STATE].numpy() for i in range(alone.num_frames)])
     assert np.array_equal(found, episodes[1].position.reshape(len(found), -1).astype(np.float32))

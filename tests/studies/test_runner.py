@@ -159,7 +159,7 @@ def test_a_store_of_another_version_is_refused(tmp_path):
 @pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="files have no limit here")
 def test_a_full_disk_is_told_and_what_had_ended_is_there(tmp_path, whole):
     """The disk is full in the middle: one sentence; with room again, the same call goes on."""
-    driver = start(tmp_path / "study", workers=1, pause=0.0, room=40_000)
+    driver = start(tmp_path / "study", workers=1, pause=0.0, room=60_000)
     _, err = driver.communicate(timeout=60)
     assert driver.returncode == 1
     assert "comove.errors.ResultError: " in err.splitlines()[-1] and "make room" in err.splitlines()[-1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -10,9 +11,10 @@ import typer
 from comove.cli import studies as s
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
 from comove.cli.options import require_one_of
+from comove.errors import SceneError, near_name
 
 if TYPE_CHECKING:
-    from comove.studies import StudyReport
+    from comove.studies import Study, StudyReport
 
 NO_FORMATS: list[str] = []
 
@@ -21,6 +23,9 @@ NO_FORMATS: list[str] = []
 def generate(
     study: s.StudyPath,
     out: s.OutFolder,
+    episodes: Annotated[
+        int | None, typer.Option(metavar="N", help="Number of episodes; that of STUDY unless given.")
+    ] = None,
     workers: s.Workers = 2,
     shard: s.ShardOption = s.WHOLE,
     slurm: s.Slurm = None,
@@ -31,7 +36,8 @@ def generate(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="Write the verified episodes as a dataset into DIR: npz, lerobot, robomimic; may be repeated.",
+            help="Write the verified episodes as a dataset into DIR: npz, lerobot, lerobot-2.1, robomimic, mcap; "
+            "may be repeated. What STUDY names unless given.",
         ),
     ] = NO_FORMATS,
     rate: Annotated[int, typer.Option(metavar="HZ", help="Samples a second of the datasets.")] = 50,
@@ -43,12 +49,13 @@ def generate(
     from comove.studies.datasets.export import check_export
 
     s.require_alone(shard, slurm)
-    for name in formats:
-        require_one_of(name, tuple(FORMATS), "format")
+    part, loaded, run = Shard.parse(shard), Study.load(study, episodes=episodes), s.runs_of(workers, dask)
+    wanted = _formats(formats, loaded, shard)
+    for name in wanted:
         check_export(out, FORMATS[name])
-    part, loaded, run = Shard.parse(shard), Study.load(study), s.runs_of(workers, dask)
     if slurm is not None:
-        s.write_slurm("generate", slurm, study, out, shards=shards, workers=workers, name=loaded.name)
+        command = ("generate",) if episodes is None else ("generate", "--episodes", str(episodes))
+        s.write_slurm(command, slurm, study, out, shards=shards, workers=workers, name=loaded.name)
         return VERIFIED
     probe = loaded.probe()
     print(
@@ -66,10 +73,23 @@ def generate(
         print(path.read_text(encoding="utf-8"), end="")
     else:
         print(_text(report), f"report: {path}", sep="\n")
-    for name in formats if report.verified else ():
+    for name in wanted if report.verified else ():
         dataset, count = export_episodes(out, loaded.folder, FORMATS[name], rate)
         print(f"{name}: {dataset} holds {count} episodes", file=sys.stderr if json else sys.stdout)
     return VERIFIED if report.verified else NOT_VERIFIED
+
+
+def _formats(named: list[str], study: Study, shard: str) -> Sequence[str]:
+    """Return the formats that are written: those of the command, else those of the study unless a part is run."""
+    from comove.studies.datasets import FORMATS
+
+    for name in named:
+        require_one_of(name, tuple(FORMATS), "format")
+    for name in study.file.formats:
+        if name not in FORMATS:
+            way_out = near_name(name, FORMATS)
+            raise SceneError(f"unknown format '{name}'", file=study.path, key="formats", way_out=way_out)
+    return named or (study.file.formats if shard == s.WHOLE else ())
 
 
 def _text(report: StudyReport) -> str:
@@ -84,6 +104,7 @@ def _text(report: StudyReport) -> str:
         lines.append(
             f"  clearance      {1000 * clearance.least:.1f} to {1000 * clearance.greatest:.1f} mm, certified"
         )
+    lines += _joint_lines(report)
     found = report.variety
     if found is not None:
         classes = ", ".join(f"{n} x '{name or '-'}'" for name, n in list(found.classes.items())[:5])
@@ -93,4 +114,26 @@ def _text(report: StudyReport) -> str:
             f"  passing sides  {len(found.classes)} classes, {found.entropy:.2f} bit: {classes}",
         ]
     lines.append(f"  bytes          {report.bytes_each:.0f} an episode")
+    lines.append(f"  processor time {report.seconds_in_all / max(1, report.ended):.2f} s an episode")
     return "\n".join(lines)
+
+
+def _joint_lines(report: StudyReport) -> list[str]:
+    """Return what joints and simulations of a robot show, in a few lines."""
+    figures, lines = report.figures, []
+    if (speed := figures.get("joints.velocity_ratio_max")) is not None:
+        torque, margin = figures["joints.torque_ratio_max"], figures["joints.joint_margin_min"]
+        near = [figures[name].least for name in figures if name.startswith("joints.clearance_")]
+        lines.append(
+            f"  joints         up to {100 * speed.greatest:.0f} % of their speed and {100 * torque.greatest:.0f} % "
+            f"of their torque, {margin.least:.3f} rad from their limits"
+            + (f"; links {1000 * min(near):.1f} mm from everything" if near else "")
+        )
+    if (end := figures.get("simulation.end_error")) is not None:
+        force = figures.get("simulation.internal_force_max")
+        lines.append(
+            f"  in MuJoCo      the load ends {1000 * end.median:.1f} mm from its goal, "
+            f"{1000 * end.greatest:.1f} mm at most"
+            + ("" if force is None else f"; inner force up to {force.greatest:.0f} N")
+        )
+    return lines

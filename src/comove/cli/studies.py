@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,14 +39,14 @@ WHOLE = "1/1"
 
 
 def write_slurm(
-    verb: str, file: Path, study: Path, out: Path, *, shards: int, workers: int, name: str
+    command: Sequence[str], file: Path, study: Path, out: Path, *, shards: int, workers: int, name: str
 ) -> None:
-    """Write the script for Slurm."""
+    """Write the script for Slurm, which runs a verb with its options."""
     from comove.errors import ResultError
     from comove.io.files import whole_file
     from comove.studies.merging import slurm_script
 
-    script = slurm_script(verb, study, out, shards, workers, name)
+    script = slurm_script(command, study, out, shards, workers, name)
     with whole_file(file, ResultError) as draft:
         draft.write(script.encode())
     print(f"script: {file}; send it: sbatch {file}")

@@ -47,7 +47,7 @@ def run(
     s.require_alone(shard, slurm)
     part, loaded, runs = Shard.parse(shard), Sweep.load(study), s.runs_of(workers, dask)
     if slurm is not None:
-        s.write_slurm("sweep", slurm, study, out, shards=shards, workers=workers, name=loaded.name)
+        s.write_slurm(("sweep",), slurm, study, out, shards=shards, workers=workers, name=loaded.name)
         return VERIFIED
     try:
         s.run_with_progress(loaded, out, runs, part)

@@ -8,7 +8,7 @@ import time
 import warnings
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -30,13 +30,13 @@ from comove.studies.runs import LONGEST, StoredMotion, StudyRun
 from comove.studies.variety import N_PATH, center_path, passing_class
 from comove.verification.bounds import largest_jerk, node_bounds
 
+Made = tuple[StudyRun, StoredMotion | None]
+
 CUT = 0.9  # share of the budget beyond which a search counts as cut short
 DAMAGED = "copy the store again, or generate the episode again in a new folder"
 
 
-def solved_run(
-    run: StudyRun, scene: Scene, method: Method, budget: float
-) -> tuple[StudyRun, StoredMotion | None]:
+def solved_run(run: StudyRun, scene: Scene, method: Method, budget: float) -> Made:
     """Solve a scene, along the demonstration that it names; return the row of the run, and its verified motion.
 
     Parameters
@@ -44,32 +44,37 @@ def solved_run(
     run : the row as far as it is known
     budget : processor time for the solution [s]
     """
-    begun, started = time.perf_counter(), datetime.now(UTC).isoformat(timespec="milliseconds")
-    run = replace(run, scene=scene.name, scene_sha256=scene.sha256, started=started)
-    motion = None
+
+    def search(run: StudyRun) -> Made:
+        solution = solve(scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=budget)
+        motion = stored(run.key, solution.attempt) if solution.verified else None
+        return measured(run, solution, budget), motion
+
+    return timed_run(run, scene, search)
+
+
+def timed_run(run: StudyRun, scene: Scene, search: Callable[[StudyRun], Made]) -> Made:
+    """Return what a search makes of a run on a scene, with its processor time; wrong input is told in the row."""
+    begun, started = time.process_time(), datetime.now(UTC).isoformat(timespec="milliseconds")
+    run, motion = replace(run, scene=scene.name, scene_sha256=scene.sha256, started=started), None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
             with processor_time():  # the same rows, however many workers share the machine
-                solution = solve(
-                    scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=budget
-                )
-        cut_short = int(solution.solve_time_s > CUT * budget)
-        run = replace(_measured(run, solution), cut_short=cut_short)
-        if solution.verified:
-            motion = stored(run.key, solution.attempt)
+                run, motion = search(run)
     except InputError as error:
         run = replace(run, status="refused", reason=str(error)[:LONGEST])
-    return replace(run, seconds=time.perf_counter() - begun), motion
+    return replace(run, seconds=time.process_time() - begun), motion
 
 
-def _measured(run: StudyRun, solution: Solution) -> StudyRun:
-    """Return the row of a run with the figures of its solution."""
+def measured(run: StudyRun, solution: Solution, budget: float) -> StudyRun:
+    """Return the row of a run with the figures of its solution, for which `budget` [s] was allowed."""
     report, motion = solution.report, solution.attempt
     return replace(
         run,
         status="verified" if solution.verified else "not verified",
         reason="; ".join(solution.reasons)[:LONGEST],
+        cut_short=int(solution.solve_time_s > CUT * budget),
         duration=solution.scene.duration,
         cost=finite(solution.cost.total),
         clearance_min=finite(report.clearance_min),

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from comove._version import __version__
 from comove.demonstrations.formats import format_of, is_format
-from comove.errors import ComoveWarning, DemonstrationError, SceneError, shortened
+from comove.errors import ComoveWarning, DemonstrationError, OptionError, RobotError, SceneError, shortened
 from comove.io.files import telling
 from comove.io.keys import Part, Wrong
 from comove.io.messages import Contract, Flaw, explained, scene_error
@@ -26,10 +26,10 @@ from comove.primitives import Library
 from comove.scenes.demonstration import LIBRARY
 from comove.scenes.scene import Scene
 from comove.studies.distributions import Distribution, OneOf, TruncatedNormal, Uniform
-from comove.studies.episode import solved_run
+from comove.studies.episode import Made, solved_run
 from comove.studies.keys import LENGTH, change, fit_hands
-from comove.studies.runs import StoredMotion, StudyRun, digest
-from comove.studies.study_file import GENERATE, DrawPart, StudyFile
+from comove.studies.runs import StudyRun, digest
+from comove.studies.study_file import GENERATE, MAX_EPISODES, DrawPart, StudyFile
 
 Model = TypeVar("Model", bound=Part)
 
@@ -113,14 +113,20 @@ class Study:
     draws: tuple[Draw, ...] = ()
 
     @classmethod
-    def load(cls, path: str | Path) -> Study:
+    def load(cls, path: str | Path, *, episodes: int | None = None) -> Study:
         """Read a study file (YAML).
+
+        Parameters
+        ----------
+        episodes : number of episodes; that of the file unless given
 
         Raises
         ------
         SceneError
             If the file or its scene cannot be read or breaks the rules; one message names file, key, line, value and
             correction.
+        RobotError, ExtraError
+            If the scene's robot cannot be loaded, or needs a package that is not installed.
         """
         path = Path(path)
         file, lines = read_study(path, StudyFile, GENERATE)
@@ -129,15 +135,51 @@ class Study:
             folder, template = where.parent, read_yaml(where)[0]
         else:
             folder, template = path.parent, file.scene
-        if template.get("robot") is not None:
-            raise SceneError(
-                f"the scene has the robot {template['robot']!r}, and episodes are movements of hands",
-                file=path,
-                key="scene",
-                way_out="leave the robot out; comove robot solve SCENE gives a motion to its joints",
-            )
+        if episodes is not None:
+            if not 1 <= episodes <= MAX_EPISODES:
+                raise OptionError(
+                    f"episodes = {episodes}", key="--episodes", way_out=f"give 1 to {MAX_EPISODES:,} of them"
+                )
+            file = file.model_copy(update={"episodes": episodes})
         study = cls(file, path, folder, template)
-        return cls(file, path, folder, template, tuple(study._resolved(lines)))
+        study._require_robot(lines)
+        return replace(study, draws=tuple(study._resolved(lines)))
+
+    def _require_robot(self, lines: Lines) -> None:
+        """Refuse a robot that cannot be loaded or simulated here, and a simulation without one."""
+        if self.file.simulate is not None and not self.on_robot:
+            flaw = Flaw(
+                ("simulate",),
+                "the scene names no robot that could be simulated",
+                "add robot: NAME and grasp: {orientation: down} to the scene, or leave simulate out",
+            )
+            raise scene_error([flaw], self.path, lines)
+        if not self.on_robot:
+            return
+        from comove.studies.carried import robot_named
+
+        for name in self._robots:
+            try:
+                robot_named(name, self.folder)
+            except RobotError as error:
+                error.file = error.file or self.path
+                raise
+        if self.file.simulate is not None:
+            from comove.simulators.engine import engine
+
+            engine()
+
+    @property
+    def on_robot(self) -> bool:
+        """Return whether the episodes are motions of a robot."""
+        return bool(self._robots)
+
+    @cached_property
+    def _robots(self) -> tuple[str, ...]:
+        """Return the names of the robots that episodes may have."""
+        chosen = [value for part in self.file.draws if "robot" in part.key for value in part.choice or ()]
+        named = chosen or [self.template.get("robot")]
+        return tuple(dict.fromkeys(str(name) for name in named if name is not None))
 
     def _resolved(self, lines: Lines) -> Iterator[Draw]:
         """Yield the draws, each tried once on the scene."""
@@ -168,13 +210,24 @@ class Study:
     @cached_property
     def described(self) -> dict[str, Any]:
         """Return what the episodes follow from, in plain data: all but their number, of which none depends."""
-        return {
+        described = {
             "comove": __version__,
             "scene": self.template,
             "draws": [part.model_dump(exclude_defaults=True) for part in self.file.draws],
             "demonstrations": dict(self._checksums()),
             "seed": self.file.seed,
             "budget": self.file.budget,
+        }
+        return described | (self._described_robot() if self.on_robot else {})
+
+    def _described_robot(self) -> dict[str, Any]:
+        """Return what else the episodes of robots follow from: the checksums of these, and the simulation."""
+        from comove.studies.carried import robot_named
+
+        simulate = self.file.simulate
+        return {
+            "robots": {name: robot_named(name, self.folder).sha256 for name in self._robots},
+            "simulate": None if simulate is None else simulate.model_dump(),
         }
 
     @cached_property
@@ -203,30 +256,37 @@ class Study:
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", ComoveWarning)
-                    return Drawn(
-                        number,
-                        seed,
-                        Scene.from_dict(self.contents(number, rng), folder=self.folder),
-                        rejected,
-                        reason,
-                    )
+                    scene = Scene.from_dict(self.contents(number, rng), folder=self.folder)
+                    self._require_hold(scene)
+                return Drawn(number, seed, scene, rejected, reason)
             except SceneError as error:
                 reason = str(error)
             except Wrong as wrong:
                 reason = str(wrong.args[0])
         return Drawn(number, seed, None, ATTEMPTS, reason)
 
+    def _require_hold(self, scene: Scene) -> None:
+        """Refuse a scene at whose start or goal the robot cannot hold the load."""
+        if self.on_robot:
+            from comove.studies.carried import require_hold
+
+            require_hold(scene)
+
     def key(self, number: int) -> str:
         """Return the key of an episode: the checksum of all that it follows from."""
         return hashlib.sha256(f"{self.sha256} {number}".encode()).hexdigest()
 
-    def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:
+    def run(self, number: int) -> Made:
         """Draw and solve an episode; return its row, and its motion if it is verified."""
         drawn = self.draw(number)
         run = StudyRun(self.key(number), number, method=Comove.name, seed=drawn.seed, rejected=drawn.rejected)
         if drawn.scene is None:
             return replace(run, status="invalid", reason=drawn.reason), None
-        return solved_run(run, drawn.scene, Comove(), self.budget)
+        if not self.on_robot:
+            return solved_run(run, drawn.scene, Comove(), self.budget)
+        from comove.studies.carried import carried_run
+
+        return carried_run(run, drawn.scene, self.budget, self.file.simulate)
 
     def contents(self, number: int, rng: np.random.Generator) -> dict[str, Any]:
         """Return the contents of a scene file, drawn once."""

@@ -1,13 +1,15 @@
 """Changes of the contents of a scene file by dotted keys, such as `load.length` and `obstacles.0.center.1`.
 
 An entry of a list is named by its number, a manipulator also by its name. Besides the keys of a scene there are
-`start` and `goal`, a shift of all hands together, and `start.turn_deg` and `goal.turn_deg`, a turn of all hands about
-their common centre, in space about the vertical.
+`start` and `goal`, a shift of all hands together, `start.turn_deg` and `goal.turn_deg`, a turn of all hands about
+their common centre, in space about the vertical, and `scene`, a shift of hands, obstacles and workspace together:
+what a robot meets that stands elsewhere.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 from comove.errors import near_name
@@ -17,6 +19,7 @@ from comove.io.messages import show
 ENDS = ("start", "goal")
 TURNS = {f"{end}.turn_deg": end for end in ENDS}
 LENGTH = "load.length"
+WHOLE = "scene"
 
 
 def change(data: dict[str, Any], key: str, value: Any, *, add: bool = False) -> None:
@@ -36,6 +39,8 @@ def change(data: dict[str, Any], key: str, value: Any, *, add: bool = False) -> 
         _shift(data, key, value)
     elif key in TURNS:
         _turn(data, TURNS[key], value)
+    elif key == WHOLE:
+        _shift_all(data, value)
     else:
         holder, last = _place(data, key.split("."))
         if add:
@@ -94,6 +99,21 @@ def _shift(data: dict[str, Any], end: str, shift: Any) -> None:
     points = _vectors(data, end)
     for hand, point in zip(_hands(data), points, strict=True):
         hand[end] = _sum(point, shift, end)
+
+
+def _shift_all(data: dict[str, Any], shift: Any) -> None:
+    for end in ENDS:
+        _shift(data, end, shift)
+    obstacles = [one for one in data.get("obstacles") or [] if isinstance(one, dict)]
+    moving = [one["motion"] for one in obstacles if isinstance(one.get("motion"), dict)]
+    workspace = data.get("workspace")
+    corners = [workspace] if isinstance(workspace, dict) else []
+    for holder, key in (*((one, "center") for one in obstacles), *product(corners, ("lower", "upper"))):
+        if key in holder:
+            holder[key] = _sum(holder[key], shift, key)
+    for motion in moving:
+        if isinstance(motion.get("waypoints"), list):
+            motion["waypoints"] = [_sum(point, shift, "waypoints") for point in motion["waypoints"]]
 
 
 def _turn(data: dict[str, Any], end: str, degrees: Any) -> None:

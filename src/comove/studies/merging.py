@@ -65,12 +65,12 @@ def _description(store: StudyStore) -> dict:
     return found
 
 
-def slurm_script(verb: str, study: Path, out: Path, shards: int, workers: int, name: str) -> str:
+def slurm_script(command: Sequence[str], study: Path, out: Path, shards: int, workers: int, name: str) -> str:
     """Return a script for Slurm: an array of jobs that each run a part of a study into a folder of its own.
 
     Parameters
     ----------
-    verb : "generate" or "sweep"
+    command : "generate" or "sweep", and options
     out : folder in which the parts' folders are made
     shards : number of parts
     workers : number of processes of each job
@@ -91,6 +91,6 @@ def slurm_script(verb: str, study: Path, out: Path, shards: int, workers: int, n
 # Send it: sbatch THIS_FILE. A job that ended early goes on when it is sent again. When all have ended:
 #   comove sweep merge {parts}-* --out {whole}
 set -e
-comove {verb} {study_text} --out {parts}-"$SLURM_ARRAY_TASK_ID" \\
+comove {shlex.join(command)} {study_text} --out {parts}-"$SLURM_ARRAY_TASK_ID" \\
   --shard "$SLURM_ARRAY_TASK_ID/{shards}" --workers {workers}
 """

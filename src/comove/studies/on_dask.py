@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar
 
 from comove._version import __version__
@@ -128,8 +129,18 @@ def _run(
                 return
             future = next(ended)
             yield _ended(future, under_way.pop(future))
+    except (OSError, TimeoutError, CancelledError) as error:  # what a run raises comes as its result
+        raise _lost() from error
     finally:
-        client.cancel(list(under_way))
+        with suppress(OSError, TimeoutError, CancelledError):
+            client.cancel(list(under_way))
+
+
+def _lost() -> OptionError:
+    """Return the error that the scheduler is gone."""
+    return OptionError(
+        "the scheduler was lost", key="--dask", way_out="start it again; the same command goes on"
+    )
 
 
 def _ended(future: Any, task: Task) -> TaskResult[Task, Any]:
@@ -145,9 +156,7 @@ def _ended(future: Any, task: Task) -> TaskResult[Task, Any]:
     if future.status == "finished":
         return TaskResult(task, future.result())
     if future.status != "error":
-        raise OptionError(
-            "the scheduler was lost", key="--dask", way_out="start it again; the same command goes on"
-        )
+        raise _lost()
     error = future.exception()
     if isinstance(error, KilledWorker):
         return TaskResult(task, killed=error.allowed_failures + 1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -62,9 +63,11 @@ class StudyReport:
     rejected : number of draws that gave no valid scene
     rejected_share : their share of all draws
     verified_share : share of verified runs among those whose scene is valid
-    figures : figures of the verified runs, by measure
+    figures : figures of the verified runs, by measure; those of a robot's joints begin with "joints.", those of their
+        simulation with "simulation."
     cut_short : number of runs whose search used up its budget: on another machine they may come out otherwise
-    seconds : median time of a verified run [s]
+    seconds : median processor time of a verified run [s]
+    seconds_in_all : processor time of all runs [s]
     bytes_each : size of the store by run [byte]
     variety : variety of the verified episodes; None where there are fewer than two
     """
@@ -79,6 +82,7 @@ class StudyReport:
     figures: Mapping[str, Figure]
     cut_short: int
     seconds: float | None
+    seconds_in_all: float
     bytes_each: float
     variety: Variety | None
 
@@ -104,8 +108,8 @@ def report_of(folder: Path) -> StudyReport:
             f"LIMIT {MOST_REASONS}"
         )
         reasons = dict(frequent.fetchall())
-        rejected, cut_short = connection.execute(
-            "SELECT total(rejected), total(cut_short) FROM runs"
+        rejected, cut_short, seconds = connection.execute(
+            "SELECT total(rejected), total(cut_short), total(seconds) FROM runs"
         ).fetchone()
         wanted = ", ".join((*MEASURES, "seconds"))
         rows = connection.execute(f"SELECT {wanted} FROM runs WHERE status = 'verified'").fetchall()
@@ -114,6 +118,7 @@ def report_of(folder: Path) -> StudyReport:
                 "SELECT passing, count(*) FROM runs WHERE status = 'verified' GROUP BY passing"
             )
         )
+        carried = _carried_figures(connection)
     values = np.array(rows, dtype=float).reshape(-1, len(MEASURES) + 1)
     ended, invalid = sum(statuses.values()), statuses.get("invalid", 0)
     paths = _paths(store)
@@ -127,12 +132,26 @@ def report_of(folder: Path) -> StudyReport:
         verified_share=statuses.get("verified", 0) / max(1, ended - invalid),
         figures={
             name: figure for name, own in zip(MEASURES, values.T, strict=False) if (figure := _figure(own))
-        },
+        }
+        | carried,
         cut_short=int(cut_short),
         seconds=float(np.median(values[:, -1])) if len(values) else None,
+        seconds_in_all=seconds,
         bytes_each=store.path.stat().st_size / max(1, ended),
         variety=variety(paths, classes) if len(paths) > 1 else None,
     )
+
+
+def _carried_figures(connection: sqlite3.Connection) -> dict[str, Figure]:
+    """Return the figures of the joints of verified runs, and of their simulations."""
+    found: dict[str, list[float]] = {}
+    query = "SELECT certificate, simulation FROM carries JOIN runs USING (key) WHERE status = 'verified'"
+    for texts in connection.execute(query):
+        for kind, text in zip(("joints", "simulation"), texts, strict=True):
+            for name, value in json.loads(text or "{}").items():
+                if isinstance(value, float):
+                    found.setdefault(f"{kind}.{name}", []).append(value)
+    return {name: figure for name, values in sorted(found.items()) if (figure := _figure(np.array(values)))}
 
 
 def _figure(values: np.ndarray) -> Figure | None:

@@ -18,13 +18,12 @@ from typing import Any, Protocol
 from comove.errors import OptionError, ResultError
 from comove.io.files import require_room, telling
 from comove.processes import TaskResult, run_tasks
+from comove.studies.episode import Made
 from comove.studies.many import KILLS, MORE, TIMES, lost
-from comove.studies.runs import LONGEST, RUNS, StoredMotion, StudyRun, StudyStore
+from comove.studies.runs import LONGEST, RUNS, StudyRun, StudyStore
 
 ROOM = 20_000_000
 """What must be free on the disk before a study is run [bytes]."""
-
-Made = tuple[StudyRun, StoredMotion | None]
 
 
 class RunSource(Protocol):

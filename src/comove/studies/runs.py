@@ -16,7 +16,7 @@ from typing import Any
 from comove.errors import ResultError, shortened
 from comove.studies.store import KILLS, Store, Writer
 
-STATUSES = ("verified", "not verified", "invalid", "refused", "error", "killed", "late")
+STATUSES = ("verified", "not delivered", "not verified", "invalid", "refused", "error", "killed", "late")
 LONGEST = 500
 """Characters of a reason."""
 RUNS = "runs.sqlite"
@@ -33,7 +33,8 @@ class StudyRun:
     number : number of the run in its study
     scene, scene_sha256 : name and checksum of the scene; empty where no valid one was drawn
     method, seed, settings : name of the method, seed of all random numbers, changes of the scene (JSON)
-    status : one of `STATUSES`; "invalid" if no draw gave a valid scene
+    status : one of `STATUSES`; "invalid" if no draw gave a valid scene, "not delivered" if a robot's motion is
+        verified and its simulation did not deliver the load
     reason : reason for the status, in one line, if it is not "verified"
     rejected : number of draws that gave no valid scene
     duration : duration of the motion [s]
@@ -44,7 +45,7 @@ class StudyRun:
     passing : class of the motion among the obstacles
     motion_sha256 : checksum of the motion
     cut_short : 1 if the search used up its budget, so that the motion hangs on the pace of the machine, else 0
-    seconds : time of the run [s]
+    seconds : processor time of the run [s]; of one that was lost, time on the wall
     started : its beginning in UTC (ISO 8601)
     """
 
@@ -85,6 +86,24 @@ PARQUET_KINDS = {f.name: _PARQUET[str(f.type)] for f in fields(StudyRun)}
 
 
 @dataclass(frozen=True)
+class StoredCarry:
+    """The joints of a robot that carry out a motion, as the store keeps them.
+
+    Attributes
+    ----------
+    key : key of the run
+    joints : times, names and positions of the joints, packed
+    certificate : measures of the verification, and checksums of robot and joints (JSON)
+    simulation : measures of the simulation (JSON); empty without one
+    """
+
+    key: str
+    joints: bytes
+    certificate: str
+    simulation: str
+
+
+@dataclass(frozen=True)
 class StoredMotion:
     """A motion of a run, as the store keeps it.
 
@@ -94,12 +113,19 @@ class StoredMotion:
     scene : the scene that was solved, packed
     curve : what rebuilds the motion, packed
     path : centre of the hands at equal shares of the duration, float32
+    carry : what a robot did; None without a robot
     """
 
     key: str
     scene: bytes
     curve: bytes
     path: bytes
+    carry: StoredCarry | None = None
+
+    @property
+    def row(self) -> tuple[str, bytes, bytes, bytes]:
+        """Return the row of the table of motions."""
+        return self.key, self.scene, self.curve, self.path
 
 
 def digest(description: Mapping[str, Any]) -> str:
@@ -119,7 +145,9 @@ class StudyWriter(Writer):
         """Write a run that has ended; one with the same key stays as it is."""
         self._insert("runs", astuple(run))
         if motion is not None:
-            self._insert("motions", astuple(motion))
+            self._insert("motions", motion.row)
+            if motion.carry is not None:
+                self._insert("carries", astuple(motion.carry))
         self._connection.commit()
 
     def add_all(self, runs: Iterable[StudyRun]) -> None:
@@ -140,7 +168,7 @@ class StudyWriter(Writer):
                 "SELECT count(*) FROM runs JOIN other.runs AS theirs USING (key) "
                 "WHERE runs.status != theirs.status OR runs.motion_sha256 != theirs.motion_sha256"
             ).fetchone()
-            for table in ("motions", "runs"):
+            for table in ("carries", "motions", "runs"):
                 self._connection.execute(
                     f"INSERT OR IGNORE INTO {table} SELECT * FROM other.{table} "
                     "WHERE key NOT IN (SELECT key FROM runs)"
@@ -164,6 +192,7 @@ class StudyStore(Store[StudyWriter]):
     TABLES = {  # noqa: RUF012  a constant of the class
         "runs": _declared(),
         "motions": "key TEXT PRIMARY KEY, scene BLOB, curve BLOB, path BLOB",
+        "carries": "key TEXT PRIMARY KEY, joints BLOB, certificate TEXT, simulation TEXT",
         "about": "name TEXT PRIMARY KEY, value TEXT",
         "kills": KILLS,
     }
@@ -229,16 +258,19 @@ class StudyStore(Store[StudyWriter]):
             for row in connection.execute(query, () if status is None else (status,)):
                 yield StudyRun(*row)
 
-    def motions(self) -> Iterator[tuple[StudyRun, StoredMotion]]:
-        """Yield the verified runs with their motions, in the order of their numbers."""
+    def motions(self, status: str = "verified") -> Iterator[tuple[StudyRun, StoredMotion]]:
+        """Yield the runs of a status that have motions, with these, in the order of their numbers."""
         query = (
-            f"SELECT {', '.join(f'runs.{c}' for c in COLUMNS)}, motions.scene, motions.curve, motions.path "
-            "FROM runs JOIN motions USING (key) WHERE status = 'verified' ORDER BY number"
+            f"SELECT {', '.join(f'runs.{c}' for c in COLUMNS)}, motions.scene, motions.curve, motions.path, "
+            "carries.joints, carries.certificate, carries.simulation "
+            "FROM runs JOIN motions USING (key) LEFT JOIN carries USING (key) WHERE status = ? ORDER BY number"
         )
         with self.connected(reading=True) as connection:
-            for row in connection.execute(query):
+            for row in connection.execute(query, (status,)):
                 run = StudyRun(*row[: len(COLUMNS)])
-                yield run, StoredMotion(run.key, *row[len(COLUMNS) :])
+                scene, curve, path, joints, certificate, simulation = row[len(COLUMNS) :]
+                carry = None if joints is None else StoredCarry(run.key, joints, certificate, simulation)
+                yield run, StoredMotion(run.key, scene, curve, path, carry)
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:

@@ -6,7 +6,7 @@ Rules of a single key are checked here; whether the keys that are drawn exist in
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -129,6 +129,15 @@ def _lengths(pair: tuple[Any, Any]) -> int:
     return len(pair[0]) if isinstance(pair[0], tuple) else 0
 
 
+class SimulationPart(Part):
+    """A simulation in MuJoCo of every episode of a robot whose joints were verified."""
+
+    grasp: Literal["weld", "connect", "friction"] = "weld"
+    """How the hands hold the load."""
+    perturbed: bool = True
+    """Whether friction, mass, gains, the load's place in the hands and a push are drawn for each episode."""
+
+
 class StudyFile(Part):
     """A study of generated episodes, as written in its file."""
 
@@ -141,6 +150,10 @@ class StudyFile(Part):
     seed: Annotated[int, Field(ge=0)] = 0
     budget: Positive = 30.0
     """Time for each episode [s]."""
+    simulate: SimulationPart | None = None
+    """How the episodes of a robot are simulated; they are not unless given."""
+    formats: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
+    """Formats of the datasets that are written in the end, unless the command names others."""
 
 
 class SweepFile(Part):

@@ -379,21 +379,28 @@ def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
         raise fault(path, key, "not all of it was written", "record or copy it again")
 
 
-def write_demo(group: Group, demos: list[RecordedSamples]) -> None:
-    """Write one episode of a robomimic file."""
+def write_demo(
+    group: Group, demos: list[RecordedSamples], actions: NDArray[np.float64] | None = None
+) -> None:
+    """Write one episode of a robomimic file.
+
+    Parameters
+    ----------
+    actions : array, shape (n_steps, n_values), what a controller is sent; the hands at the next sample unless given
+    """
     from scipy.spatial.transform import Rotation
 
     n_steps = demos[0].n_steps
     group.attrs["num_samples"] = n_steps
-    actions = []
+    reached = []
     for index, demo in enumerate(demos):
         put(group, f"obs/robot{index}_eef_pos", demo.position)
-        actions.append(_next(demo.position))
+        reached.append(_next(demo.position))
         if demo.orientation is not None:
             turned = demo.orientation[:, [1, 2, 3, 0]]
             put(group, f"obs/robot{index}_eef_quat", turned)
-            actions.append(_next(Rotation.from_quat(turned).as_rotvec()))
-    put(group, "actions", np.concatenate(actions, axis=1))
+            reached.append(_next(Rotation.from_quat(turned).as_rotvec()))
+    put(group, "actions", np.concatenate(reached, axis=1) if actions is None else actions)
     group["rewards"] = np.zeros(n_steps)
     group["dones"] = (np.arange(n_steps) == n_steps - 1).astype(np.int64)
 

@@ -50,7 +50,8 @@ _SQLITE_MAGIC = b"SQLite format 3\x00"
 _RECORD = "copy it again, or let ROS repair it (rosbag reindex, ros2 bag reindex)"
 _Messages = Iterator[tuple[int, Any]]
 """When the bag received each message [ns], and the message."""
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+"""Names that ROS allows in topics."""
 
 
 def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, RecordedSamples]:
@@ -109,6 +110,7 @@ def write(
     storage: str = "mcap",
     frame_id: str = "world",
     start_ns: int = NANO,
+    about: str = "",
 ) -> None:
     """Write movements to a bag, from which they are read again with the same numbers, bit by bit.
 
@@ -123,6 +125,7 @@ def write(
     storage : storage format of a folder, "mcap" or "sqlite3"
     frame_id : reference frame of the positions
     start_ns : stamp of time zero [ns]; not 0, which means "none" in ROS
+    about : text that stands in the bag as a `String` on the topic `/comove/about`
 
     Raises
     ------
@@ -134,7 +137,7 @@ def write(
     if storage not in ("mcap", "sqlite3"):
         raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
-    fill = partial(_write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns)
+    fill = partial(_write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns, about=about)
     suffix = path.suffix.lower()
     if suffix == ".bag":
         with whole_path(path) as draft:
@@ -442,8 +445,13 @@ def _write_messages(
     path: Path,
     frame_id: str,
     start_ns: int,
+    about: str,
 ) -> None:
     """Write the messages of all movements in the order of their stamps."""
+    if about:
+        text = "std_msgs/msg/String"
+        connection = writer.add_connection("/comove/about", text, typestore=store)
+        writer.write(connection, start_ns, encode(store.types[text](data=about), text))
     queue = []
     for name, demo in demos.items():
         topic, kind = _topic_and_type(path, name, demo)
@@ -456,7 +464,7 @@ def _write_messages(
 
 
 def _topic_and_type(path: Path, name: str, demo: RecordedSamples) -> tuple[str, str]:
-    if name and not _NAME.fullmatch(name):
+    if name and not NAME.fullmatch(name):
         raise fault(
             path,
             None,

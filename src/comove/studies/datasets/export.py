@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from comove.errors import ResultError
+from comove.io.files import extra
 from comove.io.folders import Contents, check_target, whole_folder
-from comove.studies.datasets import lerobot, npz, robomimic
+from comove.studies.datasets import lerobot, lerobot_v21, mcap, npz, robomimic
 from comove.studies.datasets.samples import EpisodeSamples, episodes_of
 
 DATASET = Contents("dataset")
@@ -24,12 +25,14 @@ class DatasetFormat:
     name : name of the format for users
     target : name of the file or folder in the folder of the study
     write : function of a path and the episodes that writes them and returns their number
+    library : library that writes it
     is_folder : whether it is a folder; the function then writes into an existing one
     """
 
     name: str
     target: str
     write: Callable[[Path, Iterable[EpisodeSamples]], int]
+    library: str = "numpy"
     is_folder: bool = True
 
 
@@ -37,8 +40,10 @@ FORMATS = {
     format.name: format
     for format in (
         DatasetFormat("npz", "npz", npz.write),
-        DatasetFormat("lerobot", "lerobot", lerobot.write),
-        DatasetFormat("robomimic", "robomimic.hdf5", robomimic.write, is_folder=False),
+        DatasetFormat("lerobot", "lerobot", lerobot.write, "pyarrow"),
+        DatasetFormat("lerobot-2.1", "lerobot-2.1", lerobot_v21.write, "pyarrow"),
+        DatasetFormat("mcap", "mcap", mcap.write, "rosbags"),
+        DatasetFormat("robomimic", "robomimic.hdf5", robomimic.write, "h5py", is_folder=False),
     )
 }
 
@@ -50,8 +55,11 @@ def check_export(folder: Path, format: DatasetFormat) -> Path:
     ------
     ResultError
         If it is there already, or cannot be written.
+    DemonstrationError
+        If its library is not installed.
     """
     path = folder / format.target
+    extra(format.library, path)
     if path.exists():
         raise ResultError("it is there already", file=path, way_out="move it away first")
     if format.is_folder and folder.exists():

@@ -1,14 +1,15 @@
 """Episodes as a LeRobot dataset, version 3.0: few Parquet files that hold many episodes, and tables about them.
 
 `observation.state` holds the hands, `action` the hands at the next sample, `observation.environment_state` their goal
-and the centres of the obstacles [m]. The table of the episodes holds, besides what LeRobot writes there, all that is
-known of an episode, in columns that begin with `comove/`.
+and the centres of the obstacles [m]. Of a robot, `observation.state` holds its joints, `action` the planned joints of
+the next sample [rad], and `observation.hands` the hands with their quaternions w x y z. The table of the episodes
+holds, besides what LeRobot writes there, all that is known of an episode, in columns that begin with `comove/`.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -20,6 +21,7 @@ from comove.io.files import extra
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 STATE, ACTION, ENVIRONMENT = "observation.state", "action", "observation.environment_state"
+HANDS = "observation.hands"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 CHUNK = 1000
@@ -60,16 +62,16 @@ class _Tables:
         self.writer: Any = None
         self.first: EpisodeSamples | None = None
         self.rows: list[dict[str, Any]] = []
-        self.stats: dict[str, _Statistics] = {}
+        self.stats: dict[str, Statistics] = {}
         self.file, self.bytes, self.frames = -1, 0, 0
 
     def add(self, episode: EpisodeSamples) -> None:
         """Write the samples of an episode, as a group of rows of its own."""
         self.first = self.first or episode
         require_alike(episode, self.first)
-        columns = self._columns(episode)
+        columns = frame_columns(episode, len(self.rows), self.frames)
         size = sum(values.nbytes for values in columns.values())
-        table = self.pa.table({name: self._array(values) for name, values in columns.items()})
+        table = arrow_table(self.pa, columns)
         if self.writer is None or self.bytes + size > FILE_MB * 1_000_000:
             self._next_file(table.schema)
         self.writer.write_table(table)
@@ -87,30 +89,11 @@ class _Tables:
             "meta/episodes/file_index": 0,
         }
         for name, values in columns.items():
-            own = _Statistics(values)
+            own = Statistics(values)
             row |= {f"stats/{name}/{key}": value for key, value in own.plain().items()}
             self.stats[name] = self.stats[name].with_more(own) if name in self.stats else own
         self.rows.append(row | {f"comove/{key}": _cell(value) for key, value in episode.about.items()})
         self.frames += n_steps
-
-    def _columns(self, episode: EpisodeSamples) -> dict[str, NDArray]:
-        frames = np.arange(len(episode.time), dtype=np.int64)
-        n_steps = len(frames)
-        return {
-            STATE: episode.position.reshape(n_steps, -1).astype(np.float32),
-            ACTION: episode.action.reshape(n_steps, -1).astype(np.float32),
-            ENVIRONMENT: episode.environment.astype(np.float32),
-            "timestamp": (frames / episode.rate).astype(np.float32),
-            "frame_index": frames,
-            "episode_index": np.full_like(frames, len(self.rows)),
-            "index": frames + self.frames,
-            "task_index": np.zeros_like(frames),
-        }
-
-    def _array(self, values: NDArray) -> Any:
-        if values.ndim == 1:
-            return self.pa.array(values)
-        return self.pa.FixedSizeListArray.from_arrays(self.pa.array(values.ravel()), values.shape[1])
 
     def _next_file(self, schema: Any) -> None:
         """Close the file of data, and begin the next one."""
@@ -126,14 +109,9 @@ class _Tables:
         """Write what describes the tables."""
         (self.folder / EPISODES).parent.mkdir(parents=True, exist_ok=True)
         self.parquet.write_table(self.pa.Table.from_pylist(self.rows), self.folder / EPISODES)
-        hands = {"dtype": "float32", "shape": [len(first.state_names)], "names": list(first.state_names)}
-        around = list(first.environment_names)
-        features: dict[str, Any] = {STATE: hands, ACTION: hands}
-        features |= {ENVIRONMENT: {"dtype": "float32", "shape": [len(around)], "names": around}}
-        features |= {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
         info = {
             "codebase_version": "v3.0",
-            "robot_type": "comove",
+            "robot_type": first.robot,
             "total_episodes": len(self.rows),
             "total_frames": self.frames,
             "total_tasks": 1,
@@ -144,7 +122,7 @@ class _Tables:
             "splits": {"train": f"0:{len(self.rows)}"},
             "data_path": DATA,
             "video_path": None,
-            "features": features,
+            "features": features_of(first),
         }
         stats = {name: own.plain() for name, own in self.stats.items()}
         for name, content in (("info", info), ("stats", stats)):
@@ -172,7 +150,58 @@ class _Tables:
         self.parquet.write_table(table, self.folder / "meta/tasks.parquet")
 
 
-class _Statistics:
+def frame_columns(episode: EpisodeSamples, number: int, before: int) -> dict[str, NDArray]:
+    """Return the columns of an episode by their names in a table of frames.
+
+    Parameters
+    ----------
+    number : number of the episode in the dataset
+    before : number of frames of the episodes before
+    """
+    frames = np.arange(len(episode.time), dtype=np.int64)
+    vectors = {name: values.astype(np.float32) for name, (_, values) in _vectors(episode).items()}
+    return vectors | {
+        "timestamp": (frames / episode.rate).astype(np.float32),
+        "frame_index": frames,
+        "episode_index": np.full_like(frames, number),
+        "index": frames + before,
+        "task_index": np.zeros_like(frames),
+    }
+
+
+def arrow_table(pa: Any, columns: Mapping[str, NDArray]) -> Any:
+    """Return columns of numbers and of vectors as a table of Arrow."""
+    return pa.table(
+        {
+            name: pa.array(values)
+            if values.ndim == 1
+            else pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+            for name, values in columns.items()
+        }
+    )
+
+
+def features_of(first: EpisodeSamples) -> dict[str, Any]:
+    """Return the description of the columns, in the form that LeRobot gives it."""
+    features: dict[str, Any] = {
+        key: {"dtype": "float32", "shape": [len(names)], "names": list(names)}
+        for key, (names, _) in _vectors(first).items()
+    }
+    return features | {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
+
+
+def _vectors(episode: EpisodeSamples) -> dict[str, tuple[tuple[str, ...], NDArray]]:
+    """Return the vectors of an episode: names and values, array of shape (n_steps, n_values), by feature."""
+    poses = {} if episode.poses is None else {HANDS: episode.poses}
+    return {
+        STATE: (episode.state_names, episode.state),
+        ACTION: (episode.state_names, episode.command),
+        **poses,
+        ENVIRONMENT: (episode.environment_names, episode.environment),
+    }
+
+
+class Statistics:
     """Least, greatest and mean values of columns, their standard deviation, and the number of rows."""
 
     def __init__(self, values: NDArray):
@@ -181,9 +210,9 @@ class _Statistics:
         self.mean = rows.mean(axis=0)
         self.squares = ((rows - self.mean) ** 2).sum(axis=0)
 
-    def with_more(self, other: _Statistics) -> _Statistics:
+    def with_more(self, other: Statistics) -> Statistics:
         """Return the statistics of the rows of both."""
-        both = _Statistics.__new__(_Statistics)
+        both = Statistics.__new__(Statistics)
         both.least, both.greatest = (
             np.minimum(self.least, other.least),
             np.maximum(self.greatest, other.greatest),

@@ -17,7 +17,8 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
 
     The arrays are ``time (T,)`` [s], ``manipulators (N,)``, ``position`` and ``action (T, N, n_dims)`` [m],
     ``environment (T, K)`` [m] with ``environment_names (K,)``, and ``about``, JSON: scene, seed, checksums and
-    certified figures.
+    certified figures. Of a robot there are also ``joint_names (J,)``, ``joint_position`` and ``joint_action (T, J)``
+    [rad or m], and ``orientation (T, N, 4)``, the hands' quaternions w x y z.
     """
     count = 0
     for episode in episodes:
@@ -30,6 +31,13 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
             "environment_names": np.array(episode.environment_names),
             "about": np.array(json.dumps(episode.about, allow_nan=False)),
         }
+        if (joints := episode.joints) is not None:
+            arrays |= {
+                "joint_names": np.array(joints.names),
+                "joint_position": joints.measured,
+                "joint_action": joints.wanted,
+                "orientation": joints.orientation,
+            }
         (folder / f"episode_{episode.run.number:06d}.npz").write_bytes(packed(arrays))
         count += 1
     return count

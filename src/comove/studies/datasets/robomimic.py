@@ -1,8 +1,9 @@
 """Episodes as one HDF5 file in robomimic's layout.
 
 `obs/robot0_eef_pos`, `obs/robot1_eef_pos`, ... are the hands, planar ones at z = 0, `actions` the hands at the next
-sample, and `obs/object` is the goal of the hands and the centres of the obstacles [m]. The attribute `comove` of an
-episode is JSON of all that is known of it.
+sample, and `obs/object` is the goal of the hands and the centres of the obstacles [m]. Of a robot there are also
+`obs/robot0_eef_quat` (x y z w) and `obs/robot0_joint_pos`, and `actions` are the planned joints of all arms at the
+next sample [rad]. The attribute `comove` of an episode is JSON of all that is known of it.
 """
 
 from __future__ import annotations
@@ -36,7 +37,10 @@ def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:
             if data is None:
                 data = root(float(episode.rate))
             group = data.create_group(f"demo_{count}")
-            write_demo(group, _hands(episode))
+            write_demo(group, _hands(episode), None if episode.joints is None else episode.joints.wanted)
+            if episode.joints is not None:
+                for index, columns in enumerate(episode.joints.columns):
+                    put(group, f"obs/robot{index}_joint_pos", episode.joints.measured[:, columns])
             put(group, "obs/object", episode.environment)
             group.attrs["comove"] = np.bytes_(json.dumps(episode.about, allow_nan=False))
             count, total = count + 1, total + len(episode.time)
@@ -45,8 +49,14 @@ def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:
 
 
 def _hands(episode: EpisodeSamples) -> list[RecordedSamples]:
-    """Return the hands in space."""
+    """Return the hands in space, a robot's with their orientations."""
     n_steps, n_hands, n_dims = episode.position.shape
     position = np.zeros((n_steps, n_hands, 3))
     position[..., :n_dims] = episode.position
-    return [RecordedSamples(episode.time, position[:, hand]) for hand in range(n_hands)]
+    turned = None if episode.joints is None else episode.joints.orientation
+    return [
+        RecordedSamples(
+            episode.time, position[:, hand], orientation=None if turned is None else turned[:, hand]
+        )
+        for hand in range(n_hands)
+    ]

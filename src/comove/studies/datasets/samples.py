@@ -8,19 +8,22 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations.samples import AXES
+from comove.demonstrations.samples import AXES, QUATERNION
 from comove.errors import OptionError, ResultError
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.studies.episode import restored
 from comove.studies.runs import MEASURES, RUNS, StudyRun, StudyStore
 from comove.verification.verify import VerifiedMotion, verify
+
+if TYPE_CHECKING:
+    from comove.studies.datasets.joints import JointSamples
 
 Array = NDArray[np.float64]
 
@@ -37,11 +40,13 @@ class EpisodeSamples:
     run : row of the episode in its store
     motion : the motion, verified anew
     rate : samples a second [Hz]
+    joints : joints of the robot at the same samples; None without one
     """
 
     run: StudyRun
     motion: VerifiedMotion
     rate: int
+    joints: JointSamples | None = None
 
     @property
     def scene(self) -> Scene:
@@ -51,11 +56,13 @@ class EpisodeSamples:
     @cached_property
     def time(self) -> Array:
         """Return the times of the samples; array, shape (n_steps,) [s]."""
-        return np.arange(math.ceil(self.scene.duration * self.rate - 1e-9) + 1) / self.rate
+        return sample_times(self.scene, self.rate)
 
     @cached_property
     def position(self) -> Array:
-        """Return the hands; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+        """Return the hands, where a robot's joints place them; array, shape (n_steps, n_manipulators, n_dims) [m]."""
+        if self.joints is not None:
+            return self.joints.hands
         share = np.minimum(self.time / self.scene.duration, 1.0)
         return self.motion.motion.hands(share)[0]
 
@@ -63,6 +70,39 @@ class EpisodeSamples:
     def action(self) -> Array:
         """Return the hands at the next sample, at the last one those of the last; array like `position` [m]."""
         return np.concatenate([self.position[1:], self.position[-1:]])
+
+    @property
+    def state(self) -> Array:
+        """Return a robot's joints, else the hands; array, shape (n_steps, n_values) [rad or m]."""
+        return self.position.reshape(len(self.time), -1) if self.joints is None else self.joints.measured
+
+    @property
+    def command(self) -> Array:
+        """Return the state that is wanted at the next sample; array like `state`."""
+        return self.action.reshape(len(self.time), -1) if self.joints is None else self.joints.wanted
+
+    @cached_property
+    def state_names(self) -> tuple[str, ...]:
+        """Return the names of the values in `state`."""
+        if self.joints is None:
+            return self.hand_names
+        return tuple(f"{name}.pos" for name in self.joints.names)
+
+    @property
+    def robot(self) -> str:
+        """Return the name of the robot, "comove" without one."""
+        return "comove" if self.joints is None else self.joints.robot
+
+    @property
+    def poses(self) -> tuple[tuple[str, ...], Array] | None:
+        """Return the names of the coordinates of a robot's hands, and these with their quaternions w x y z; array,
+        shape (n_steps, n_values) [m]; None without a robot, whose state they are.
+        """
+        if self.joints is None:
+            return None
+        names = tuple(f"{hand}_{axis}" for hand in self.scene.manipulators for axis in (*AXES, *QUATERNION))
+        both = np.concatenate([self.joints.hands, self.joints.orientation], axis=2)
+        return names, both.reshape(len(both), -1)
 
     @cached_property
     def environment(self) -> Array:
@@ -74,7 +114,7 @@ class EpisodeSamples:
         return np.concatenate([np.tile(scene.goal.ravel(), (n_steps, 1)), centers], axis=1)
 
     @cached_property
-    def state_names(self) -> tuple[str, ...]:
+    def hand_names(self) -> tuple[str, ...]:
         """Return the names of the hands' coordinates."""
         axes = AXES[: self.scene.n_dims]
         return tuple(f"{hand}_{axis}" for hand in self.scene.manipulators for axis in axes)
@@ -84,7 +124,7 @@ class EpisodeSamples:
         """Return the names of the values in `environment`."""
         obstacles = range(len(self.scene.file.obstacles))
         centers = (f"obstacle{i}_{axis}" for i in obstacles for axis in AXES[: self.scene.n_dims])
-        return (*(f"goal_{name}" for name in self.state_names), *centers)
+        return (*(f"goal_{name}" for name in self.hand_names), *centers)
 
     @cached_property
     def about(self) -> dict[str, Any]:
@@ -92,7 +132,13 @@ class EpisodeSamples:
         figures = {name: getattr(self.run, name) for name in MEASURES}
         names = ("number", "seed", "scene", "scene_sha256", "motion_sha256", "passing")
         contents = {"scene_file": json.loads(canonical(self.scene.file))}
-        return {name: getattr(self.run, name) for name in names} | figures | contents
+        robot = {} if self.joints is None else {"joints": dict(self.joints.figures)}
+        return {name: getattr(self.run, name) for name in names} | figures | robot | contents
+
+
+def sample_times(scene: Scene, rate: int) -> Array:
+    """Return the times of samples from the beginning to the end of a motion; array, shape (n_steps,) [s]."""
+    return np.arange(math.ceil(scene.duration * rate - 1e-9) + 1) / rate
 
 
 def episodes_of(folder: Path, scenes: Path, rate: int) -> Iterator[EpisodeSamples]:
@@ -107,7 +153,8 @@ def episodes_of(folder: Path, scenes: Path, rate: int) -> Iterator[EpisodeSample
     Raises
     ------
     ResultError
-        If there is no study or no verified episode, or a motion was damaged or does not stand the check any more.
+        If there is no study or no verified episode, or a motion was damaged or does not stand the check any more, or
+        a robot's simulation does not deliver its load any more.
     OptionError
         If the rate is out of range.
     """
@@ -116,10 +163,16 @@ def episodes_of(folder: Path, scenes: Path, rate: int) -> Iterator[EpisodeSample
             f"rate = {rate}", key="--rate", way_out=f"give {LEAST_RATE} to {LARGEST_RATE} samples a second"
         )
     store = StudyStore.open(folder / RUNS)
-    found = False
+    found, simulate = False, (store.description() or {}).get("simulate")
     for run, kept in store.motions():
         verified = _verified(restored(kept, scenes, store.path), run, store.path)
-        yield EpisodeSamples(run, verified, rate)
+        joints = None
+        if kept.carry is not None:
+            from comove.studies.datasets.joints import joint_samples
+
+            time = sample_times(verified.motion.scene, rate)
+            joints = joint_samples(run, kept.carry, verified, time, simulate, store.path)
+        yield EpisodeSamples(run, verified, rate, joints)
         found = True
     if not found:
         raise ResultError("it holds no verified episode", file=store.path, way_out="run the study first")
@@ -153,5 +206,5 @@ def require_alike(episode: EpisodeSamples, first: EpisodeSamples) -> None:
                 f"episode {episode.run.number} has {len(one)} values ({', '.join(one[:4])}, ...), and episode "
                 f"{first.run.number} has {len(other)}",
                 file=episode.scene.name,
-                way_out="let all episodes have the same hands and obstacles, or export as npz",
+                way_out="let all episodes have the same robot, hands and obstacles, or export as npz or mcap",
             )

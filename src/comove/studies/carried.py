@@ -1,0 +1,204 @@
+"""One episode of a robot: the joints that carry the load, verified and simulated, and as the store keeps them."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import ResultError, SceneError
+from comove.planning import movements_of
+from comove.planning.clock import now
+from comove.results.sealed import checksum, finite
+from comove.robots import (
+    JointMotion,
+    Robot,
+    RobotCarrier,
+    VerifiedJointMotion,
+    carry,
+    find_description,
+    verify_joints,
+)
+from comove.scenes.model import canonical
+from comove.scenes.scene import Scene
+from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
+from comove.studies.episode import CUT, DAMAGED, Made, measured, packed, stored, timed_run, unpacked
+from comove.studies.many import movement_of
+from comove.studies.runs import LONGEST, StoredCarry, StudyRun
+from comove.studies.study_file import SimulationPart
+from comove.verification.verify import VerifiedMotion
+
+Array = NDArray[np.float64]
+
+STILL = 0.1  # s, for which a robot has to stand at an end
+GRASPS = {"weld": Weld, "connect": Connect, "friction": Friction}
+
+
+def robot_of(scene: Scene) -> Robot:
+    """Return the robot that a scene names, loaded once.
+
+    Raises
+    ------
+    RobotError
+        If there is none, or it cannot be loaded.
+    """
+    return robot_named(str(scene.file.robot), scene.folder)
+
+
+def robot_named(name: str, folder: Path) -> Robot:
+    """Return a bundled robot, or that of a description beside the scene; as `robot_of`."""
+    return _loaded(find_description(name, folder))
+
+
+@lru_cache(maxsize=4)
+def _loaded(path: Path) -> Robot:
+    return Robot.load(path)
+
+
+def require_hold(scene: Scene) -> None:
+    """Make sure that the arms can hold the load at start and goal by one of the scene's grasps, as the judge sees it.
+
+    Raises
+    ------
+    SceneError
+        If they cannot, or the robot cannot carry such a load.
+    """
+    robot, first = robot_of(scene), None
+    for choice in scene.alternatives:
+        try:
+            carrier = RobotCarrier(robot, choice.timed(STILL))
+            _require_held(carrier, "start", carrier.starts)
+            _require_held(carrier, "goal", carrier.goals)
+            return
+        except SceneError as error:
+            first = first or error
+    if first is not None:
+        raise first
+
+
+def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches: Sequence[Array]) -> None:
+    """Refuse an end at which the robot cannot stand still with the load, in no combination of its arms' solutions."""
+    robot, scene = carrier.robot, carrier.scene
+    contents = json.loads(canonical(scene.file))
+    for hand in contents["manipulators"]:
+        hand["start"] = hand["goal"] = hand[end]
+    motion = CoordinatedMotion.straight(Scene.from_dict(contents, folder=scene.folder))
+    first = ""
+    for joints in product(*branches):
+        q = robot.home
+        for arm, own in zip(carrier.holders, joints, strict=True):
+            q[arm.columns] = own
+        standing = JointMotion(np.array([0.0, STILL]), robot.joint_names, np.stack([q, q]))
+        verdict = verify_joints(robot, motion, standing)
+        if verdict.verified is not None:
+            return
+        first = first or verdict.reasons[0]
+    raise SceneError(f"the robot cannot hold the load: {first}", key=f"manipulators.{end}")
+
+
+def carried_run(run: StudyRun, scene: Scene, budget: float, simulation: SimulationPart | None) -> Made:
+    """Carry the load of a scene along the demonstration that it names; return the row of the run, and its motion.
+
+    Parameters
+    ----------
+    run : the row as far as it is known
+    budget : processor time for the solution [s]
+    simulation : how the joints are simulated; None if they are not
+    """
+
+    def search(run: StudyRun) -> Made:
+        movements, begun = movements_of(movement_of(scene), scene), now()
+        found = carry(scene, robot_of(scene), demonstration=movements, seed=run.seed, budget=budget)
+        cut_short = int(now() - begun > CUT * budget)  # it may solve several times
+        run = replace(measured(run, found.solution, budget), cut_short=cut_short)
+        if found.motion is None:
+            reasons = "; ".join(found.solution.reasons or found.verdict.reasons)
+            return replace(run, status="not verified", reason=reasons[:LONGEST]), None
+        execution = None if simulation is None else executed(found.motion, simulation, run.seed)
+        if execution is not None and not execution.delivered:
+            run = replace(run, status="not delivered", reason="; ".join(execution.reasons)[:LONGEST])
+        kept = _stored_carry(run.key, found.motion, execution)
+        return run, replace(stored(run.key, found.solution.attempt), carry=kept)
+
+    return timed_run(run, scene, search)
+
+
+def executed(motion: VerifiedJointMotion, simulation: SimulationPart, seed: int) -> Execution:
+    """Simulate a verified motion in MuJoCo, perturbed by the seed of its episode where that is asked for."""
+    drawn = None
+    if simulation.perturbed:  # numbers of their own: those of the seed alone have drawn the scene
+        drawn = Perturbation.drawn(np.random.default_rng([seed, 1]), len(motion.robot.joint_names))
+    return simulate(motion.joints, motion.scene, motion.robot, GRASPS[simulation.grasp](), drawn)
+
+
+def _stored_carry(key: str, motion: VerifiedJointMotion, execution: Execution | None) -> StoredCarry:
+    """Return joints, certificate and measures of a simulation as the store keeps them."""
+    joints = _arrays(motion.joints)
+    figures = {name: finite(value) for name, value in motion.report.asdict().items()}
+    robot = {
+        "robot": motion.robot.name,
+        "robot_sha256": motion.robot.sha256,
+        "joints_sha256": checksum(joints),
+    }
+    simulated = {} if execution is None else {name: finite(x) for name, x in execution.measures.items()}
+    return StoredCarry(key, packed(joints), _json(figures | robot), _json(simulated) if simulated else "")
+
+
+def _arrays(joints: JointMotion) -> dict[str, Any]:
+    return {"time": joints.time, "joint_names": np.array(joints.joint_names), "position": joints.position}
+
+
+def _json(data: dict[str, Any]) -> str:
+    return json.dumps(data, sort_keys=True, allow_nan=False)
+
+
+def restored_carry(kept: StoredCarry, motion: VerifiedMotion, store: Path) -> VerifiedJointMotion:
+    """Rebuild the joints that the store keeps, and verify them anew.
+
+    Parameters
+    ----------
+    motion : motion of the hands, verified anew
+    store : path of the store, for messages
+
+    Raises
+    ------
+    ResultError
+        If they were damaged or do not stand the check any more, or the robot was edited.
+    RobotError
+        If the robot cannot be loaded.
+    """
+    robot = robot_of(motion.motion.scene)
+    try:
+        arrays, certificate = unpacked(kept.joints), json.loads(kept.certificate)
+        names = tuple(str(name) for name in arrays["joint_names"])
+        joints = JointMotion(arrays["time"], names, arrays["position"])
+        if checksum(arrays) != certificate["joints_sha256"]:
+            raise ValueError("their checksum does not fit")
+    except (ValueError, KeyError, TypeError, EOFError, OSError, zipfile.BadZipFile) as error:
+        raise ResultError(
+            f"the joints of the row '{kept.key[:12]}' cannot be rebuilt: {error}", file=store, way_out=DAMAGED
+        ) from error
+    if certificate.get("robot_sha256") != robot.sha256:
+        raise ResultError(
+            f"the robot '{robot.name}' is not the one that carried the row '{kept.key[:12]}': its description, "
+            "models or meshes have changed",
+            file=store,
+            way_out="put its files back, or generate the episodes again in a new folder",
+        )
+    verdict = verify_joints(robot, motion, joints)
+    if verdict.verified is None:
+        raise ResultError(
+            f"the joints of the row '{kept.key[:12]}' do not stand the check any more: {verdict.reasons[0]}",
+            file=store,
+            way_out=DAMAGED,
+        )
+    return verdict.verified

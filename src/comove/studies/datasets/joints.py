@@ -1,0 +1,106 @@
+"""The joints of a robot's episode as samples at an even rate: as they were simulated, else as they are planned."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from comove.errors import ResultError
+from comove.geometry.rotations import quaternion_of_rotation
+from comove.robots import VerifiedJointMotion
+from comove.studies.carried import executed, restored_carry
+from comove.studies.runs import StoredCarry, StudyRun
+from comove.studies.study_file import SimulationPart
+from comove.verification.verify import VerifiedMotion
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class JointSamples:
+    """The joints of an episode at given times, and the hands that they place.
+
+    Attributes
+    ----------
+    robot : name of the robot
+    names : names of the joints
+    columns : columns of each hand's joints, from the base to the tip
+    measured : array, shape (n_steps, n_joints), joints, as measured where the episode was simulated [rad or m]
+    wanted : array, shape (n_steps, n_joints), planned joints of the next sample, which a controller is sent
+    hands : array, shape (n_steps, n_manipulators, 3), positions of the hands at the measured joints [m]
+    orientation : array, shape (n_steps, n_manipulators, 4), their quaternions w x y z
+    figures : measures of verification and simulation, by name
+    """
+
+    robot: str
+    names: tuple[str, ...]
+    columns: tuple[NDArray[np.int64], ...]
+    measured: Array
+    wanted: Array
+    hands: Array
+    orientation: Array
+    figures: Mapping[str, Any]
+
+
+def joint_samples(
+    run: StudyRun, kept: StoredCarry, motion: VerifiedMotion, time: Array, simulate: Any, store: Path
+) -> JointSamples:
+    """Return the joints of an episode, verified anew and, where the study simulates, simulated anew.
+
+    Parameters
+    ----------
+    motion : motion of the hands, verified anew
+    time : array, shape (n_steps,), times of the samples [s]
+    simulate : what the store says of the simulation; None without one
+    store : path of the store, for messages
+
+    Raises
+    ------
+    ResultError
+        If joints or simulation are not what the store says.
+    """
+    carried = restored_carry(kept, motion, store)
+    planned = carried.joints.curve(np.minimum(time, carried.joints.duration))
+    measured = planned if simulate is None else _simulated(run, carried, simulate, time, store)
+    robot, arms = carried.robot, [carried.robot.arm(name) for name in carried.scene.manipulators]
+    poses = np.array([[robot.tool_pose(q, arm) for arm in arms] for q in measured])
+    figures = json.loads(kept.certificate)
+    if kept.simulation:
+        figures["simulation"] = json.loads(kept.simulation)
+    return JointSamples(
+        robot.name,
+        robot.joint_names,
+        tuple(arm.columns for arm in arms),
+        measured,
+        np.concatenate([planned[1:], planned[-1:]]),
+        poses[..., :3, 3],
+        np.array([[quaternion_of_rotation(pose[:3, :3]) for pose in row] for row in poses]),
+        figures,
+    )
+
+
+def _simulated(run: StudyRun, carried: VerifiedJointMotion, simulate: Any, time: Array, store: Path) -> Array:
+    """Return the joints that a simulation measures at given times; array, shape (n_steps, n_joints)."""
+    try:
+        part = SimulationPart.model_validate(simulate)
+    except ValidationError as error:
+        raise ResultError(
+            f"its description was changed: {simulate!r} is no simulation",
+            file=store,
+            way_out="copy the store again",
+        ) from error
+    execution = executed(carried, part, run.seed)
+    if not execution.delivered:
+        raise ResultError(
+            f"episode {run.number} does not deliver its load any more: {execution.reasons[0]}",
+            file=store,
+            way_out="use the version of MuJoCo that ran the study, or generate it again in a new folder",
+        )
+    return np.stack([np.interp(time, execution.time, q) for q in execution.joints.T], axis=1)

@@ -1,0 +1,73 @@
+"""Episodes as MCAP files, one each, with messages of ROS 2: what ROS, Foxglove and comove read.
+
+| topic | type | what |
+|---|---|---|
+| ``/HAND/point`` | PointStamped | a hand, planar ones at z = 0 [m] |
+| ``/load/pose`` | PoseStamped | the load's frame; ``/load1``, ... where hands move as several bodies [m] |
+| ``/obstacle0/point``, ... | PointStamped | centre of an obstacle [m] |
+| ``/comove/about`` | String | JSON: scene, seed, checksums and certified figures |
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.group_poses import poses_at
+from comove.demonstrations.formats import rosbag
+from comove.demonstrations.samples import RecordedSamples
+from comove.errors import ResultError
+from comove.studies.datasets.samples import EpisodeSamples
+
+
+def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
+    """Write `episode_NUMBER.mcap` for every episode; return their number.
+
+    Raises
+    ------
+    DemonstrationError
+        If rosbags is not installed.
+    ResultError
+        If the name of a hand is no name in ROS, or that of another topic.
+    """
+    count = 0
+    for episode in episodes:
+        path = folder / f"episode_{episode.run.number:06d}.mcap"
+        movements: dict[str, RecordedSamples] = {}
+        for name, movement in _movements(episode):
+            if name in movements or not rosbag.NAME.fullmatch(name):
+                raise ResultError(
+                    f"the hand '{name}' cannot be a topic of ROS beside the load and the obstacles",
+                    file=episode.scene.name,
+                    way_out="give it another name of letters, digits and underscores, or export as npz",
+                )
+            movements[name] = movement
+        rosbag.write(path, movements, about=json.dumps(episode.about, allow_nan=False))
+        count += 1
+    return count
+
+
+def _movements(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]:
+    """Yield the movements of hands, bodies that several of them hold, and obstacles, with their names."""
+    scene, time = episode.scene, episode.time
+    for hand, name in enumerate(scene.manipulators):
+        yield name, RecordedSamples(time, _in_space(episode.position[:, hand]))
+    load = load_coordinates(scene)
+    poses = poses_at(load, load.from_hands(episode.position))
+    bodies = [g for g, group in enumerate(scene.groups) if len(group.members) > 1]
+    for number, g in enumerate(bodies):
+        name = f"load{number or ''}"
+        yield name, RecordedSamples(time, poses.center[:, g], orientation=poses.quaternion[:, g])
+    centers = scene.centers + scene.offsets(time)
+    for obstacle in range(len(scene.file.obstacles)):
+        yield f"obstacle{obstacle}", RecordedSamples(time, centers[:, obstacle])
+
+
+def _in_space(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points with three coordinates, planar ones at z = 0."""
+    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
