@@ -2,6 +2,7 @@
 
     python benchmarks/robots.py                          # all of it
     python benchmarks/robots.py --seeds 3 --only solve   # less of it
+    python benchmarks/robots.py --seeds 5 --seed 410 --scenes g1 pr2
 
 Times are from the scene's file to the first and to the last verified joint motion, in seconds on the wall and of the
 processor, which other work on the machine hardly changes; imports, compiling and the robot itself are apart.
@@ -80,7 +81,7 @@ def distance_error(robot: Robot, scene: Scene, joints: np.ndarray) -> float:
     return float(np.abs(apart - planned).max())
 
 
-def table_of_solves(seeds: int) -> Iterator[tuple[Path, VerifiedJointMotion]]:
+def table_of_solves(scenes: list[Path], seeds: range) -> Iterator[tuple[Path, VerifiedJointMotion]]:
     """Print a row a scene; gives the motion of the first seed."""
     print(
         "| scene | verified | first [s] | of the processor | all [s] | of the processor | J "
@@ -88,12 +89,12 @@ def table_of_solves(seeds: int) -> Iterator[tuple[Path, VerifiedJointMotion]]:
         " links [mm] | load [mm] |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|"
     )
     times = []
-    for path in SCENES:
-        runs = [solved(path, seed) for seed in range(seeds)]
+    for path in scenes:
+        runs = [solved(path, seed) for seed in seeds]
         measures = {key: np.array([m[key] for _, m in runs]) for key in runs[0][1]}
         times.append(measures["seconds"])
         print(
-            f"| {path.stem} | {sum(v is not None for v, _ in runs)}/{seeds} "
+            f"| {path.stem} | {sum(v is not None for v, _ in runs)}/{len(seeds)} "
             f"| {np.nanmedian(measures['first']):.2f} | {np.nanmedian(measures['first processor']):.2f} "
             f"| {np.median(measures['seconds']):.2f} | {np.median(measures['processor']):.2f} "
             f"| {np.median(measures['J']):.3f} | {measures['distance'].max():.1e} "
@@ -158,12 +159,16 @@ def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0, help="the first one")
+    parser.add_argument("--scenes", nargs="+", help="names of scenes; all of them unless given")
     parser.add_argument("--only", choices=("solve", "simulate"))
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    for path in SCENES:
+    scenes = [path for path in SCENES if options.scenes is None or path.stem in options.scenes]
+    for path in scenes:
         robot_of(path)
-    motions = list(table_of_solves(1 if options.only == "simulate" else options.seeds))
+    count = 1 if options.only == "simulate" else options.seeds
+    motions = list(table_of_solves(scenes, range(options.seed, options.seed + count)))
     if options.only != "solve":
         table_of_simulations(motions)
 

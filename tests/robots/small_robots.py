@@ -17,7 +17,18 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
 from comove.scenes import Scene
 
-BUNDLED = ("baxter", "tiago_pro", "two_pandas", "two_ur10", "two_xarm7", "ur5_and_panda")
+BUNDLED = (
+    "baxter",
+    "g1",
+    "pr2",
+    "tiago_pro",
+    "two_fr3",
+    "two_pandas",
+    "two_so101",
+    "two_ur10",
+    "two_xarm7",
+    "ur5_and_panda",
+)
 RANDOM = ("random 0", "random 1", "random 2")
 FOOT = """<link name="base"><collision><origin xyz="0.1 0.2 0.3" rpy="1 2 3"/>
 <geometry><box size="0.1 0.2 0.3"/></geometry></collision></link>"""

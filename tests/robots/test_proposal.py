@@ -137,6 +137,21 @@ def test_the_approach_leads_from_the_wrist_to_the_fingers(tmp_path, approach):
     assert found.tool[:3, 3] == pytest.approx(0.1 * np.array(approach), abs=1e-3)
 
 
+def test_a_tool_frame_whose_x_is_the_approach_is_turned_and_stays_where_it_is(tmp_path):
+    """As those of many robots are, PR2 among them."""
+    tool = '<link name="tool_frame"/>' + joint(
+        "to_tool", "link5", "tool_frame", (0.15, 0, 0), kind="fixed", more=""
+    )
+    path = written(tmp_path, urdf(link("base"), arm("", "base", gripper=(1, 0, 0)), tool))
+    proposal = propose([path], tmp_path / "made.yaml")
+    (found,) = proposal.robot.arms
+    assert found.tip == "tool_frame"
+    assert found.tool[:3, 2] == pytest.approx([1, 0, 0], abs=1e-5)
+    assert np.abs(found.tool[:3, 1] @ [0, 1, 0]) == pytest.approx(1.0, abs=1e-5), "fingers open along y"
+    assert found.tool[:3, 3] == pytest.approx([0, 0, 0])
+    assert any("fingers point along its x" in note for note in proposal.notes)
+
+
 def test_a_bare_flange_is_told(tmp_path):
     path = written(tmp_path, urdf(link("base"), arm("", "base")))
     assert any("without fingers" in note for note in propose([path], tmp_path / "made.yaml").notes)

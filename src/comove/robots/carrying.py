@@ -74,12 +74,13 @@ class CarrierSettings:
     same_branch: float = 0.3
     n_between: int = 300
     wander: float = 0.4
-    slack: float = 0.5
+    slack: float = 1.0
     haste: int = 8
     unlikely: float = 0.5
 
 
 SETTINGS = CarrierSettings()
+FULL = 6  # joints with which a hand can be turned every way
 N_THREADS = min(4, n_processors())
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
 
@@ -485,12 +486,15 @@ class RobotCarrier:
         shift = np.linalg.norm(point - pose[:3, 3])
         turn = np.rad2deg(Rotation.from_matrix(rotation @ pose[:3, :3].T).magnitude())
         x, y, z = point
+        way_out = "move it nearer, turn the load or the hands on it, or use another robot"
+        if len(arm.columns) < FULL:
+            way_out = f"{len(arm.columns)} joints cannot turn a hand every way, but most let it point down: {way_out}"
         return _unfit(
             self.scene,
             f"manipulators.{end}",
             f"the arm '{arm.name}' cannot reach its {end} at {x:.3g}, {y:.3g}, {z:.3g}: "
             f"{shift:.3g} m and {turn:.3g} degrees are missing",
-            "move it nearer, turn the load or the hands on it, or use another robot",
+            way_out,
         )
 
 

@@ -1,13 +1,15 @@
 """Reader of URDF models: finds, checks and prepares a model before Pinocchio builds it.
 
-The description's limits and the prefix are written into the model. Pinocchio's reader skips what it does not
-understand, such as a body's shape, and at most prints a message on stderr; here that is an error
+The description's limits and the prefix are written into the model. Right angles of five digits, as many URDFs have
+them, are made whole: an arm of five joints cannot make up for axes that are a hair askew. Pinocchio's reader skips
+what it does not understand, such as a body's shape, and at most prints a message on stderr; here that is an error
 (`comove.robots.soundness`). Collision meshes are read here, since Pinocchio's reader of meshes guesses or crashes on
 damaged files: Pinocchio gets checked triangles.
 """
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -27,6 +29,7 @@ from comove.robots.description import JointLimits, ModelSource, Placement, error
 from comove.robots.soundness import LIMITS, doubts, number, require_sound, short
 
 MAX_BYTES = 20_000_000
+ROUNDED = 5e-6  # rad, within which an angle of a URDF is a right angle, rounded to five digits
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,8 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
         for joint in joints:
             _fill_limits(joint, limits.get(source.prefix + joint.get("name", "")))
         require_sound(tree, source.prefix)
+        for origin in tree.findall("./joint/origin[@rpy]"):
+            origin.set("rpy", " ".join(map(_whole, origin.get("rpy", "").split())))
     for doubt in doubts(tree, source.prefix):
         warnings.warn(f"{path}: {doubt}", ComoveWarning, stacklevel=2)
     meshes: dict[str, bytes] = {}
@@ -251,6 +256,13 @@ def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
         limit.set(key, repr(value))
     if joint.get("type") == "continuous" and "lower" in values and "upper" in values:
         joint.set("type", "revolute")
+
+
+def _whole(angle: str) -> str:
+    """Return an angle [rad] in full if it is a right angle, rounded; otherwise as it is written."""
+    value = float(angle)
+    right = 0.5 * math.pi * round(2.0 * value / math.pi)
+    return repr(right) if 0.0 < abs(value - right) < ROUNDED and right != 0.0 else angle
 
 
 def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:

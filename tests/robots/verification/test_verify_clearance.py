@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comove.robots import JointMotion
+from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.verification import bodies, certificate
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
@@ -163,9 +163,33 @@ def test_bounds_with_slack_are_true_and_give_away_no_more_than_it_says():
 def test_a_contact_is_a_contact_with_slack_too():
     motion, joints = known_carry()
     narrow = on_scene(motion, Scene.from_dict(scene_data(obstacles=(TABLE, *posts(0.15)))))
-    for slack in (0.0, 0.5):
+    for slack in (0.0, 0.5, 1.0):
         found, required = certified(narrow, joints, slack)
         assert found[SCENE].upper < required[SCENE]
+
+
+@pytest.mark.parametrize("gap", [0.236, 0.25, 0.253, 0.26])
+def test_whether_the_clearance_is_kept_does_not_depend_on_slack(gap):
+    """On both sides of the gap at which it is just kept."""
+    motion, joints = known_carry()
+    narrow = on_scene(motion, Scene.from_dict(scene_data(obstacles=(TABLE, *posts(gap)))))
+    tight, required = certified(narrow, joints)
+    loose, _ = certified(narrow, joints, 1.0)
+    verdicts = [
+        all(found.lower >= keep for found, keep in zip(c, required, strict=True)) for c in (tight, loose)
+    ]
+    assert verdicts[0] == verdicts[1]
+    assert verdicts[0] == (tight[SCENE].upper >= required[SCENE])
+    assert all(rough.lower <= exact.upper + 1e-12 for rough, exact in zip(loose, tight, strict=True))
+
+
+def test_a_search_hears_the_first_check_that_fails_and_a_user_all_of_them():
+    motion, joints = known_carry()
+    beyond = replace(joints, position=joints.position.copy())
+    beyond.position[:, 0] += 3.0  # rad: beyond the joint's limits, and its hand off the load
+    every, first = (verify_joints(baxter(), motion, beyond, slack=slack).reasons for slack in (0.0, 1.0))
+    assert first
+    assert first == every[: len(first)] != every
 
 
 def test_a_box_between_the_hands_is_kept_clear_of():

@@ -226,38 +226,58 @@ def _with_tools(
     chains = [chain for part in parts for chain in part.chains]
     arms, notes = dict(data["arms"]), []
     for arm, chain in zip(robot.arms, chains, strict=True):
-        if TOOLS.search(chain.tip):
-            continue
-        frames = _finger_frames(robot, arm)
+        frames, at_tip = _finger_frames(robot, arm), TOOLS.search(chain.tip) is not None
         if not len(frames):
-            notes.append(
-                f"the arm '{arm.name}' ends in '{arm.tip}' without fingers: give the tool that it holds the load "
-                "with, tool: {position: [0, 0, LENGTH]}; z is the direction of approach"
-            )
+            if not at_tip:
+                notes.append(
+                    f"the arm '{arm.name}' ends in '{arm.tip}' without fingers: give the tool that it holds the load "
+                    "with, tool: {position: [0, 0, LENGTH]}; z is the direction of approach"
+                )
             continue
-        from_wrist, middle = (
-            frames[0],
-            frames[1:].mean(axis=0),
-        )  # the tip is at minus the one from the last joint
-        frames = frames[1:]
-        approach = _nearest_axis(middle) if np.linalg.norm(middle) > 1e-3 else np.array([0.0, 0.0, 1.0])
-        spread = np.ptp(frames, axis=0) if len(frames) > 1 else np.array([0.0, 1.0, 0.0])
-        across = _nearest_axis(spread - (spread @ approach) * approach)
-        if abs(across @ approach) > 0.5:
-            across = np.roll(approach, 1)
-        turn = Rotation.from_matrix(np.column_stack([np.cross(across, approach), across, approach]))
+        turn, along = _grasp_axes(frames)
+        approach = turn[:, 2]
+        if at_tip and approach[2] > 0.5:
+            continue
         tool: dict[str, Any] = {}
-        if turn.magnitude() > 1e-6:
-            tool["quaternion_wxyz"] = [round(float(v), 6) for v in turn.as_quat(scalar_first=True)]
-        tool["position"] = [round(float(v), 4) for v in ((middle - from_wrist) @ approach) * approach]
-        arms[arm.name] = arms[arm.name] | {"tool": tool}
+        if (turned := Rotation.from_matrix(turn)).magnitude() > 1e-6:
+            tool["quaternion_wxyz"] = [round(float(v), 6) for v in turned.as_quat(scalar_first=True)]
         axis = "xyz"[int(np.abs(approach).argmax())]
         sign = "-" if approach.sum() < 0 else ""
-        notes.append(
-            f"the tool of '{arm.name}' is where the fingers begin, its approach along {sign}{axis} of '{arm.tip}': "
-            "see the picture, and move it between the finger tips"
-        )
+        if at_tip:
+            notes.append(
+                f"the tool of '{arm.name}' turns '{arm.tip}', whose fingers point along its {sign}{axis}, so that z "
+                "is the direction of approach"
+            )
+        else:
+            tool["position"] = [round(float(v), 4) for v in along * approach]
+            notes.append(
+                f"the tool of '{arm.name}' is where the fingers begin, its approach along {sign}{axis} of "
+                f"'{arm.tip}': see the picture, and move it between the finger tips"
+            )
+        arms[arm.name] = arms[arm.name] | {"tool": tool}
     return data | {"arms": arms}, notes
+
+
+def _grasp_axes(frames: Array) -> tuple[Array, float]:
+    """Return the axes of a grasp frame in those of the tip, and how far along its approach the fingers begin [m].
+
+    Parameters
+    ----------
+    frames : array, shape (1 + n_fingers, 3), as `_finger_frames` returns them
+
+    Returns
+    -------
+    array, shape (3, 3), a rotation, and the distance from the tip
+    """
+    from_wrist, fingers = frames[0], frames[1:]  # the tip is at minus the one from the last joint
+    middle = fingers.mean(axis=0)
+    approach = _nearest_axis(middle) if np.linalg.norm(middle) > 1e-3 else np.array([0.0, 0.0, 1.0])
+    spread = np.ptp(fingers, axis=0) if len(fingers) > 1 else np.array([0.0, 1.0, 0.0])
+    across = _nearest_axis(spread - (spread @ approach) * approach)
+    if abs(across @ approach) > 0.5:
+        across = np.roll(approach, 1)
+    axes = np.column_stack([np.cross(across, approach), across, approach])
+    return axes, float((middle - from_wrist) @ approach)
 
 
 def _finger_frames(robot: Robot, arm: Arm) -> Array:

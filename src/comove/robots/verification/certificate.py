@@ -74,6 +74,9 @@ class LinkClearance(NamedTuple):
     time: float
 
 
+UNKNOWN = [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3
+
+
 class _Cells(NamedTuple):
     """Pairs during time intervals of equal length, given by the intervals' numbers; arrays, shape (n_cells,)."""
 
@@ -101,11 +104,13 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
     curve : joint positions by time [s], cubic between samples
     slack : share of the clearance beyond the required one that bounds may give away. With any, whether all pairs keep
         what is required is certified as ever, but bounds are loose where there is room, and nothing more is computed
-        once a pair is known to violate it
+        once a pair is known to violate it. With all of it, no clearance is computed that need not be: convex hulls
+        suffice where they keep what is required
     """
     distances, nearing = _Distances(bodies, carried, curve), Nearing(bodies, curve)
     cells, width, computed = _first(bodies), float(curve.x[-1]) / FIRST, 0
-    lower, met, balls_help = np.full(3, np.inf), _few(distances, cells, width), True
+    lower, balls_help = np.full(3, np.inf), True
+    met = UNKNOWN if slack >= 1.0 else _few(distances, cells, width)
     for depth in range(DEEPEST):
         kind, middle = bodies.kind[cells.pair], (cells.stretch.astype(float) + 0.5) * width
         change, bound = distances.changes(cells, width), np.full(len(kind), -np.inf)
@@ -139,6 +144,8 @@ def _enough(met: list[LinkClearance], bodies: Bodies, slack: float) -> Array:
     upper, required = np.array([least.upper for least in met]), bodies.required
     if slack > 0.0 and (upper < required).any():
         return np.full(3, -np.inf)
+    if slack >= 1.0:
+        return required
     known = np.isfinite(upper)
     spare = np.where(known, upper, 0.0) - required
     enough = np.where(known, np.maximum(required, upper - np.maximum(TIGHT, slack * spare)), np.inf)
@@ -154,7 +161,7 @@ def _few(distances: _Distances, cells: _Cells, width: float) -> list[LinkClearan
         chosen[own[np.argsort(rough[own], kind="stable")[:FEW]]] = True
     few = cells.chosen(chosen)
     few = few._replace(pair=bodies.exact[few.pair])
-    return _met([LinkClearance(np.inf, np.inf, -1, 0.0)] * 3, bodies, few, width, distances(few, width))
+    return _met(UNKNOWN, bodies, few, width, distances(few, width))
 
 
 def _met(
