@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class JointSamples:
+class EpisodeJoints:
     """The joints of an episode at given times, and the hands that they place.
 
     Attributes
@@ -51,7 +51,7 @@ class JointSamples:
 
 def joint_samples(
     run: StudyRun, kept: StoredCarry, motion: VerifiedMotion, time: Array, simulate: Any, store: Path
-) -> JointSamples:
+) -> EpisodeJoints:
     """Return the joints of an episode, verified anew and, where the study simulates, simulated anew.
 
     Parameters
@@ -74,7 +74,7 @@ def joint_samples(
     figures = json.loads(kept.certificate)
     if kept.simulation:
         figures["simulation"] = json.loads(kept.simulation)
-    return JointSamples(
+    return EpisodeJoints(
         robot.name,
         robot.joint_names,
         tuple(arm.columns for arm in arms),

@@ -23,7 +23,7 @@ from comove.studies.runs import MEASURES, RUNS, StudyRun, StudyStore
 from comove.verification.verify import VerifiedMotion, verify
 
 if TYPE_CHECKING:
-    from comove.studies.datasets.joints import JointSamples
+    from comove.studies.datasets.joints import EpisodeJoints
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class EpisodeSamples:
     run: StudyRun
     motion: VerifiedMotion
     rate: int
-    joints: JointSamples | None = None
+    joints: EpisodeJoints | None = None
 
     @property
     def scene(self) -> Scene:
