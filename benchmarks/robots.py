@@ -15,12 +15,14 @@ import argparse
 import time
 import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.errors import SceneError
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
 from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry
@@ -40,7 +42,9 @@ def robot_of(path: Path) -> Robot:
     scene = Scene.load(path)
     robot = Robot.load(scene.file.robot)
     load_robot_kernels(SceneKind.of(scene))
-    RobotCarrier(robot, scene).require_reach()
+    for choice in scene.alternatives:
+        with suppress(SceneError):  # another grasp may do
+            RobotCarrier(robot, choice).require_reach()
     return robot
 
 

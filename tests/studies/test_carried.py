@@ -247,6 +247,7 @@ NEVER = [
     ({"draws": [{"key": "load.mass", "uniform": [90, 99]}]}, "cannot hold the load: .* needs up to .* N "),
     ({"scene": {k: v for k, v in SCENE.items() if k != "grasp"}}, "how to hold the load"),
     ({"scene": {k: v for k, v in SCENE.items() if k != "load"}, "draws": []}, "add a load"),
+    ({"scene": SCENE | {"obstacles": 5}}, "obstacles: 5 is not a list"),
     ({"scene": PLANAR | {"robot": "baxter"}, "draws": []}, "a robot moves in space, and the scene is planar"),
 ]
 

@@ -9,7 +9,6 @@ what a robot meets that stands elsewhere.
 from __future__ import annotations
 
 import math
-from itertools import product
 from typing import Any
 
 from comove.errors import near_name
@@ -104,15 +103,14 @@ def _shift(data: dict[str, Any], end: str, shift: Any) -> None:
 def _shift_all(data: dict[str, Any], shift: Any) -> None:
     for end in ENDS:
         _shift(data, end, shift)
-    obstacles = [one for one in data.get("obstacles") or [] if isinstance(one, dict)]
-    moving = [one["motion"] for one in obstacles if isinstance(one.get("motion"), dict)]
-    workspace = data.get("workspace")
-    corners = [workspace] if isinstance(workspace, dict) else []
-    for holder, key in (*((one, "center") for one in obstacles), *product(corners, ("lower", "upper"))):
-        if key in holder:
-            holder[key] = _sum(holder[key], shift, key)
-    for motion in moving:
-        if isinstance(motion.get("waypoints"), list):
+    obstacles = data.get("obstacles")
+    parts = [data.get("workspace"), *(obstacles if isinstance(obstacles, list) else ())]
+    for part in (one for one in parts if isinstance(one, dict)):
+        for key in ("lower", "upper", "center"):
+            if key in part:
+                part[key] = _sum(part[key], shift, key)
+        motion = part.get("motion")
+        if isinstance(motion, dict) and isinstance(motion.get("waypoints"), list):
             motion["waypoints"] = [_sum(point, shift, "waypoints") for point in motion["waypoints"]]
 
 
