@@ -137,6 +137,13 @@ def placed(base: Placement) -> Array:
     return pose
 
 
+def whole_robot(carrier: RobotCarrier, q: Array) -> Array:
+    """Return the joints of the whole robot from those of the holders."""
+    whole = carrier.robot.home
+    whole[np.concatenate([arm.columns for arm in carrier.holders])] = q
+    return whole
+
+
 class Peer:
     """A scene as RoboPlan sees it: one URDF of all models, the load on the first hand unless left out."""
 
@@ -211,7 +218,7 @@ class Peer:
         pose = np.eye(4)
         pose[:3, 3] = 0.5 * (a + b)
         pose[:3, :3] = Rotation.align_vectors((b - a)[None], [[0.0, 0.0, 1.0]])[0].as_matrix()
-        hand = self.robot.tool_pose(self.full(q), self.arms[0])
+        hand = self.robot.tool_pose(whole_robot(carrier, q), self.arms[0])
         link, body, shape = element("link", name="load"), element("collision"), element("geometry")
         shape.append(
             element("cylinder", radius=repr(float(scene.body.radii.max())), length=repr(float(far.max())))
@@ -235,12 +242,6 @@ class Peer:
                 self.scene.addSphereGeometry(name, *where, Sphere(obstacle.radius), pose, color)
             others = [f"obstacle{other}" for other in range(k)]
             self.scene.setCollisions([(name, body) for body in [*standing, *others]], False)
-
-    def full(self, q: Array) -> Array:
-        """Return the joints of the whole robot from those of the holders."""
-        whole = self.robot.home
-        whole[np.concatenate([arm.columns for arm in self.arms])] = q
-        return whole
 
     def constraints(self, q: Array) -> list[PoseConstraint]:
         """Return what holds the second hand to the first, and the first level, as they are at joints q."""
@@ -309,7 +310,7 @@ def by_roboplan(scene: Scene, robot: Robot, carrier: RobotCarrier, seed: int) ->
     for start, goal in carrier._ends:
         if time.process_time() - begun > BUDGET:
             break
-        first, last = peer.full(start), peer.full(goal)
+        first, last = whole_robot(carrier, start), whole_robot(carrier, goal)
         path = peer.plan("all", first, last, seed, peer.constraints(first))
         if path is not None:
             done = time.process_time() - begun
@@ -365,7 +366,7 @@ def sizes(joints: Array) -> tuple[float, float]:
 
 def alone(scene: Scene, robot: Robot, carrier: RobotCarrier, seed: int) -> list[tuple[float, bool]]:
     """Move the first arm from one end to the other without a load: time and success of comove and RoboPlan."""
-    start, goal = (carrier_full(robot, carrier, q) for q in carrier._ends[0])
+    start, goal = (whole_robot(carrier, q) for q in carrier._ends[0])
     arm = carrier.holders[0]
     goal = np.where(np.isin(np.arange(len(start)), arm.columns), goal, start)
     known = bodies(scene, robot, carrier)
@@ -386,13 +387,6 @@ def alone(scene: Scene, robot: Robot, carrier: RobotCarrier, seed: int) -> list[
     peer.scene.setJointPositions(start)
     found = peer.plan(arm.name, start[arm.columns], goal[arm.columns], seed, [])
     return [*rows, (time.process_time() - begun, found is not None)]
-
-
-def carrier_full(robot: Robot, carrier: RobotCarrier, q: Array) -> Array:
-    """Return the joints of the whole robot from those of the holders."""
-    whole = robot.home
-    whole[np.concatenate([arm.columns for arm in carrier.holders])] = q
-    return whole
 
 
 def median(values: list[float]) -> str:

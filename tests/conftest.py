@@ -10,8 +10,8 @@ from comove._compiled import ALONE
 MANY = 1000
 
 # Every core runs tests: helpers that compile would only compile the same twice, and threads of linear algebra wait.
-for alone in (ALONE, "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(alone, "1")
+for variable in (ALONE, "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
 
 # The same examples every time; `pytest --hypothesis-profile=explore` looks for new ones.
 settings.register_profile("explore", deadline=None)

@@ -80,7 +80,7 @@ def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Met
 
     require_one_of(name, known, "method")
     kinds: tuple[type[Method], ...] = (Comove, Projection, Paper, Printed)
-    if name in COMPARED:  # a third of a second, which comove's own methods do not need
+    if name in COMPARED:  # they import robots, which comove's own methods do not need
         from comove.experiments.compared import (
             LeaderFollower,
             Single,

@@ -41,7 +41,7 @@ class Polytope:
 
 def hull_of(points: Array) -> Polytope | None:
     """Return the convex hull of points, array of shape (n, 3) [m]; None where they all lie in one plane."""
-    from scipy.spatial import ConvexHull, QhullError  # a quarter of a second, which only polytopes need
+    from scipy.spatial import ConvexHull, QhullError  # slow to import, and only polytopes need it
 
     try:
         hull = ConvexHull(points)

@@ -133,7 +133,7 @@ def _connected(faces: Faces, n_vertices: int) -> list[NDArray[np.int64]]:
     """Return the numbers of the faces of each connected part."""
     if not len(faces):
         return []
-    from scipy.sparse import coo_array  # a quarter of a second, which only meshes need
+    from scipy.sparse import coo_array  # slow to import, and only meshes need it
     from scipy.sparse.csgraph import connected_components
 
     a, b, c = faces.T

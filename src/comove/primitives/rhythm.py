@@ -136,7 +136,7 @@ def estimated_period(time: Array, position: Array) -> float:
         then = np.stack([np.interp(later + period, even, column) for column in x.T])
         return float(((then - now) ** 2).mean())
 
-    from scipy.optimize import minimize_scalar  # a third of a second, which only rhythms need
+    from scipy.optimize import minimize_scalar  # slow to import, and only rhythms need it
 
     shortest, longest = 0.95 * guess, min(1.05 * guess, 0.98 * time[-1])
     if shortest >= longest:

@@ -95,8 +95,9 @@ class EpisodeSamples:
 
     @property
     def poses(self) -> tuple[tuple[str, ...], Array] | None:
-        """Return the names of the coordinates of a robot's hands, and these with their quaternions w x y z; array,
-        shape (n_steps, n_values) [m]; None without a robot, whose state they are.
+        """Return a robot's hands with their quaternions w x y z: names, and array of shape (n_steps, n_values) [m].
+
+        Without a robot it is None: the hands are the state then.
         """
         if self.joints is None:
             return None
