@@ -37,6 +37,7 @@ from comove.robots.search.planner import plan_with_arms
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
+from comove.scenes.model import ROBOT_CLEARANCE
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -164,6 +165,8 @@ class RobotCarrier:
             spare=self.settings.spare * (1 + self.caution),
             share=self.settings.share * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
+            ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
+            eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
         )
         return Arms(*_of_robot(self.robot, self.holders), around)
 
@@ -237,7 +240,7 @@ class RobotCarrier:
         )
         tally[0 if path is not None else 1, drawn] += 1.0
         if path is not None:
-            vars(self)["_led"] = first
+            vars(self)["_led"] = np.stack([first, last])
         return path
 
     @cached_property
@@ -286,7 +289,7 @@ class RobotCarrier:
         """
         steps = np.linspace(0, nodes.shape[1] - 1, self.settings.n_samples).round().astype(int)
         nodes = np.ascontiguousarray(nodes[:, steps])
-        strain, around = self.strain(nodes, self.best_start(nodes[0])), self.arms.around
+        strain, around = self.strain(nodes, self.best_course(nodes[0])), self.arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
         possible &= strain.clearance > around.clearance
         return (strain.penalty + self.settings.ease * strain.jolt).sum(axis=1) + strain.contact, possible
@@ -307,8 +310,8 @@ class RobotCarrier:
         """Compute the joints along a motion of the hands, and where they miss it most, if they do; `haste` as in
         `search.tracking.track`.
         """
-        start = self.best_start(sampled_nodes(motion))
-        return track(self.robot, self.holders, self.arms, motion, start, haste=haste)
+        course = self.best_course(sampled_nodes(motion))
+        return track(self.robot, self.holders, self.arms, motion, course, haste=haste)
 
     def reasons(self, motion: CoordinatedMotion) -> tuple[str, ...]:
         """Return the reasons why the robot cannot carry out a motion; none if it can."""
@@ -386,33 +389,43 @@ class RobotCarrier:
         self.ask(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
         self.track(straight)
 
-    def strain(self, nodes: Array, start: Array) -> Strain:
-        """Compute what motions demand of the arms from given joints, array of shape (n_joints,); nodes as in
-        `ask`.
-        """
+    def strain(self, nodes: Array, course: Array) -> Strain:
+        """Compute what motions demand of the arms on a course, array of shape (2, n_joints); nodes as in `ask`."""
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
         # Asked for here: it needs the same threads, which would wait for each other for ever.
         busy = self._busy
-        done = _THREADS.map(lambda part: follow(busy, part, start, self.scene.duration), parts)
+        done = _THREADS.map(lambda part: follow(busy, part, course, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
-    def best_start(self, nodes: Array) -> Array:
-        """Choose, for each arm, the start from which it follows one motion best; array, shape (n_joints,).
+    def best_course(self, nodes: Array) -> Array:
+        """Choose, for each arm, the start from which it follows one motion best, and the goal nearest to it; array,
+        shape (2, n_joints).
 
         Parameters
         ----------
         nodes : array, shape (n_steps, n_nodes, 3) [m]
         """
-        starts, n_most = self.starts, max(map(len, self.starts))
-        nodes = np.ascontiguousarray(nodes[:: self.settings.coarser])
-        tried = [[s[min(k, len(s) - 1)] for s in starts] for k in range(n_most)]
-        if n_most == 1:
-            return np.concatenate(tried[0])
+        n_most, nodes = max(map(len, self.starts)), np.ascontiguousarray(nodes[None, :: self.settings.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
-        if led is not None and not self.strain(nodes[None], led).penalty.any():
+        if led is not None and (n_most == 1 or self._cost(nodes, led) == 0.0):
             return led
-        penalties = np.array([self.strain(nodes[None], np.concatenate(q)).penalty[0] for q in tried])
-        return np.concatenate([tried[k][i] for i, k in enumerate(penalties.argmin(axis=0))])
+        tried = [
+            np.hstack(
+                [_onward(s[min(k, len(s) - 1)], goals) for s, goals in zip(self.starts, self.goals, strict=True)]
+            )
+            for k in range(n_most)
+        ]
+        if n_most == 1:
+            return tried[0]
+        penalties = np.array([self.strain(nodes, course).penalty[0] for course in tried])
+        best, first = penalties.argmin(axis=0), self.arms.chains.first
+        chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
+        return chosen if led is None else min((led, chosen), key=lambda course: self._cost(nodes, course))
+
+    def _cost(self, nodes: Array, course: Array) -> float:
+        """Return the penalty of one motion on a course, contacts of links included."""
+        strain = self.strain(nodes, course)
+        return float(strain.penalty.sum() + strain.contact[0])
 
     def clearance(self, q: Array, nodes: Array) -> float:
         """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].
@@ -515,6 +528,11 @@ def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
     lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
     pairs = [(corners[a], corners[b]) for corners in solids for a, b in lines]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _onward(start: Array, goals: Array) -> Array:
+    """Return the joints of one arm at a start, and those of its goals that are nearest; array, shape (2, n_joints)."""
+    return np.stack([start, min(goals, key=lambda goal: _apart(start, goal))])
 
 
 def _apart(p: Array, q: Array, digits: int = 6) -> float:

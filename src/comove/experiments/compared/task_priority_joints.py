@@ -51,7 +51,7 @@ class JointController(Controller):
         if not isinstance(carrier, RobotCarrier):
             raise TypeError(f"joints are those of a RobotCarrier, not of {type(carrier).__name__}")
         self.carrier, self.arms = carrier, carrier.arms
-        self.first = carrier.best_start(sampled_nodes(taught))
+        self.first = carrier.best_course(sampled_nodes(taught))[0]
         self.joints, self.path = self.first, [self.first]
         self.rates, self.turned = np.zeros_like(self.first), 0.0
         least = self.scene.clearance + method.margin

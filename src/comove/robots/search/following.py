@@ -1,7 +1,7 @@
 """Kernels in which arms follow the hands.
 
-Each sample is solved from the joints of the samples before it, and redundant joints are drawn to the posture at home,
-so the joints move as continuously as the hands. Residuals, margins of the joints, rates, torques and distances of the
+Each sample is solved from the joints of the samples before it, and redundant joints are drawn to a *course*, the line
+from the joints at the start to those at the goal, so the joints move as continuously as the hands. Residuals, margins of the joints, rates, torques and distances of the
 links are summed into one penalty for each motion.
 """
 
@@ -91,14 +91,36 @@ def hand_rotation(around: LinkSurroundings, hands: Array, i: int, out: Array) ->
         out[2, b] = rest[2, b]
 
 
+@numba.njit(cache=True, error_model="numpy")
+def posture_on(course: Array, around: LinkSurroundings, hands: Array, out: Array) -> None:
+    """Compute the posture on a course to which redundant joints are drawn, as far from its ends as the hands are.
+
+    Parameters
+    ----------
+    course : array, shape (2, n_joints), joints at start and goal
+    hands : array, shape (n_arms, 3), their positions, before any nodes of the load [m]
+    out : result, array of shape (n_joints,)
+    """
+    away = np.zeros(2)
+    for end in range(2):
+        for i in range(around.ends.shape[1]):
+            square = 0.0
+            for axis in range(3):
+                square += (hands[i, axis] - around.ends[end, i, axis]) ** 2
+            away[end] += sqrt(square)
+    share = away[0] / max(away[0] + away[1], 1e-12)
+    for j in range(out.shape[0]):
+        out[j] = course[0, j] + share * (course[1, j] - course[0, j])
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def follow(arms: Arms, nodes: Array, start: Array, duration: float) -> tuple[Array, ...]:
+def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
     """Follow motions of the load and its hands; returns the fields of `Strain`.
 
     Parameters
     ----------
     nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced over `duration` [m]
-    start : array, shape (n_joints,), joints from which the first pose is solved
+    course : array, shape (2, n_joints), joints at start and goal; the first pose is solved from the former
     """
     wished = 0.15  # rad, of margin to the limits, below which it costs something
     chains, around = arms.chains, arms.around
@@ -107,9 +129,9 @@ def follow(arms: Arms, nodes: Array, start: Array, duration: float) -> tuple[Arr
     rates, jolt = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
     penalty = np.zeros((n_rollouts, n_arms))
     clearance, contact = np.zeros(n_rollouts), np.zeros(n_rollouts)
-    q = np.empty((n_steps, start.shape[0]))
+    q = np.empty((n_steps, course.shape[1]))
     for k in range(n_rollouts):
-        follow_one(arms, nodes[k], start, q, missing[k], penalty[k])
+        follow_one(arms, nodes[k], course, q, missing[k], penalty[k])
         clearance[k], contact[k] = _contact(arms, q, nodes[k])
         for i in range(n_arms):
             for t in range(n_steps):
@@ -127,22 +149,23 @@ def follow(arms: Arms, nodes: Array, start: Array, duration: float) -> tuple[Arr
 
 
 @numba.njit(cache=True, error_model="numpy")
-def follow_one(arms: Arms, nodes: Array, start: Array, q: Array, missing: Array, penalty: Array) -> None:
+def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array, penalty: Array) -> None:
     """Compute the joints along one motion; results: `q`, array of shape (n_steps, n_joints), `missing` and `penalty`
     by arm.
     """
     chains, around = arms.chains, arms.around
-    n_steps, rotation = nodes.shape[0], np.empty((3, 3))
+    n_steps, rotation, posture = nodes.shape[0], np.empty((3, 3)), np.empty(course.shape[1])
     for t in range(n_steps):
-        for j in range(start.shape[0]):
+        posture_on(course, around, nodes[t], posture)
+        for j in range(course.shape[1]):
             if t == 0:
-                q[t, j] = start[j]
+                q[t, j] = course[0, j]
                 continue
             on = q[t - 1, j] if t == 1 else 2.0 * q[t - 1, j] - q[t - 2, j]  # on, as before
             q[t, j] = inside(chains, j, on, KEEP)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(around, nodes[t], i, rotation)
-            left = reach_pose(chains, i, rotation, nodes[t, i], around.posture, SEARCHING, q[t])
+            left = reach_pose(chains, i, rotation, nodes[t, i], posture, SEARCHING, q[t])
             missing[i] = max(missing[i], left)
             if left > MET:
                 penalty[i] += (1.0 + 50.0 * left) / n_steps
@@ -163,7 +186,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
         for i in range(links.joint.shape[0]):
             for axis in range(3):
                 ends[k, 0, i, axis], ends[k, 1, i, axis] = links.start[i, axis], links.end[i, axis]
-    wished = around.clearance + around.spare
+    wished, eased = around.clearance + around.spare, around.eased
     least, penalty = wished, 0.0
     place_links(chains, links, q[0], ends[0, 0], ends[0, 1])
     for t in range(0, n_steps, stride):
@@ -171,7 +194,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
         here, there, between = ends[turn], ends[1 - turn], ends[2]
         place_links(chains, links, q[after], there[0], there[1])
         moved = _longest_step(links, here, there)
-        apart = clearance_between(links, here[0], here[1], wished)
+        apart = clearance_between(links, here[0], here[1], wished - eased) + eased
         if apart < wished:
             least = min(least, apart)
             penalty += stride * _cost_of_contact(around, wished - apart) / n_steps

@@ -42,7 +42,9 @@ class LinkSurroundings(NamedTuple):
     clearance : required clearance of the links [m]
     spare : additional clearance that a search keeps [m]
     share : share of the limits of rates and torques that a search uses
-    posture : array, shape (n_joints,), posture to which redundant joints are drawn: home
+    posture : array, shape (n_joints,), home, to which redundant joints are drawn at the ends
+    ends : array, shape (2, n_arms, 3), hands at start and goal [m]
+    eased : clearance that links need less from each other than from other things [m]
     """
 
     at_rest: Array
@@ -57,6 +59,8 @@ class LinkSurroundings(NamedTuple):
     spare: float
     share: float
     posture: Array
+    ends: Array
+    eased: float
 
 
 class Links(NamedTuple):
@@ -313,12 +317,15 @@ def links_clearance(
 ) -> float:
     """Compute the least distance [m] of the links from obstacles, from the load and from each other, at most `cap`.
 
+    Links count as farther from each other by what they need less (`eased`).
+
     Parameters
     ----------
     start, end : arrays, shape (n_links, 3), ends of the links' axes as `place_links` writes them [m]
     nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
     """
-    return clearance_between(links, start, end, clearance_around(links, around, start, end, nodes, cap))
+    least, eased = clearance_around(links, around, start, end, nodes, cap), around.eased
+    return clearance_between(links, start, end, least - eased) + eased
 
 
 @numba.njit(cache=True, error_model="numpy")

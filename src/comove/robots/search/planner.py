@@ -30,7 +30,7 @@ from comove.planning.configurations import (
 from comove.planning.planner import continuous
 from comove.planning.trees import copy_to, rrt_connect, shortened
 from comove.robots.search.chains import Iteration, reach_pose
-from comove.robots.search.following import KEEP, Arms, hand_rotation
+from comove.robots.search.following import KEEP, Arms, hand_rotation, posture_on
 from comove.robots.search.links import ENOUGH, ROUGH, links_clearance, place_links
 
 Array = NDArray[np.float64]
@@ -52,12 +52,14 @@ class CarriedSpace(NamedTuple):
     space : space of the load
     arms : arms that carry it
     n_columns : number of columns of a configuration
+    course : array, shape (2, n_joints), joints at start and goal, between which redundant joints are drawn
     clock : that of the space
     """
 
     space: Space
     arms: Arms
     n_columns: int
+    course: Array
     clock: Array
 
 
@@ -93,13 +95,14 @@ def plan_with_arms(
     scratch = np.empty((space.blocks.node.shape[0], 3))
     at_ends = min(clearance_of(space, q, scratch, 0.0) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
-    world, n_columns = CarriedSpace(space, arms, len(start[0]), space.clock), len(start[0])
+    course = np.stack([start[1], goal[1]])
+    world, n_columns = CarriedSpace(space, arms, len(start[0]), course, space.clock), len(start[0])
     ends = np.concatenate(start), np.concatenate(goal)
     path = rrt_connect(world, *ends, margin, rng, max_nodes, 20 * max_nodes, np.empty((0, len(ends[0]))))
     if len(path) == 0:
         return None
     path = _dense(space, path[:, :n_columns])
-    joints = _followed(space, arms, path, start[1])
+    joints = _followed(space, arms, course, path)
     if len(joints) < len(path):
         return None
     path = shortened(world, np.hstack([path, joints]), margin, rng, N_SHORTCUTS)
@@ -129,25 +132,25 @@ def _dense(space: Space, path: Array) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _followed(space: Space, arms: Arms, path: Array, joints: Array) -> Array:
+def _followed(space: Space, arms: Arms, course: Array, path: Array) -> Array:
     """Compute the joints along a path, as far as the arms can follow; array, shape (n_followed, n_joints)."""
-    out = np.empty((path.shape[0], joints.shape[0]))
-    copy_to(joints, out[0])
+    out = np.empty((path.shape[0], course.shape[1]))
+    copy_to(course[0], out[0])
     for k in range(1, path.shape[0]):
         copy_to(out[k - 1], out[k])
-        if not follow_edge(space, arms, path[k - 1], path[k], out[k]):
+        if not follow_edge(space, arms, course, path[k - 1], path[k], out[k]):
             return out[:k]
     return out
 
 
 @numba.njit(cache=True, error_model="numpy")
-def follow_edge(space: Space, arms: Arms, p: Array, target: Array, joints: Array) -> bool:
+def follow_edge(space: Space, arms: Arms, course: Array, p: Array, target: Array, joints: Array) -> bool:
     """Follow an edge with all arms, joints in place; returns False where an arm does not reach, jumps or comes too
     near.
     """
     chains, links, around = arms.chains, arms.links, arms.around
     nodes = np.empty((space.blocks.node.shape[0], 3))
-    at, rotation, before = np.empty_like(p), np.empty((3, 3)), np.empty_like(joints)
+    at, rotation, before, posture = np.empty_like(p), np.empty((3, 3)), np.empty_like(joints), np.empty_like(joints)
     start, end = links.start.copy(), links.end.copy()
     count = max(1, int(np.ceil(span(space, p, target) / SUB_STEP)))
     for step in range(1, count + 1):
@@ -155,10 +158,11 @@ def follow_edge(space: Space, arms: Arms, p: Array, target: Array, joints: Array
             return False
         interpolate(space, p, target, step / count, at)
         place_one(space.blocks, at, 1.0, nodes)
+        posture_on(course, around, nodes, posture)
         copy_to(joints, before)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(around, nodes, i, rotation)
-            left = reach_pose(chains, i, rotation, nodes[i], around.posture, LEADING, joints)
+            left = reach_pose(chains, i, rotation, nodes[i], posture, LEADING, joints)
             if left > LEADING.tolerance:
                 return False
         for j in range(joints.shape[0]):
@@ -180,7 +184,7 @@ def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float
     if not edge_is_free(space, p, out, margin, scratch, nodes):
         return trees.BLOCKED
     copy_to(p[n:], out[n:])
-    if not follow_edge(space, world.arms, p, out, out[n:]):
+    if not follow_edge(space, world.arms, world.course, p, out, out[n:]):
         return trees.BLOCKED
     if steps == trees.WHOLE:  # ends in the joints of q, not in those of another branch
         for c in range(n, q.shape[0]):
@@ -214,7 +218,7 @@ def _draw(
 def _between(world: CarriedSpace, p: Array, q: Array, share: float, out: Array) -> bool:
     interpolate(world.space, p, q, share, out)
     copy_to(p[world.n_columns :], out[world.n_columns :])
-    return follow_edge(world.space, world.arms, p, out, out[world.n_columns :])
+    return follow_edge(world.space, world.arms, world.course, p, out, out[world.n_columns :])
 
 
 @trees.answers(trees.length, CarriedSpace)

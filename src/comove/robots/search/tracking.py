@@ -39,7 +39,7 @@ def track(
     holders: tuple[Arm, ...],
     arms: Arms,
     motion: CoordinatedMotion,
-    start: Array,
+    course: Array,
     *,
     haste: int = 1,
 ) -> tuple[JointMotion, Miss | None]:
@@ -51,13 +51,14 @@ def track(
     Parameters
     ----------
     holders, arms : the arms in the order of the hands, and as arrays
-    start : array, shape (n_joints,), joints of these arms from which the first pose is solved
+    course : array, shape (2, n_joints), joints of these arms at start and goal; the first pose is solved from the
+        former
     haste : samples of which one is solved first; if one of those is missed, the others are not solved
     """
-    duration, n_joints = motion.scene.duration, len(start)
+    duration, n_joints = motion.scene.duration, course.shape[1]
     coarse = sampled_nodes(motion)
     led, missing = np.empty((len(coarse), n_joints)), np.zeros((2, len(holders)))
-    follow_one(arms, coarse, start, led, missing[0], missing[1])
+    follow_one(arms, coarse, course, led, missing[0], missing[1])
     time = _sample_times(duration)
     posture = _smooth(np.linspace(0.0, duration, len(coarse)), led, time)
     return _solved(robot, holders, arms, motion, time, posture, haste)
