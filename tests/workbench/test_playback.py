@@ -53,7 +53,7 @@ def run_folder(executed, tmp_path):
 
 def test_a_run_is_played_as_it_was_recorded(executed, run_folder):
     record, _ = executed
-    shelf = shelf_of(run_folder, run_folder.parent)
+    shelf = shelf_of([run_folder], run_folder.parent)
     assert list(shelf.items) == ["the run"]
     playback = playback_of_item(shelf.item)
     assert playback.holds and playback.verdict == "executed, and verified at every instant"
@@ -99,7 +99,7 @@ def test_an_edited_run_or_another_scene_is_refused(run_folder):
         playback_of(run_folder)
     (run_folder / SCENE).unlink()
     with pytest.raises(ResultError, match="does not say which scene"):
-        shelf_of(run_folder, run_folder.parent)
+        shelf_of([run_folder], run_folder.parent)
 
 
 def test_a_run_that_does_not_arrive_is_not_called_good(executed):
@@ -146,7 +146,7 @@ def test_a_robots_hands_are_at_the_load_in_what_is_played(carried):
 
 
 def test_a_simulation_comes_first_and_is_played_with_the_load_where_it_was(carried):
-    shelf = shelf_of(carried, carried.parent)
+    shelf = shelf_of([carried], carried.parent)
     assert list(shelf.items) == ["the simulation", "the robot", "the hands"]
     simulated = playback_of_item(shelf.item)
     planned = playback_of_item(shelf.items["the robot"])

@@ -46,7 +46,7 @@ def bench(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Session, "__init__", made)
     shutil.copy(example_path("narrow"), tmp_path / "narrow.yaml")
-    guarded = serve(shelf_of(tmp_path / "narrow.yaml", tmp_path))
+    guarded = serve(shelf_of([tmp_path / "narrow.yaml"], tmp_path))
     yield guarded, sessions, tmp_path
     for session in sessions:
         session.close()
@@ -106,7 +106,7 @@ def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved
     soon(lambda: session.solved == session.asked)
     np.testing.assert_allclose(session.scene.centers[0], to, atol=1e-6)
     assert session.stage.recording is not before
-    assert not session.stage._pale
+    assert not session.stage.pale
     on_loop(session, session.changed, "save result", True)
     session.panels.controls["name"].value = "steered"
     on_loop(session, session.changed, "save result", True)
@@ -127,12 +127,12 @@ def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_sta
     start = session.scene.start.mean(axis=0)
     on_loop(session, session.move, grip, np.array([*start, 0.0]), None, last=True)
     assert "at the start the load or a hand" in page.verdict("No verified motion")
-    assert session.stage._pale
+    assert session.stage.pale
     assert session.stage.recording is not None
     on_loop(session, session.changed, "undo", True)
     on_loop(session, session.changed, "duration", 0.1)
     assert "would do" in page.verdict("too short")
-    assert session.stage._pale
+    assert session.stage.pale
 
 
 @pytest.mark.slow
@@ -178,7 +178,7 @@ def test_a_run_is_stopped_by_its_button_and_by_a_change(opened):
     on_loop(session, session.changed, "run", True)
     soon(lambda: not session.live)
     page.verdict("the goal is missed")
-    assert session.stage._pale
+    assert session.stage.pale
     on_loop(session, session.changed, "run", True)
     on_loop(session, session.changed, "duration", 6.0)
     assert not session.live

@@ -54,51 +54,69 @@ def played(
     return playback_of(carry(scene, robot, demonstration=movements_of(demonstration, scene), **wanted))
 
 
-def page_of(playback: Playback) -> str:
+def page_of(playback: Playback, beside: Playback | None = None) -> str:
     """Return an HTML page that plays, and says what is known of what it plays.
+
+    Parameters
+    ----------
+    beside : what is played to the right of it, on the same clock
 
     Raises
     ------
     ExtraError
         If the viewer is not installed.
     """
-    scene, recording, robot = playback.scene, playback.recording, playback.robot
     guarded = start()
     try:
         server = guarded.server
-        stage = Stage(server.scene, scene)
-        stage.draw_scene(demonstrated(scene))
-        if robot is not None:
-            stage.draw_robot(bodies_of(robot), poses_of(robot, robot.home[None])[0])
-        position, look_at, up = stage.camera()
+        stages = [_staged(Stage(server.scene, playback.scene), playback)]
+        if beside is not None:
+            stages.append(_staged(Stage.beside(stages[0], beside.scene), beside))
+        position, look_at, up = stages[0].camera(stages[1] if beside is not None else None)
         server.initial_camera.position = tuple(position)
         server.initial_camera.look_at = tuple(look_at)
         server.initial_camera.up = tuple(up)
-        if recording is not None:
-            stage.draw_motion(recording, pale=not playback.holds)
+        clocks = [stage.recording.time for stage in stages if stage.recording is not None]
+        time = max(clocks, key=lambda clock: float(clock[-1]), default=np.zeros(0))
         serializer = server.get_scene_serializer()
-        if recording is not None:
-            stage.touches = playback.touches
-            for index, pause in enumerate(np.diff(recording.time, append=recording.time[-1:])):
-                stage.show(index)
-                serializer.insert_sleep(float(pause))
+        for at, pause in zip(time.tolist(), np.diff(time, append=time[-1:]).tolist(), strict=True):
+            for stage in stages:
+                if stage.recording is not None:
+                    stage.show(stage.recording.index_at(at))
+            serializer.insert_sleep(pause)
         page: str = serializer.as_html()
     finally:
         guarded.stop()
-    return _captioned(page, _lines(playback))
+    if beside is None:
+        return _captioned(page, [_title(playback), *_lines(playback)])
+    pair = [f"left, {_title(playback)}", *_lines(playback), f"right, {_title(beside)}", *_lines(beside)]
+    return _captioned(page, [f"{playback.scene.name}, side by side", *pair])
+
+
+def _staged(stage: Stage, playback: Playback) -> Stage:
+    """Return a stage on which everything is drawn that is played."""
+    stage.draw_scene(demonstrated(playback.scene))
+    if playback.robot is not None:
+        stage.draw_robot(bodies_of(playback.robot), poses_of(playback.robot, playback.robot.home[None])[0])
+    if playback.recording is not None:
+        stage.draw_motion(playback.recording, pale=not playback.holds)
+    stage.touches = playback.touches
+    return stage
+
+
+def _title(playback: Playback) -> str:
+    return f"{playback.scene.name}: {playback.verdict}"
 
 
 def _lines(playback: Playback) -> list[str]:
-    """Return the caption, line by line; the title first."""
+    """Return what is known of what is played, line by line."""
     said = [f"{name}: {proved}{asked and f' (asked for: {asked})'}" for name, proved, asked in playback.rows]
-    said = said if playback.holds else []
-    title = f"{playback.scene.name}: {playback.verdict}"
-    return [title, *playback.reasons, *said, f"made by comove {__version__}"]
+    return [*playback.reasons, *(said if playback.holds else [])]
 
 
 def _captioned(page: str, lines: Sequence[str]) -> str:
-    """Return the viewer's page with a title, a caption, and the policy that it loads nothing."""
-    title, *rest = (html.escape(line) for line in lines)
+    """Return the viewer's page with a caption, the title first, and the policy that it loads nothing."""
+    title, *rest = (html.escape(line) for line in [*lines, f"made by comove {__version__}"])
     body = "".join(f"<div>{line}</div>" for line in rest)
     caption = f'<details open style="{STYLE}"><summary><b>{title}</b></summary>{body}</details>'
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
