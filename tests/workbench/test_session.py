@@ -21,6 +21,7 @@ viser = pytest.importorskip("viser", reason="the viewer is not installed: pip in
 from comove.workbench.page import serve  # noqa: E402
 from comove.workbench.session import Session  # noqa: E402
 from comove.workbench.stage import BLOCKS  # noqa: E402
+from tests.commands import invoke  # noqa: E402
 from tests.workbench.pages import Page  # noqa: E402
 
 
@@ -251,6 +252,38 @@ def test_a_drawn_movement_is_learned_used_at_once_and_kept(opened):
     assert np.abs(session.stage.recording.center - after).max() < 0.05, (
         "the primitive in the library is what was drawn"
     )
+
+
+@pytest.fixture
+def two_stored(bench):
+    """A page of two stored results, of which the second takes longer, its session and their folder."""
+    _, sessions, folder = bench
+    for name, duration in (("first", 10.0), ("second", 14.0)):
+        options = ("--duration", duration, "--out", name, "--budget", 2)
+        assert invoke("solve", "narrow.yaml", *options, folder=folder).exit_code == 0
+    guarded = serve(shelf_of([folder / "first", folder / "second"], folder))
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("anew from the result's files")
+    yield page, sessions[-1], folder
+    page.close()
+    guarded.stop()
+
+
+def test_a_stored_result_stands_beside_another_on_one_clock(two_stored):
+    page, session, _ = two_stored
+    assert "Verified at every instant" in page.verdict("**stored: second**: **")
+    other = session.comparison.stage.recording
+    assert (session.stage.recording.time[-1], other.time[-1]) == (10.0, 14.0)
+    assert session.end == session.panels.controls["time"].max == 14.0
+    on_loop(session, session.changed, "time", 13.0)
+    on_loop(session, session.changed, "duration", 7.0)
+    soon(lambda: session.solved == session.asked)
+    assert session.comparison.stage.recording is other, (
+        "what is stored stays when the scene beside it changes"
+    )
+    on_loop(session, session.changed, "beside", "nothing")
+    assert session.end == session.panels.controls["time"].max == 7.0
+    assert session.time <= 7.0
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ def view(
             raise OptionError(
                 "a page shows one thing, or two side by side",
                 key="--html",
-                way_out="name one or two scenes or result folders",
+                way_out="name a scene or a result folder, or two",
             )
         o.check_budget(budget)
         return _write(shelf, html, seed, budget)

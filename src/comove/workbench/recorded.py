@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from comove.workbench.stage import Stage, demonstrated
 POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:"
 """Of the page: nothing is loaded from anywhere."""
 STYLE = (
-    "position:fixed;right:12px;top:12px;max-width:22em;max-height:85vh;overflow:auto;padding:10px 14px;z-index:10;"
+    "position:fixed;top:12px;max-height:85vh;overflow:auto;padding:10px 14px;z-index:10;"
     "background:rgba(255,255,255,.9);border-radius:8px;box-shadow:0 1px 6px rgba(0,0,0,.2);"
     "font:13px/1.45 system-ui,sans-serif;color:#1a1a1a"
 )
@@ -88,9 +87,9 @@ def page_of(playback: Playback, beside: Playback | None = None) -> str:
     finally:
         guarded.stop()
     if beside is None:
-        return _captioned(page, [_title(playback), *_lines(playback)])
-    pair = [f"left, {_title(playback)}", *_lines(playback), f"right, {_title(beside)}", *_lines(beside)]
-    return _captioned(page, [f"{playback.scene.name}, side by side", *pair])
+        return _captioned(page, _caption(playback, "right:12px;max-width:22em"))
+    pair = _caption(playback, "left:12px;max-width:15em"), _caption(beside, "right:12px;max-width:15em")
+    return _captioned(page, *pair)
 
 
 def _staged(stage: Stage, playback: Playback) -> Stage:
@@ -104,25 +103,22 @@ def _staged(stage: Stage, playback: Playback) -> Stage:
     return stage
 
 
-def _title(playback: Playback) -> str:
-    return f"{playback.scene.name}: {playback.verdict}"
-
-
-def _lines(playback: Playback) -> list[str]:
-    """Return what is known of what is played, line by line."""
+def _caption(playback: Playback, place: str) -> str:
+    """Return what is known of what is played as HTML, at a place given in CSS."""
     said = [f"{name}: {proved}{asked and f' (asked for: {asked})'}" for name, proved, asked in playback.rows]
-    return [*playback.reasons, *(said if playback.holds else [])]
+    lines = [*playback.reasons, *(said if playback.holds else []), f"made by comove {__version__}"]
+    body = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
+    title = html.escape(f"{playback.scene.name}: {playback.verdict}")
+    return f'<details open style="{STYLE};{place}"><summary><b>{title}</b></summary>{body}</details>'
 
 
-def _captioned(page: str, lines: Sequence[str]) -> str:
-    """Return the viewer's page with a caption, the title first, and the policy that it loads nothing."""
-    title, *rest = (html.escape(line) for line in [*lines, f"made by comove {__version__}"])
-    body = "".join(f"<div>{line}</div>" for line in rest)
-    caption = f'<details open style="{STYLE}"><summary><b>{title}</b></summary>{body}</details>'
+def _captioned(page: str, *captions: str) -> str:
+    """Return the viewer's page with captions, titled as the first, and the policy that it loads nothing."""
+    title = captions[0].partition("<b>")[2].partition("</b>")[0]
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
     page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
     head, body_tag = page.index("<head>") + len("<head>"), page.rindex("</body>")
-    return f"{page[:head]}{policy}{page[head:body_tag]}{caption}{page[body_tag:]}"
+    return f"{page[:head]}{policy}{page[head:body_tag]}{''.join(captions)}{page[body_tag:]}"
 
 
 def write_page(path: Path, page: str) -> None:

@@ -43,7 +43,8 @@ STILL, GREY, PALE = colour_of("#9aa1ab"), colour_of("#b9bec6"), colour_of("#c9cd
 BLOCKS = colour_of("#d7263d")
 ROBOT = "/robot"  # path under which the robot is drawn, whichever the scene
 BESIDE = "/beside"  # path under which a second scene is drawn
-BETWEEN = 0.2  # widths of the wider workspace, from one scene to the other
+BETWEEN = 0.2  # widths of the wider workspace, from one to the other
+BETWEEN_ARMS = 0.4  # likewise where a robot stands, which is wider than its workspace
 N_GHOSTS = 9
 COMFORT = 0.05  # of the longest side: clearance from which the path is green
 GRIP = 1.9  # times the size of a hand: radius of the balls by which starts and goals are taken
@@ -60,13 +61,13 @@ class Stage:
     api : the viewer's scene, of a client or of a server
     scene : what is drawn
     prefix : path under which everything is drawn
-    aside : distance along x from where the scene's coordinates put it [m]
+    aside : array, shape (3,), by which it is drawn aside of where the scene's coordinates put it [m]
     """
 
     api: Any
     scene: Scene
     prefix: str = ""
-    aside: float = 0.0
+    aside: Array = field(default_factory=lambda: np.zeros(3))
     recording: RecordedMotion | None = None
     obstacles: list[Any] = field(default_factory=list)
     marks: dict[str, Any] = field(default_factory=dict)
@@ -87,12 +88,23 @@ class Stage:
 
     @classmethod
     def beside(cls, first: Stage, scene: Scene) -> Stage:
-        """Return an empty stage for a scene, to the right of another stage."""
-        width = max(float(s.upper[0] - s.lower[0]) for s in (first.scene, scene))
-        aside = float(first.scene.upper[0] - scene.lower[0]) + BETWEEN * width
+        """Return an empty stage for a scene, to the right of another stage as its camera sees it."""
+        right = np.array([-np.sin(first.heading), np.cos(first.heading), 0.0])
+        halves = [0.5 * float(np.abs(right) @ _size(s)) for s in (first.scene, scene)]
+        between = BETWEEN if scene.file.robot is None else BETWEEN_ARMS
+        aside = right * (sum(halves) + between * 2.0 * max(halves)) + _middle(first.scene) - _middle(scene)
+        aside[2] = 0.0
         first.api.remove_by_name(BESIDE)
-        first.api.add_frame(BESIDE, show_axes=False, position=(aside, 0.0, 0.0))
+        first.api.add_frame(BESIDE, show_axes=False, position=tuple(aside))
         return cls(first.api, scene, BESIDE, aside)
+
+    @property
+    def heading(self) -> float:
+        """Return the angle about the vertical axis at which the camera stands [rad]."""
+        if self.scene.n_dims == 2:
+            return float(-0.5 * np.pi)
+        way = (self.scene.goal - self.scene.start).mean(axis=0)
+        return float(np.arctan2(way[1], way[0]) - np.radians(62.0))
 
     def draw_scene(self, demonstration: Array | None = None) -> None:
         """Draw workspace, obstacles, starts and goals.
@@ -391,19 +403,33 @@ class Stage:
         ----------
         beside : stage to the right, which shall be seen as well
         """
-        low, high = np.zeros(3), np.zeros(3)
-        low[: self.scene.n_dims], high[: self.scene.n_dims] = self.scene.lower, self.scene.upper
-        further = 0.0 if beside is None else float(beside.scene.upper[0]) + beside.aside - high[0]
-        room = ROOM_OF_VIEW * (self.side + 0.5 * further / (1.0 + BETWEEN))
-        middle = 0.5 * (low + high) + [0.5 * further, 0.0, 0.0]
-        if self.scene.n_dims == 2:
+        middle, room = _middle(self.scene), self.side
+        if beside is not None:
+            apart = beside.aside + _middle(beside.scene) - middle
+            middle = middle + 0.5 * apart
+            room += 0.5 * float(np.linalg.norm(apart)) / (1.0 + BETWEEN)
+        room *= ROOM_OF_VIEW
+        if self.scene.n_dims == 2 and (beside is None or beside.scene.n_dims == 2):
             return middle + np.array([0.0, -0.02, 1.0]) * room, middle, np.array([0.0, 1.0, 0.0])
-        way = (self.scene.goal - self.scene.start).mean(axis=0)
-        heading = float(np.arctan2(way[1], way[0])) - np.radians(62.0)
-        away = np.array([np.cos(heading), np.sin(heading), 0.65]) * 1.35 * room
+        away = np.array([np.cos(self.heading), np.sin(self.heading), 0.65]) * 1.35 * room
         if self._links:
             away = away * ROOM_OF_ARMS
         return middle + away, middle, np.array([0.0, 0.0, 1.0])
+
+
+def _middle(scene: Scene) -> Array:
+    """Return the middle of a workspace; array, shape (3,) [m]."""
+    return 0.5 * _size(scene) + _spatial(scene.lower)
+
+
+def _size(scene: Scene) -> Array:
+    """Return the lengths of the sides of a workspace; array, shape (3,) [m]."""
+    return _spatial(scene.upper) - _spatial(scene.lower)
+
+
+def _spatial(point: Array) -> Array:
+    """Return a point in space, of one in the plane or in space; array, shape (3,)."""
+    return np.append(point, np.zeros(3 - len(point)))
 
 
 def clear(api: Any) -> None:
