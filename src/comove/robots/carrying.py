@@ -405,13 +405,19 @@ class RobotCarrier:
         ----------
         nodes : array, shape (n_steps, n_nodes, 3) [m]
         """
-        n_most, nodes = max(map(len, self.starts)), np.ascontiguousarray(nodes[None, :: self.settings.coarser])
+        n_most, nodes = (
+            max(map(len, self.starts)),
+            np.ascontiguousarray(nodes[None, :: self.settings.coarser]),
+        )
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
         if led is not None and (n_most == 1 or self._cost(nodes, led) == 0.0):
             return led
         tried = [
             np.hstack(
-                [_onward(s[min(k, len(s) - 1)], goals) for s, goals in zip(self.starts, self.goals, strict=True)]
+                [
+                    _onward(s[min(k, len(s) - 1)], goals)
+                    for s, goals in zip(self.starts, self.goals, strict=True)
+                ]
             )
             for k in range(n_most)
         ]
@@ -531,7 +537,7 @@ def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _onward(start: Array, goals: Array) -> Array:
-    """Return the joints of one arm at a start, and those of its goals that are nearest; array, shape (2, n_joints)."""
+    """Return the joints of one arm at a start, and the nearest ones of its goals; array, shape (2, n_joints)."""
     return np.stack([start, min(goals, key=lambda goal: _apart(start, goal))])
 
 

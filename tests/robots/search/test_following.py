@@ -9,7 +9,7 @@ import pytest
 from comove.robots import verify_joints
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
-from comove.robots.search.following import KEEP, MET, follow, follow_one, hand_rotation, solutions
+from comove.robots.search.following import KEEP, MET, follow, follow_one, hand_rotation, posture_on, solutions
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, grasp_frames, known_carry, scene_data
@@ -59,13 +59,13 @@ def test_arms_follow_a_movement_within_what_a_search_allows(name):
     motion = movement(carrying.scene)
     nodes = sampled_nodes(motion, 101)
     q, missing, penalty = np.empty((101, len(columns(carrying.holders)))), np.zeros(2), np.zeros(2)
-    follow_one(carrying.arms, nodes, carrying.best_start(nodes), q, missing, penalty)
+    follow_one(carrying.arms, nodes, carrying.best_course(nodes), q, missing, penalty)
     time = np.linspace(0.0, carrying.scene.duration, 101)
     errors = grasp_errors(carrying.robot, carrying.holders, whole(carrying, q), grasp_frames(motion, time))
     np.testing.assert_allclose(errors.max(axis=0), missing, atol=1e-7)
     assert missing.max() <= MET
     assert (penalty == 0).all()
-    assert np.abs(np.diff(q, axis=0)).max() < 0.1
+    assert np.abs(np.diff(q, axis=0)).max() < 0.15
 
 
 def test_rates_and_margins_are_those_that_the_verification_finds():
@@ -75,7 +75,7 @@ def test_rates_and_margins_are_those_that_the_verification_finds():
     assert miss is None
     report = verify_joints(carrying.robot, motion, joints).report
     nodes = sampled_nodes(motion, 101)[None]
-    strain = carrying.strain(nodes, joints.position[0, columns(carrying.holders)])
+    strain = carrying.strain(nodes, joints.position[[0, -1]][:, columns(carrying.holders)])
     speed, acceleration, torque = strain.rates[0].max(axis=0)
     assert speed == pytest.approx(report.velocity_ratio_max, rel=0.1)
     assert acceleration == pytest.approx(report.acceleration_ratio_max, rel=0.2)
@@ -90,8 +90,8 @@ def test_a_faster_movement_strains_in_proportion():
     """Speeds grow with the pace, accelerations with its square, still torques do not."""
     carrying = task("gantry")
     nodes = sampled_nodes(movement(carrying.scene), 101)[None]
-    start = carrying.best_start(nodes[0])
-    slow, fast = (follow(carrying.arms, nodes, start, duration) for duration in (100.0, 50.0))
+    course = carrying.best_course(nodes[0])
+    slow, fast = (follow(carrying.arms, nodes, course, duration) for duration in (100.0, 50.0))
     np.testing.assert_allclose(fast[2][..., 0], 2 * slow[2][..., 0], rtol=1e-12)
     np.testing.assert_allclose(fast[2][..., 1], 4 * slow[2][..., 1], rtol=1e-12)
     np.testing.assert_allclose(fast[2][..., 2], slow[2][..., 2], rtol=1e-2)
@@ -107,7 +107,7 @@ def test_what_links_pass_between_two_samples_is_noticed():
     for obstacle in (rod, free):
         carrying = RobotCarrier(robot("gantry"), gantry_scene((obstacle,)))
         nodes = sampled_nodes(movement(carrying.scene), 3)[None]
-        strain = carrying.strain(nodes, carrying.best_start(nodes[0]))
+        strain = carrying.strain(nodes, carrying.best_course(nodes[0]))
         found.append((strain.clearance[0], strain.contact[0]))
     assert found[0][0] < 0.0 < found[0][1]
     assert found[1] == (pytest.approx(0.01), 0.0)
@@ -121,7 +121,7 @@ def test_links_that_come_too_near_the_load_cost_something():
     thick = RobotCarrier(robot("baxter"), scene)
     thin = RobotCarrier(robot("baxter"), Scene.from_dict(scene_data(obstacles=(TABLE,))))
     nodes = sampled_nodes(motion, 101)[None]
-    contacts = [c.strain(nodes, thin.best_start(nodes[0])).contact[0] for c in (thick, thin)]
+    contacts = [c.strain(nodes, thin.best_course(nodes[0])).contact[0] for c in (thick, thin)]
     assert contacts[0] > contacts[1] == 0.0
 
 
@@ -129,9 +129,9 @@ def test_motions_that_are_asked_about_first_of_all_are_answered():
     """The ends, which then are still unknown, are solved by the same threads that follow motions."""
     carrying = RobotCarrier(robot("gantry"), gantry_scene())
     nodes = sampled_nodes(movement(carrying.scene, (0.0, 0.0)), 101)
-    start = np.concatenate([branches[0] for branches in carrying.starts])
+    course = np.stack([np.concatenate([q[0] for q in ends]) for ends in (carrying.starts, carrying.goals)])
     asked = threading.Thread(
-        target=carrying.strain, args=(np.repeat(nodes[None], 8, axis=0), start), daemon=True
+        target=carrying.strain, args=(np.repeat(nodes[None], 8, axis=0), course), daemon=True
     )
     asked.start()
     asked.join(60.0)
@@ -141,9 +141,20 @@ def test_motions_that_are_asked_about_first_of_all_are_answered():
 def test_a_movement_out_of_reach_costs_more_the_further_it_is():
     carrying = task("gantry")
     nodes = [sampled_nodes(movement(carrying.scene, (0.0, shift)), 101) for shift in (0.0, 0.8, 1.0)]
-    strain = carrying.strain(np.array(nodes), carrying.best_start(nodes[0]))
+    strain = carrying.strain(np.array(nodes), carrying.best_course(nodes[0]))
     near, far, further = strain.missing.max(axis=1)
     assert near < MET
     most = 0.65 - KEEP  # of the right hand, as far as a search lets it go
     assert (far, further) == (pytest.approx(0.8 - most, abs=1e-3), pytest.approx(1.0 - most, abs=1e-3))
     assert (np.diff(strain.penalty.sum(axis=1)) > 0.5).all()
+
+
+def test_redundant_joints_are_drawn_from_those_of_the_start_to_those_of_the_goal_as_the_hands_move():
+    carrying = task("gap_30")
+    around, rng = carrying.arms.around, np.random.default_rng(3)
+    course, out = rng.normal(size=(2, 14)), np.empty(14)
+    for share in (0.0, 0.25, 1.0):
+        posture_on(course, around, around.ends[0] + share * (around.ends[1] - around.ends[0]), out)
+        np.testing.assert_allclose(out, course[0] + share * (course[1] - course[0]), atol=1e-12)
+    posture_on(course, around._replace(ends=around.ends[[0, 0]]), around.ends[0], out)
+    np.testing.assert_array_equal(out, course[0])  # where start and goal are one

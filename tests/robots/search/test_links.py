@@ -133,6 +133,8 @@ def around(obstacles, edges, radii):
         spare=0.0,
         share=1.0,
         posture=none,
+        ends=np.zeros((2, 0, 3)),
+        eased=0.0,
     )
 
 
@@ -303,3 +305,15 @@ def test_pairs_that_never_meet_are_forgotten_and_others_are_not():
     place_links(chains, links, home, a, b)
     alone = links_clearance(links, NOTHING, a, b, np.zeros((2, 3)), ENOUGH)
     assert alone == links_clearance(links.near(chains, home[None]), NOTHING, a, b, np.zeros((2, 3)), ENOUGH)
+
+
+def test_links_count_as_farther_from_each_other_by_what_they_need_less():
+    machine = robot("two_pandas")
+    chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
+    home, (a, b) = np.concatenate([arm.home for arm in machine.arms]), start_and_end(links)
+    place_links(chains, links, home, a, b)
+    plain, eased = (
+        links_clearance(links, NOTHING._replace(eased=less), a, b, np.zeros((2, 3)), 0.5)
+        for less in (0.0, 0.004)
+    )
+    assert eased == pytest.approx(plain + 0.004)

@@ -44,8 +44,9 @@ def led(carrying, path):
     """A path with close vertices, and joints that follow it from one of the starts; two arrays."""
     fine, around = _dense(space_of(carrying.scene), path), carrying.arms.around
     arms = carrying.arms._replace(around=around._replace(clearance=around.clearance - FAT))  # as lenient
-    for start in product(*carrying.starts):
-        joints = _followed(space_of(carrying.scene), arms, fine, np.concatenate(start))
+    for first, last in product(product(*carrying.starts), product(*carrying.goals)):
+        course = np.stack([np.concatenate(first), np.concatenate(last)])
+        joints = _followed(space_of(carrying.scene), arms, course, fine)
         if len(joints) == len(fine):
             return fine, joints
     raise AssertionError("no start leads along the path")
@@ -154,4 +155,6 @@ def test_an_edge_is_refused_when_an_arm_is_left_behind_or_links_touch():
     for shift, free in (((0.0, 0.1, 0.0), True), ((0.0, 1.0, 0.0), False), ((0.6, 0.5, 0.0), False)):
         target = boundary[0].copy()
         target[:3] += shift
-        assert follow_edge(space, arms, boundary[0], target, joints.copy()) is free
+        assert (
+            follow_edge(space, arms, np.stack([joints, joints]), boundary[0], target, joints.copy()) is free
+        )

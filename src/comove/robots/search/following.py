@@ -1,8 +1,8 @@
 """Kernels in which arms follow the hands.
 
 Each sample is solved from the joints of the samples before it, and redundant joints are drawn to a *course*, the line
-from the joints at the start to those at the goal, so the joints move as continuously as the hands. Residuals, margins of the joints, rates, torques and distances of the
-links are summed into one penalty for each motion.
+from the joints at the start to those at the goal, so the joints move as continuously as the hands. Residuals, margins
+of the joints, rates, torques and distances of the links are summed into one penalty for each motion.
 """
 
 from __future__ import annotations

@@ -150,7 +150,12 @@ def follow_edge(space: Space, arms: Arms, course: Array, p: Array, target: Array
     """
     chains, links, around = arms.chains, arms.links, arms.around
     nodes = np.empty((space.blocks.node.shape[0], 3))
-    at, rotation, before, posture = np.empty_like(p), np.empty((3, 3)), np.empty_like(joints), np.empty_like(joints)
+    at, rotation, before, posture = (
+        np.empty_like(p),
+        np.empty((3, 3)),
+        np.empty_like(joints),
+        np.empty_like(joints),
+    )
     start, end = links.start.copy(), links.end.copy()
     count = max(1, int(np.ceil(span(space, p, target) / SUB_STEP)))
     for step in range(1, count + 1):
