@@ -308,14 +308,3 @@ def test_a_search_with_the_gantry_ends_with_verified_joints():
     _, verdict = carrier.carried_out(solution.attempt)
     assert verdict.reasons == ()
     assert verdict.report.clearance_scene >= 0.005
-
-
-def test_motions_along_a_plan_begin_in_its_joints():
-    """The arms' best starts by themselves need not be those from which a plan was found."""
-    carrying = RobotCarrier(robot("baxter"), task("gap_30").scene)
-    nodes = sampled_nodes(movement(carrying.scene), 101)
-    course = carrying.best_course(nodes)
-    vars(carrying)["_led"] = planned = course + 1e-3
-    np.testing.assert_array_equal(carrying.best_course(nodes), planned)
-    vars(carrying)["_led"] = course + 10.0  # out of all limits
-    np.testing.assert_array_equal(carrying.best_course(nodes), course)

@@ -11,6 +11,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.planner import plan
 from comove.robots.carrying import RobotCarrier
+from comove.robots.search.following import MET
 from comove.robots.search.links import FAT
 from comove.robots.search.planner import JUMP, LEADING, SPACING, _dense, _followed, follow_edge
 from tests.robots.search.test_links import CORNERS, between, obstacle, solid
@@ -119,6 +120,15 @@ def test_arms_follow_with_links_that_keep_clear(found):
             if item.parentJoint > 0:
                 body = item.geometry, coal.Transform3s(pose.rotation, pose.translation)
                 assert min(between(body, thing) for thing in things) > carrying.arms.around.clearance - corner
+
+
+def test_motions_along_a_path_are_followed_by_the_links_that_the_plan_kept_apart(found):
+    """From other joints arms may follow the same path as well, and meet each other."""
+    carrying, path, _ = found
+    nodes = load_coordinates(carrying.scene).nodes(np.ascontiguousarray(finely(path).T[None]))
+    strain = carrying.strain(nodes, carrying.best_course(nodes[0]))
+    assert strain.missing.max() <= MET
+    assert strain.clearance[0] > carrying.arms.around.clearance - 2 * FAT
 
 
 def test_the_same_seed_gives_the_same_path():
