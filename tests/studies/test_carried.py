@@ -12,13 +12,14 @@ import yaml
 
 from comove.errors import ExtraError, InputError, ResultError
 from comove.robots import Robot
+from comove.simulators.engine import engine
 from comove.studies import Shard, Study, StudyStore, on_processes, report_of, run_study
 from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.samples import episodes_of
 from comove.studies.keys import change
 from comove.studies.merging import merge
 from comove.studies.on_dask import on_dask
-from comove.studies.runs import RUNS
+from comove.studies.runs import RUNS, UNREPEATED
 from tests.commands import invoke
 from tests.robots.small_robots import gantry
 from tests.studies.test_runner import rows
@@ -45,6 +46,14 @@ DRAWS = [
 ]
 
 
+def require_mujoco():
+    """Import MuJoCo as comove does, so that it can draw, or skip a test where it is not installed."""
+    try:
+        engine()
+    except ExtraError:
+        pytest.skip("MuJoCo is not installed")
+
+
 def written(folder, **changes):
     """A study of the gantry, the cheapest robot, beside its description."""
     gantry(folder)
@@ -67,7 +76,7 @@ def stored(study, folder):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """A study of two simulated episodes, its folder, and the episodes at 25 Hz."""
-    pytest.importorskip("mujoco")
+    require_mujoco()
     folder = tmp_path_factory.mktemp("carried")
     study = Study.load(written(folder, simulate={"grasp": "weld"}))
     (folder / "out").mkdir()
@@ -102,7 +111,7 @@ def test_an_episode_comes_out_the_same_again(done):
     study, out, _ = done
     (_, (before, kept)) = StudyStore.open(out / RUNS).motions()
     run, motion = study.run(1)
-    same = dict.fromkeys(("seconds", "started"))
+    same = dict.fromkeys(UNREPEATED)
     assert replace(run, **same) == replace(before, **same)
     assert motion == kept
 
@@ -187,7 +196,7 @@ def written_again(folder):
 
 def test_what_is_not_delivered_is_kept_apart_with_its_reason(tmp_path):
     """Servos as soft as rubber: the joints are verified, and the load does not arrive."""
-    pytest.importorskip("mujoco")
+    require_mujoco()
     path = written(tmp_path, simulate={"grasp": "weld", "perturbed": False}, episodes=1)
     robot = tmp_path / "robot.yaml"
     soft = yaml.safe_load(robot.read_text()) | {"servo": {"stiffness": [150.0, 150.0, 150.0, 2.0]}}
@@ -262,13 +271,11 @@ def test_what_no_arm_can_do_is_told_before_the_first_run(tmp_path, monkeypatch, 
 
 
 def test_without_mujoco_the_way_out_is_told(tmp_path, monkeypatch):
-    from comove.simulators import engine
-
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    engine.engine.cache_clear()
+    engine.cache_clear()
     with pytest.raises(ExtraError, match=r"pip install 'comove\[sim\]'"):
         Study.load(written(tmp_path, simulate={}))
-    engine.engine.cache_clear()
+    engine.cache_clear()
 
 
 def test_the_example_is_a_study_of_a_robot():
@@ -279,7 +286,7 @@ def test_the_example_is_a_study_of_a_robot():
 
 @pytest.mark.slow
 def test_workers_parts_and_a_second_run_give_the_same_rows(tmp_path):
-    pytest.importorskip("mujoco")
+    require_mujoco()
     path = written(tmp_path, simulate={"grasp": "weld"}, episodes=5)
     study = Study.load(path)
     for workers in (1, 2):
@@ -307,7 +314,7 @@ def test_a_scheduler_gives_the_same_rows(tmp_path):
 @pytest.mark.slow
 def test_baxter_delivers_with_friction(tmp_path):
     """The example, from the command to the dataset."""
-    pytest.importorskip("mujoco")
+    require_mujoco()
     out = tmp_path / "out"
     outcome = invoke("generate", EXAMPLES / "baxter.yaml", "--episodes", 2, "--out", out)
     assert outcome.exit_code == 0, outcome.output
