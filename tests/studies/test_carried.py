@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 import yaml
 
-from comove.errors import ExtraError, InputError, ResultError
+import comove
+from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.robots import Robot
 from comove.simulators.engine import engine
-from comove.studies import Shard, Study, StudyStore, on_processes, report_of, run_study
+from comove.studies import Shard, Study, StudyStore, Sweep, groups_of, on_processes, report_of, run_study
 from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.samples import episodes_of
 from comove.studies.keys import change
@@ -282,6 +283,96 @@ def test_the_example_is_a_study_of_a_robot():
     study = Study.load(EXAMPLES / "baxter.yaml", episodes=3)
     assert study.on_robot and study.total == 3
     assert study.draw(0).scene is not None
+
+
+def swept(folder, **changes):
+    """A sweep over the scene of the gantry, beside its description."""
+    gantry(folder)
+    (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
+    (folder / "free.yaml").write_text(yaml.safe_dump(FREE))
+    contents = {"name": "compared", "scenes": ["scene.yaml"], "budget": 60} | changes
+    path = folder / "sweep.yaml"
+    path.write_text(yaml.safe_dump({key: value for key, value in contents.items() if value is not None}))
+    return path
+
+
+FREE = {k: v for k, v in SCENE.items() if k not in ("robot", "grasp")} | {"name": "free"}
+
+
+def test_a_sweep_carries_by_robots_and_moves_hands_beside_them(tmp_path):
+    require_mujoco()
+    options = {"scenes": ["scene.yaml", "free.yaml"], "settings": {"duration": [5.0, 7.0]}, "simulate": {}}
+    sweep = Sweep.load(swept(tmp_path, **options))
+    (tmp_path / "out").mkdir()
+    store = stored(sweep, tmp_path / "out")
+    runs = list(store.runs())
+    assert [run.status for run in runs] == ["verified"] * 4
+    assert [run.duration for run in runs] == [5.0, 7.0, 5.0, 7.0]
+    assert all(0.0 < run.first <= run.seconds for run in runs)
+    carries = [motion.carry for _, motion in store.motions()]
+    assert carries[2:] == [None, None] and len({carry.joints for carry in carries[:2]}) == 2
+    groups = groups_of(tmp_path / "out")
+    assert [(g.runs, g.verified, g.delivered) for g in groups] == [
+        (1, 1, 1),
+        (1, 1, 1),
+        (1, 1, None),
+        (1, 1, None),
+    ]
+    assert [g.duration for g in groups] == [5.0, 7.0, 5.0, 7.0]
+
+
+def test_runs_of_a_sweep_follow_from_the_robot_and_its_simulation(tmp_path):
+    scenes = {"scenes": ["scene.yaml", "free.yaml"]}
+    before = Sweep.load(swept(tmp_path, **scenes))
+    simulated = Sweep.load(swept(tmp_path, **scenes, simulate={}))
+    (tmp_path / "other").mkdir()
+    path = swept(tmp_path / "other", **scenes)
+    urdf = path.with_name("gantry.urdf")
+    urdf.write_text(urdf.read_text().replace('velocity="1.5"', 'velocity="1.4"'))
+    slower = Sweep.load(path)
+    assert len({sweep.key(0) for sweep in (before, simulated, slower)}) == 3
+    assert len({sweep.key(1) for sweep in (before, simulated, slower)}) == 1  # there hands move freely
+
+
+SWEEPS = [
+    (
+        {"methods": ["comove", "projection"]},
+        "'projection' no robot carries, as one does in the scene gantry; use",
+    ),
+    ({"scenes": ["free.yaml"], "simulate": {}}, "no scene names a robot that could be simulated"),
+    ({"settings": {"robot": ["baxtre"]}}, "did you mean 'baxter'"),
+    ({"settings": {"robot": [["baxter"]]}}, "there is no robot"),
+    ({"settings": {"robot": [""]}}, "there is no robot ''"),
+    ({"settings": {"robot.name": ["baxter"]}}, "has no 'name'"),
+    ({"simulate": {"grasp": "glue"}}, "'glue' is not known"),
+    ({"simulate": []}, "simulate"),
+    ({"simulate": {}, "cameras": {}}, "unknown key 'cameras'"),
+    (
+        {"scenes": ["free.yaml"], "methods": ["printed"], "settings": {"robot": ["baxter"]}},
+        "'printed' no robot",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "told"), SWEEPS)
+def test_bad_sweeps_of_robots_are_one_sentence(tmp_path, changes, told):
+    with pytest.raises(InputError, match=told) as caught:
+        Sweep.load(swept(tmp_path, **changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_robots_are_no_free_hands_in_python_either():
+    scene = comove.Scene.from_dict(SCENE)
+    with pytest.raises(OptionError, match="by the method 'projection' no robot carries; use comove or paper"):
+        comove.study([scene], ["comove", "projection"])
+
+
+def test_a_scene_that_no_robot_can_carry_is_told_with_its_reason(tmp_path):
+    nothing_held = {k: v for k, v in SCENE.items() if k != "grasp"}
+    path = swept(tmp_path)
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(nothing_held))
+    run, motion = Sweep.load(path).run(0)
+    assert run.status == "refused" and "how to hold the load" in run.reason and motion is None
 
 
 @pytest.mark.slow

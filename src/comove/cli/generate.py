@@ -109,7 +109,7 @@ def _text(report: StudyReport) -> str:
         f"  verified       {100 * report.verified_share:.1f} % of those with a valid scene; "
         f"{100 * report.rejected_share:.1f} % of all draws were rejected",
     ]
-    lines += [f"  {count:5d} x        {reason}" for reason, count in report.reasons.items()]
+    lines += s.reason_lines(report)
     if (clearance := report.figures.get("clearance_min")) is not None:
         lines.append(
             f"  clearance      {1000 * clearance.least:.1f} to {1000 * clearance.greatest:.1f} mm, certified"

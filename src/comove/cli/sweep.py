@@ -69,7 +69,7 @@ def run(
         arrived = ("-" if g.delivered is None else f"{g.delivered}/{g.runs}",) if simulated else ()
         rows.append((g.scene, g.method, settings or "-", f"{g.verified}/{g.runs}", *arrived, *figures))
     print(f"{report.ended} of {report.total} runs: {s.statuses_text(report)}")
-    print(as_table(rows), f"report: {path}", sep="\n")
+    print(as_table(rows), *s.reason_lines(report), f"report: {path}", sep="\n")
     return VERIFIED if report.verified else NOT_VERIFIED
 
 

@@ -160,7 +160,10 @@ class Sweep:
         """Return the key of a run: the checksum of all that it follows from."""
         scene, method, settings, seed = self._at(number)
         what = {"scene": scene.contents, "method": method, "settings": settings, "seed": seed}
-        robot = {"carried": self._carried} if scene.robot(settings) is not None else {}
+        robot, name = {}, scene.robot(settings)
+        if name is not None:
+            own = self._carried["robots"][f"{scene.name}: {name}"]
+            robot = {"robot": own, "simulate": self._carried["simulate"]}
         return digest(what | robot | {"budget": self.budget, "comove": __version__})
 
     def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:

@@ -52,13 +52,6 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
                 )
             movements[name] = movement
         images = {name: (episode.time, _jpegs(name, episode)) for name in episode.videos}
-        if images.keys() & movements.keys():
-            name = min(images.keys() & movements.keys())
-            raise ResultError(
-                f"the camera '{name}' is called like a hand, the load or an obstacle",
-                file=episode.scene.name,
-                way_out="give it another name, or export in another format",
-            )
         rosbag.write(path, movements, about=json.dumps(episode.about, allow_nan=False), images=images)
         count += 1
     return count
