@@ -3,14 +3,17 @@
 import copy
 import io
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from comove.errors import ComoveError, InputError, OptionError, ResultError
 from comove.simulators.engine import NO_PICTURES, drawing_backend
 from comove.studies import Study, StudyStore, on_processes, run_study
+from comove.studies.cameras import CamerasPart
 from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.samples import chosen_rate, episodes_of
 from comove.studies.runs import RUNS
@@ -280,3 +283,18 @@ def test_workers_draw_the_same_pictures(tmp_path):
 def test_the_scene_of_these_tests_has_the_load_where_a_camera_looks():
     middle = np.mean([hand["start"] for hand in SCENE["manipulators"]], axis=0)
     assert np.allclose(middle, CAMERAS["views"]["at_load"]["target"])
+
+
+def test_the_cameras_of_the_page_are_cameras():
+    page = (Path(__file__).parents[2] / "docs" / "data.md").read_text(encoding="utf-8")
+    (block,) = re.findall(r"```yaml\n(cameras:.*?)```", page, re.DOTALL)
+    shown = CamerasPart.model_validate(yaml.safe_load(block)["cameras"])
+    usual = CamerasPart.model_validate({})
+    assert (shown.rate, shown.size) == (usual.rate, usual.size) == (20, (256, 256))
+    assert shown.views["front"] == usual.views["front"] and shown.views["left_wrist"].camera.hand == "left"
+
+
+def test_the_example_is_a_study_with_cameras():
+    require_mujoco()
+    study = Study.load(Path(__file__).parents[2] / "examples" / "studies" / "cameras.yaml")
+    assert sorted(study.file.cameras.views) == ["front", "left_wrist", "right_wrist"]
