@@ -33,6 +33,22 @@ def test_a_scheduler_that_is_not_there(tmp_path, monkeypatch):
     assert len(rows(tmp_path)[0]) == 2
 
 
+class Dark(FakeStudy):
+    """A study whose runs need what no worker has."""
+
+    def require(self):
+        raise ExtraError("video of cameras", "video")
+
+
+@pytest.mark.slow
+def test_what_workers_lack_is_told_before_the_first_run(tmp_path):
+    pytest.importorskip("distributed")
+    told = r"the worker tcp://\S+ cannot do the runs: video of cameras needs more .*comove\[video\]"
+    with pytest.raises(OptionError, match=told):
+        run_study(Dark(2), tmp_path, on_dask("local", 1))
+    assert rows(tmp_path) == ([], [])
+
+
 @pytest.mark.slow
 def test_the_rows_are_those_of_processes(tmp_path):
     pytest.importorskip("distributed")
