@@ -135,7 +135,7 @@ def memory(n_drags, seed, every=100):
 
     Session.__init__ = made
     rng, path = np.random.default_rng(seed), EXAMPLES / "narrow.yaml"
-    guarded = serve(shelf_of(path, path.parent))
+    guarded = serve(shelf_of([path], path.parent))
     page = Page(guarded.address.rstrip("/"), ping_interval=None).appear()
     page.verdict("The search is done")
     (session,) = sessions
@@ -197,7 +197,7 @@ def frames(n_obstacles, seed, n_frames=30):
     with tempfile.TemporaryDirectory() as folder, browser() as chromium:
         path = Path(folder) / "crowded.yaml"
         path.write_text(yaml.safe_dump(crowded(n_obstacles, seed)), encoding="utf-8")
-        bench = Bench(chromium, shelf_of(path, Path(folder)))
+        bench = Bench(chromium, shelf_of([path], Path(folder)))
         try:
             bench.settle()
             session, sent = bench.session, []

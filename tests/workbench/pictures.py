@@ -141,7 +141,7 @@ def main(folder, *names):
     with browser() as chromium, tempfile.TemporaryDirectory() as made:
         for name in names or PICTURES:
             source, pose = PICTURES[name]
-            bench = Bench(chromium, shelf_of(source(Path(made)), folder))
+            bench = Bench(chromium, shelf_of([source(Path(made))], folder))
             try:
                 bench.settle()
                 bench.plotted()

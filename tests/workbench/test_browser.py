@@ -39,7 +39,7 @@ def open_scene(chromium, tmp_path):
 
     def opener(name):
         shutil.copy(example_path(name), tmp_path / f"{name}.yaml")
-        opened.append(chrome.Bench(chromium, shelf_of(tmp_path / f"{name}.yaml", tmp_path)))
+        opened.append(chrome.Bench(chromium, shelf_of([tmp_path / f"{name}.yaml"], tmp_path)))
         return opened[-1]
 
     yield opener
@@ -69,7 +69,7 @@ def test_a_dragged_obstacle_gets_a_motion_that_is_verified(open_scene):
     moved = session.scene.centers[1] - centre
     np.testing.assert_allclose(moved, [0.1, 0.02, 0.0], atol=0.02)
     assert session.stage.recording is not before
-    assert not session.stage._pale
+    assert not session.stage.pale
     bench.says("after the change")
     bench.tab("Steer")
     bench.press("Undo")
@@ -117,7 +117,7 @@ def test_in_space_too(open_scene):
     bench.until(lambda: session.history.at == 1)
     bench.settle()
     assert session.scene.centers[4][2] > post[2] + 0.05
-    assert not session.stage._pale
+    assert not session.stage.pale
 
 
 def test_an_obstacle_on_the_start_is_told_and_the_old_motion_stays_grey(open_scene):
@@ -128,7 +128,7 @@ def test_an_obstacle_on_the_start_is_told_and_the_old_motion_stays_grey(open_sce
     bench.drag(centre + height, np.array([0.15, 0.45, 0.03]))
     bench.says("No verified motion found")
     bench.says("at the start the load or a hand")
-    bench.until(lambda: session.stage._pale)
+    bench.until(lambda: session.stage.pale)
     assert session.stage.recording is not None
 
 
@@ -200,7 +200,7 @@ def test_scene_and_result_are_saved(open_scene, tmp_path):
 def test_a_robot_is_drawn_and_its_arms_are_verified(chromium, tmp_path):
     pytest.importorskip("pinocchio", reason="robots are not installed: pip install 'comove[robot]'")
     shutil.copy(EXAMPLES / "robots" / "two_pandas.yaml", tmp_path / "pair.yaml")
-    bench = chrome.Bench(chromium, shelf_of(tmp_path / "pair.yaml", tmp_path))
+    bench = chrome.Bench(chromium, shelf_of([tmp_path / "pair.yaml"], tmp_path))
     try:
         bench.settle()
         bench.says("share of torques")
@@ -229,7 +229,7 @@ def test_a_run_is_live_and_then_played(open_scene):
 
 
 def test_another_example_is_chosen(chromium, tmp_path):
-    bench = chrome.Bench(chromium, shelf_of(None, tmp_path))
+    bench = chrome.Bench(chromium, shelf_of([], tmp_path))
     try:
         bench.settle()
         bench.page.locator("input[role=combobox][value=narrow]").click()

@@ -1,12 +1,13 @@
 """What a folder holds is played as it happened, and judged anew: runs, robots, simulations."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import comove
-from comove.errors import ResultError
+from comove.errors import OptionError, ResultError
 from comove.execution import Executor, write_run
 from comove.io.folders import whole_folder
 from comove.results import RESULT
@@ -53,7 +54,7 @@ def run_folder(executed, tmp_path):
 
 def test_a_run_is_played_as_it_was_recorded(executed, run_folder):
     record, _ = executed
-    shelf = shelf_of(run_folder, run_folder.parent)
+    shelf = shelf_of([run_folder], run_folder.parent)
     assert list(shelf.items) == ["the run"]
     playback = playback_of_item(shelf.item)
     assert playback.holds and playback.verdict == "executed, and verified at every instant"
@@ -99,7 +100,7 @@ def test_an_edited_run_or_another_scene_is_refused(run_folder):
         playback_of(run_folder)
     (run_folder / SCENE).unlink()
     with pytest.raises(ResultError, match="does not say which scene"):
-        shelf_of(run_folder, run_folder.parent)
+        shelf_of([run_folder], run_folder.parent)
 
 
 def test_a_run_that_does_not_arrive_is_not_called_good(executed):
@@ -146,7 +147,7 @@ def test_a_robots_hands_are_at_the_load_in_what_is_played(carried):
 
 
 def test_a_simulation_comes_first_and_is_played_with_the_load_where_it_was(carried):
-    shelf = shelf_of(carried, carried.parent)
+    shelf = shelf_of([carried], carried.parent)
     assert list(shelf.items) == ["the simulation", "the robot", "the hands"]
     simulated = playback_of_item(shelf.item)
     planned = playback_of_item(shelf.items["the robot"])
@@ -188,3 +189,19 @@ def test_without_robots_a_scene_says_what_to_install(carried, monkeypatch):
     playback = playback_of(comove.Scene.load(carried / SCENE))
     assert playback.robot is None
     assert "comove[robot]" in playback.reasons[0]
+
+
+def test_several_that_are_named_are_told_apart_and_the_second_stands_beside(run_folder, tmp_path):
+    other = tmp_path / "other" / "run"
+    shutil.copytree(run_folder, other)
+    same = shelf_of([run_folder, other], tmp_path)
+    assert [item.result for item in same.items.values()] == [run_folder, other]
+    assert (same.first, same.beside) == (str(run_folder), str(other))
+    alone = shelf_of([run_folder], tmp_path)
+    assert alone.beside is None and not alone.comparable, "there is nothing else"
+    assert not shelf_of([], tmp_path).comparable, "examples are solved anew, not compared"
+    scene = run_folder / SCENE
+    mixed = shelf_of([run_folder, scene], tmp_path)
+    assert list(mixed.comparable) == ["stored: run", "scene: scene"]
+    with pytest.raises(OptionError, match="named twice"):
+        shelf_of([run_folder, run_folder / ".." / "run"], tmp_path)

@@ -1,5 +1,6 @@
 """Pages to send: they say what was judged anew, and load nothing from anywhere."""
 
+import base64
 import re
 
 import numpy as np
@@ -58,10 +59,37 @@ def test_a_page_of_a_result(solved):
     assert len(page) < 5e6
 
 
+def test_a_page_of_two_plays_both_until_the_longer_one_ends(solved):
+    slow = ("solve", example_path("wide"), "--duration", 14, "--out", "slow", "--budget", 5)
+    assert invoke(*slow, folder=solved).exit_code == 0
+    done = invoke("view", "result", "slow", "--html", "pair.html", folder=solved)
+    assert done.exit_code == 0, done.stderr
+    page = (solved / "pair.html").read_text(encoding="utf-8")
+    assert page.count("wide: verified at every instant") == 3  # the title, and a caption for each
+    assert "duration: 10 s" in page and "duration: 14 s" in page
+    end, messages = _played(page)
+    assert end == pytest.approx(14.0, abs=0.1)
+    for name, last in (("/load/rod_0", 10.0), ("/beside/load/rod_0", 14.0)):
+        moved = [at for at, said in messages if said["type"] == "SetPositionMessage" and said["name"] == name]
+        assert max(moved) == pytest.approx(last, abs=0.15)
+
+
+def _played(page):
+    """Return the end of a page's recording [s], and its messages with their times [s]."""
+    import msgspec
+    import zstandard
+
+    packed = base64.b64decode(re.search(r'__VISER_EMBED_DATA__="([^"]+)"', page)[1])
+    whole = zstandard.ZstdDecompressor().decompressobj().decompress(packed[8:])
+    recording = msgspec.msgpack.decode(whole[8 : 8 + int.from_bytes(whole[:8], "little")])
+    return recording["durationSeconds"], recording["messages"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
         (("view", "--html", "x.html"), "name a scene"),
+        (("view", example_path("wide"), example_path("wide")), "named twice"),
         (("view", "no_such.yaml"), "no_such.yaml"),
         (("view", ".", "--html", "x.html"), "which scene was solved"),
         (("report", "no_such", "--html", "x.html"), "no such folder"),

@@ -34,7 +34,7 @@ def opened(tmp_path, monkeypatch):
     monkeypatch.setattr(Session, "__init__", made)
     monkeypatch.setattr("comove.workbench.session.BUDGET_WITH_ARMS", 12.0)
     shutil.copy(SCENE, tmp_path / "pair.yaml")
-    guarded = serve(shelf_of(tmp_path / "pair.yaml", tmp_path))
+    guarded = serve(shelf_of([tmp_path / "pair.yaml"], tmp_path))
     page = Page(guarded.address.rstrip("/")).appear()
     page.verdict("The search is done", timeout=120.0)
     yield page, sessions[0], tmp_path
@@ -56,7 +56,7 @@ def test_arms_are_drawn_once_and_follow_what_is_dragged(opened):
     page.verdict("The search is done", timeout=90.0)
     assert session.solved == session.asked
     after = session.stage.recording
-    assert after is not before and not session.stage._pale
+    assert after is not before and not session.stage.pale
     assert "share of torques" in session.panels.measures.content
     meshes = [message["name"] for message in page.messages if message["type"] == "MeshMessage"]
     assert meshes and not [name for name in meshes if "/body_" in name], "its meshes are not sent again"
@@ -77,4 +77,4 @@ def test_where_an_arm_cannot_reach_it_says_so(opened):
     to = place_of(contents, grip) + [1.0, 0.0, 0.0]
     on_loop(session, session.move, grip, to, None, last=True)
     assert "cannot reach its goal" in page.verdict("No verified motion", timeout=90.0)
-    assert session.stage._pale
+    assert session.stage.pale

@@ -21,6 +21,7 @@ viser = pytest.importorskip("viser", reason="the viewer is not installed: pip in
 from comove.workbench.page import serve  # noqa: E402
 from comove.workbench.session import Session  # noqa: E402
 from comove.workbench.stage import BLOCKS  # noqa: E402
+from tests.commands import invoke  # noqa: E402
 from tests.workbench.pages import Page  # noqa: E402
 
 
@@ -46,7 +47,7 @@ def bench(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Session, "__init__", made)
     shutil.copy(example_path("narrow"), tmp_path / "narrow.yaml")
-    guarded = serve(shelf_of(tmp_path / "narrow.yaml", tmp_path))
+    guarded = serve(shelf_of([tmp_path / "narrow.yaml"], tmp_path))
     yield guarded, sessions, tmp_path
     for session in sessions:
         session.close()
@@ -106,7 +107,7 @@ def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved
     soon(lambda: session.solved == session.asked)
     np.testing.assert_allclose(session.scene.centers[0], to, atol=1e-6)
     assert session.stage.recording is not before
-    assert not session.stage._pale
+    assert not session.stage.pale
     on_loop(session, session.changed, "save result", True)
     session.panels.controls["name"].value = "steered"
     on_loop(session, session.changed, "save result", True)
@@ -127,12 +128,12 @@ def test_where_no_motion_is_the_page_says_what_is_in_the_way_and_the_old_one_sta
     start = session.scene.start.mean(axis=0)
     on_loop(session, session.move, grip, np.array([*start, 0.0]), None, last=True)
     assert "at the start the load or a hand" in page.verdict("No verified motion")
-    assert session.stage._pale
+    assert session.stage.pale
     assert session.stage.recording is not None
     on_loop(session, session.changed, "undo", True)
     on_loop(session, session.changed, "duration", 0.1)
     assert "would do" in page.verdict("too short")
-    assert session.stage._pale
+    assert session.stage.pale
 
 
 @pytest.mark.slow
@@ -178,7 +179,7 @@ def test_a_run_is_stopped_by_its_button_and_by_a_change(opened):
     on_loop(session, session.changed, "run", True)
     soon(lambda: not session.live)
     page.verdict("the goal is missed")
-    assert session.stage._pale
+    assert session.stage.pale
     on_loop(session, session.changed, "run", True)
     on_loop(session, session.changed, "duration", 6.0)
     assert not session.live
@@ -251,6 +252,38 @@ def test_a_drawn_movement_is_learned_used_at_once_and_kept(opened):
     assert np.abs(session.stage.recording.center - after).max() < 0.05, (
         "the primitive in the library is what was drawn"
     )
+
+
+@pytest.fixture
+def two_stored(bench):
+    """A page of two stored results, of which the second takes longer, its session and their folder."""
+    _, sessions, folder = bench
+    for name, duration in (("first", 10.0), ("second", 14.0)):
+        options = ("--duration", duration, "--out", name, "--budget", 2)
+        assert invoke("solve", "narrow.yaml", *options, folder=folder).exit_code == 0
+    guarded = serve(shelf_of([folder / "first", folder / "second"], folder))
+    page = Page(guarded.address.rstrip("/")).appear()
+    page.verdict("anew from the result's files")
+    yield page, sessions[-1], folder
+    page.close()
+    guarded.stop()
+
+
+def test_a_stored_result_stands_beside_another_on_one_clock(two_stored):
+    page, session, _ = two_stored
+    assert "Verified at every instant" in page.verdict("**stored: second**: **")
+    other = session.comparison.stage.recording
+    assert (session.stage.recording.time[-1], other.time[-1]) == (10.0, 14.0)
+    assert session.end == session.panels.controls["time"].max == 14.0
+    on_loop(session, session.changed, "time", 13.0)
+    on_loop(session, session.changed, "duration", 7.0)
+    soon(lambda: session.solved == session.asked)
+    assert session.comparison.stage.recording is other, (
+        "what is stored stays when the scene beside it changes"
+    )
+    on_loop(session, session.changed, "beside", "nothing")
+    assert session.end == session.panels.controls["time"].max == 7.0
+    assert session.time <= 7.0
 
 
 @pytest.mark.slow

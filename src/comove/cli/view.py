@@ -17,10 +17,11 @@ if TYPE_CHECKING:
 
 @verb
 def view(
-    scene: Annotated[
-        Path | None,
+    things: Annotated[
+        list[Path] | None,
         typer.Argument(
-            metavar="[SCENE|DIR]", help="Scene file, or result folder; without, the examples to choose from."
+            metavar="[SCENE|DIR]...",
+            help="Scene file, or result folder; a second one stands beside it. Without, the examples to choose from.",
         ),
     ] = None,
     host: Annotated[
@@ -40,11 +41,13 @@ def view(
     """Show a scene and its motion in the browser, and steer it: drag obstacles, starts and goals."""
     from comove.workbench.shelf import shelf_of
 
-    shelf = shelf_of(scene, Path.cwd())
+    shelf = shelf_of(things or (), Path.cwd())
     if html is not None:
-        if scene is None:
+        if not things or len(things) > 2:
             raise OptionError(
-                "a page shows one scene", key="--html", way_out="name a scene or a result folder"
+                "a page shows one thing, or two side by side",
+                key="--html",
+                way_out="name a scene or a result folder, or two",
             )
         o.check_budget(budget)
         return _write(shelf, html, seed, budget)
@@ -71,7 +74,7 @@ def _serve(shelf: Shelf, host: str, port: int | None, open_page: bool) -> int:
 
 
 def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
-    """Write what a folder holds, or the motion of a scene that is solved now, as one page."""
+    """Write what folders hold, or the motions of scenes that are solved now, as one page."""
     from comove.cli.progress import progress_bar
     from comove.io.files import require_target
     from comove.workbench.recorded import page_of, played, write_page
@@ -79,10 +82,12 @@ def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
 
     viewer()
     require_target(path, OptionError)
+    names = [shelf.first] if shelf.beside is None else [shelf.first, shelf.beside]
     with progress_bar(budget) as progress:
-        playback = played(shelf.item, seed=seed, budget=budget, progress=progress)
-    page = page_of(playback)
+        shown = [played(shelf.items[name], seed=seed, budget=budget, progress=progress) for name in names]
+    page = page_of(*shown)
     write_page(path, page)
-    verdict = playback.verdict if playback.holds else playback.verdict.upper()
-    print(f"{playback.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
-    return VERIFIED if playback.holds else NOT_VERIFIED
+    for playback in shown:
+        verdict = playback.verdict if playback.holds else playback.verdict.upper()
+        print(f"{playback.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
+    return VERIFIED if all(playback.holds for playback in shown) else NOT_VERIFIED

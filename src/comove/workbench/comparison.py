@@ -1,29 +1,27 @@
-"""A second motion beside the first, in the same scene, on one clock: another method's, or one that is held."""
+"""A second motion beside the first, on one clock: another method's, one that is held, or a stored one."""
 
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from comove.scenes.scene import Scene
-from comove.workbench.edits import METHODS, Draft
-from comove.workbench.geometry import longest_side
+from comove.workbench.bodies import unpacked
+from comove.workbench.edits import METHODS, Draft, contents_of
 from comove.workbench.link import Link
 from comove.workbench.panels import Panels
+from comove.workbench.playback import Touch
 from comove.workbench.protocol import Message
 from comove.workbench.recording import RecordedMotion
-from comove.workbench.stage import Stage
-from comove.workbench.words import measures_words, named_in, verdict_words
+from comove.workbench.shelf import Item, read_scene
+from comove.workbench.stage import BESIDE, Stage
+from comove.workbench.words import measures_words, named_in, plain_text, verdict_words
 
 NOTHING, HELD = "nothing", "the motion shown now"
-CHOICES = (NOTHING, HELD, *METHODS)
-PREFIX = "/beside"
-APART = 1.2  # widths of the workspace, from one scene to the other
+CHOICES = (NOTHING, HELD, *METHODS)  # and what was named
 PATIENCE = 20.0  # s, that another method has
 
 
@@ -32,66 +30,81 @@ class Comparison:
 
     Parameters
     ----------
-    client : the viewer's client
     loop : event loop of the page
     panels : panels of the page
+    items : what was named and can stand beside, by choice
+    drawn : function that is called when a motion has been drawn
     """
 
-    def __init__(self, client: Any, loop: asyncio.AbstractEventLoop, panels: Panels):
-        self.client, self.loop, self.panels = client, loop, panels
+    def __init__(
+        self,
+        loop: asyncio.AbstractEventLoop,
+        panels: Panels,
+        items: Mapping[str, Item],
+        drawn: Callable[[], None],
+    ):
+        self.loop, self.panels, self.items, self._drawn = loop, panels, items, drawn
         self.chosen = NOTHING
         self.stage: Stage | None = None
         self._link: Link | None = None
         self._asked = -1
         self._closed = False
 
-    def choose(
-        self, choice: Any, scene: Scene, draft: Draft, shown: RecordedMotion | None, folder: Path
-    ) -> None:
-        """Show another method's motion, the one that is shown now, or nothing."""
-        if choice not in CHOICES:
-            return
-        self.chosen = choice
-        self.renew(scene, draft, folder)
-        if choice == HELD and shown is not None and self.stage is not None:
-            self.stage.draw_motion(shown)
-            self.panels.beside.content = "Held: what is changed from now on is seen beside it."
+    def choose(self, choice: Any, first: Stage, draft: Draft, folder: Path) -> None:
+        """Show another method's motion, the one that is shown now, a stored one, or nothing.
 
-    def renew(self, scene: Scene, draft: Draft, folder: Path) -> None:
-        """Draw the scene anew after a change, and ask for the method's motion; what is held stays."""
-        if self.chosen == HELD and self.stage is not None and self.stage.recording is not None:
-            self.redraw()
+        Parameters
+        ----------
+        first : stage that it stands beside
+        draft, folder : what another method solves, and the folder that its paths are relative to
+        """
+        if choice not in CHOICES and choice not in self.items:
             return
-        self.stage, self._asked = None, -1
+        self._end()
+        self.chosen, self.stage, self._asked = choice, None, -1
+        first.api.remove_by_name(BESIDE)
         self.panels.beside.content = ""
-        self.client.scene.remove_by_name(PREFIX)
-        if self.chosen == NOTHING:
-            self._end()
-            return
-        self._lay(scene)
-        if self.chosen != HELD:
-            self._ask(replace(draft, method=self.chosen), folder)
+        if choice in METHODS:
+            self._ask_method(first, draft, folder)
+        elif choice == HELD:
+            self._lay(first, first)
+            self.panels.beside.content = "Held: what is changed from now on is seen beside it."
+        elif choice in self.items:
+            item = self.items[choice]
+            scene = read_scene(item.scene)
+            self._lay(first, Stage(first.api, scene))
+            self._ask(Draft(contents_of(scene)), item.scene.parent, item)
+        self._drawn()
 
-    def redraw(self) -> None:
-        """Draw again what is held, as the page's scene was cleared."""
-        if self.stage is None or self.stage.recording is None:
-            return
-        recording = self.stage.recording
-        self._lay(self.stage.scene)
-        self.stage.draw_motion(recording)
+    def renew(self, first: Stage, draft: Draft, folder: Path) -> None:
+        """Draw the scene anew after a change, and ask for the method's motion; others stay as they are."""
+        if self.chosen in METHODS:
+            self._ask_method(first, draft, folder)
+        elif self.stage is not None:
+            self._lay(first, self.stage)
 
-    def _lay(self, scene: Scene) -> None:
-        width = float(scene.upper[0] - scene.lower[0])
-        self.client.scene.add_frame(PREFIX, show_axes=False, position=(APART * width, 0.0, 0.0))
-        self.stage = Stage(self.client.scene, scene, PREFIX)
+    def _ask_method(self, first: Stage, draft: Draft, folder: Path) -> None:
+        """Ask for the motion of a method in the scene as it is now."""
+        self._lay(first, Stage(first.api, first.scene, robot=first.robot))
+        self._ask(replace(draft, method=self.chosen), folder)
+
+    def _lay(self, first: Stage, drawn: Stage) -> None:
+        """Draw to the right of a stage what another stage holds."""
+        self.stage = Stage.beside(first, drawn.scene)
+        self.stage.touches = drawn.touches
         self.stage.draw_scene()
+        if drawn.robot is not None:
+            self.stage.draw_robot(*drawn.robot)
+        if drawn.recording is not None:
+            self.stage.draw_motion(drawn.recording, pale=drawn.pale)
 
-    def _ask(self, draft: Draft, folder: Path) -> None:
+    def _ask(self, draft: Draft, folder: Path, item: Item | None = None) -> None:
         if self._link is None or self._link.folder != folder:
             self._end()
             self._link = Link(folder, self._hand_over)
-        self._asked = self._link.submit(draft, budget=PATIENCE)
-        self.panels.beside.content = f"**{self.chosen}** is searching ..."
+        self._asked = self._link.submit(draft, budget=PATIENCE, item=item)
+        doing = "is searching" if item is None or item.result is None else "is judged"
+        self.panels.beside.content = f"**{plain_text(self.chosen)}** {doing} ..."
 
     def _hand_over(self, message: Message) -> None:
         link = self._link
@@ -99,39 +112,38 @@ class Comparison:
             self.loop.call_soon_threadsafe(self._answered, link, message)
 
     def _answered(self, link: Link | None, message: Message) -> None:
-        header = message.header
-        if self._closed or link is not self._link or header["id"] != self._asked or self.stage is None:
+        header, stage = message.header, self.stage
+        if self._closed or link is not self._link or stage is None:
             return
-        words = verdict_words(header["kind"], header.get("reasons", ()), header.get("verified_after"))
+        if header["kind"] == "robot" and stage.robot is None and stage.scene.file.robot is not None:
+            arrays = dict(message.arrays)
+            stage.draw_robot(unpacked(arrays), arrays["home"])
+        if header["id"] != self._asked:
+            return
+        failed, reasons = header["kind"] == "failed", header.get("reasons", ())
+        words = verdict_words(
+            header["kind"], reasons, header.get("verified_after"), header.get("verdict", "")
+        )
         if message.arrays:
-            self.stage.draw_motion(RecordedMotion(**message.arrays), pale=header["kind"] == "failed")
-        if header["kind"] == "failed":
-            self.stage.blame(*named_in(self.stage.scene, header["reasons"]))
+            stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
+            stage.draw_motion(RecordedMotion(**message.arrays), pale=failed)
+        if failed:
+            stage.blame(*named_in(stage.scene, reasons))
         if header.get("rows"):
-            words += "\n\n" + measures_words(header["rows"])
-        self.panels.beside.content = f"**{self.chosen}**: {words}"
+            words += "\n\n" + measures_words(header["rows"], header["proved"])
+        self.panels.beside.content = f"**{plain_text(self.chosen)}**: {words}"
+        self._drawn()
 
     def show(self, time: float) -> None:
         """Show an instant [s], or the end where it comes later."""
         if self.stage is not None and self.stage.recording is not None:
-            recording = self.stage.recording
-            self.stage.show(recording.index_at(min(time, float(recording.time[-1]))))
+            self.stage.show(self.stage.recording.index_at(time))
 
     @property
-    def shift(self) -> np.ndarray:
-        """Return by how much the camera looks aside, so that both are seen; array, shape (3,) [m]."""
-        if self.stage is None:
-            return np.zeros(3)
-        scene = self.stage.scene
-        return np.array([0.5 * APART * float(scene.upper[0] - scene.lower[0]), 0.0, 0.0])
-
-    @property
-    def farther(self) -> float:
-        """Return by which factor the camera stands farther off, so that both are seen."""
-        if self.stage is None:
-            return 1.0
-        scene = self.stage.scene
-        return 1.0 + 0.5 * float(scene.upper[0] - scene.lower[0]) / longest_side(scene)
+    def end(self) -> float:
+        """Return the end of the motion beside, 0 without one [s]."""
+        recording = None if self.stage is None else self.stage.recording
+        return 0.0 if recording is None else float(recording.time[-1])
 
     def _end(self) -> None:
         if self._link is not None:

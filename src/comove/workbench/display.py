@@ -15,7 +15,7 @@ from comove.workbench.recorded import page_of, write_page
 HEIGHT = 480  # pixels, of a page in a notebook
 
 
-def show(thing: Any) -> None:
+def show(thing: Any, beside: Any = None) -> None:
     """Show something that moves: inside a notebook, or else as a page that is opened in a browser.
 
     Parameters
@@ -23,6 +23,8 @@ def show(thing: Any) -> None:
     thing
         A scene, a solution of `comove.solve` or `comove.robots.carry`, a motion, the record of an execution, a result
         that was read, or the path of a scene file or result folder; what stands in a folder is judged anew.
+    beside
+        Another such thing, shown to the right of it and on the same clock.
 
     Raises
     ------
@@ -31,8 +33,7 @@ def show(thing: Any) -> None:
     ExtraError
         If the viewer is not installed.
     """
-    playback = playback_of(thing)
-    page = page_of(playback)
+    page = page_of(playback_of(thing), None if beside is None else playback_of(beside))
     if in_notebook():
         from IPython.display import HTML, display
 

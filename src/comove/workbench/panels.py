@@ -179,12 +179,15 @@ class Panels:
         for name in ("play", "pace", "time", "ghosts"):
             self.controls[name].visible = not live
 
-    def plot(self, recording: RecordedMotion, names: tuple[str, ...]) -> None:
-        """Draw the measures over time."""
-        slider, end = self.controls["time"], float(recording.time[-1])
+    def reach(self, end: float) -> None:
+        """Let the bar of times reach to an instant [s]."""
+        slider = self.controls["time"]
         if slider.max != end:
             slider.value = min(slider.value, end)
             slider.max = end
+
+    def plot(self, recording: RecordedMotion, names: tuple[str, ...]) -> None:
+        """Draw the measures over time."""
         for name, label, factor in PLOTS:
             columns = np.asarray(getattr(recording, name), dtype=float) * factor
             columns = columns.reshape(len(recording.time), -1).T

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from comove.workbench.stage import Stage, demonstrated
 POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:"
 """Of the page: nothing is loaded from anywhere."""
 STYLE = (
-    "position:fixed;right:12px;top:12px;max-width:22em;max-height:85vh;overflow:auto;padding:10px 14px;z-index:10;"
+    "position:fixed;top:12px;max-height:85vh;overflow:auto;padding:10px 14px;z-index:10;"
     "background:rgba(255,255,255,.9);border-radius:8px;box-shadow:0 1px 6px rgba(0,0,0,.2);"
     "font:13px/1.45 system-ui,sans-serif;color:#1a1a1a"
 )
@@ -54,57 +53,72 @@ def played(
     return playback_of(carry(scene, robot, demonstration=movements_of(demonstration, scene), **wanted))
 
 
-def page_of(playback: Playback) -> str:
+def page_of(playback: Playback, beside: Playback | None = None) -> str:
     """Return an HTML page that plays, and says what is known of what it plays.
+
+    Parameters
+    ----------
+    beside : what is played to the right of it, on the same clock
 
     Raises
     ------
     ExtraError
         If the viewer is not installed.
     """
-    scene, recording, robot = playback.scene, playback.recording, playback.robot
     guarded = start()
     try:
         server = guarded.server
-        stage = Stage(server.scene, scene)
-        stage.draw_scene(demonstrated(scene))
-        if robot is not None:
-            stage.draw_robot(bodies_of(robot), poses_of(robot, robot.home[None])[0])
-        position, look_at, up = stage.camera()
+        stages = [_staged(Stage(server.scene, playback.scene), playback)]
+        if beside is not None:
+            stages.append(_staged(Stage.beside(stages[0], beside.scene), beside))
+        position, look_at, up = stages[0].camera(stages[1] if beside is not None else None)
         server.initial_camera.position = tuple(position)
         server.initial_camera.look_at = tuple(look_at)
         server.initial_camera.up = tuple(up)
-        if recording is not None:
-            stage.draw_motion(recording, pale=not playback.holds)
+        clocks = [stage.recording.time for stage in stages if stage.recording is not None]
+        time = max(clocks, key=lambda clock: float(clock[-1]), default=np.zeros(0))
         serializer = server.get_scene_serializer()
-        if recording is not None:
-            stage.touches = playback.touches
-            for index, pause in enumerate(np.diff(recording.time, append=recording.time[-1:])):
-                stage.show(index)
-                serializer.insert_sleep(float(pause))
+        for at, pause in zip(time.tolist(), np.diff(time, append=time[-1:]).tolist(), strict=True):
+            for stage in stages:
+                if stage.recording is not None:
+                    stage.show(stage.recording.index_at(at))
+            serializer.insert_sleep(pause)
         page: str = serializer.as_html()
     finally:
         guarded.stop()
-    return _captioned(page, _lines(playback))
+    if beside is None:
+        return _captioned(page, _caption(playback, "right:12px;max-width:22em"))
+    pair = _caption(playback, "left:12px;max-width:15em"), _caption(beside, "right:12px;max-width:15em")
+    return _captioned(page, *pair)
 
 
-def _lines(playback: Playback) -> list[str]:
-    """Return the caption, line by line; the title first."""
+def _staged(stage: Stage, playback: Playback) -> Stage:
+    """Return a stage on which everything is drawn that is played."""
+    stage.draw_scene(demonstrated(playback.scene))
+    if playback.robot is not None:
+        stage.draw_robot(bodies_of(playback.robot), poses_of(playback.robot, playback.robot.home[None])[0])
+    if playback.recording is not None:
+        stage.draw_motion(playback.recording, pale=not playback.holds)
+    stage.touches = playback.touches
+    return stage
+
+
+def _caption(playback: Playback, place: str) -> str:
+    """Return what is known of what is played as HTML, at a place given in CSS."""
     said = [f"{name}: {proved}{asked and f' (asked for: {asked})'}" for name, proved, asked in playback.rows]
-    said = said if playback.holds else []
-    title = f"{playback.scene.name}: {playback.verdict}"
-    return [title, *playback.reasons, *said, f"made by comove {__version__}"]
+    lines = [*playback.reasons, *(said if playback.holds else []), f"made by comove {__version__}"]
+    body = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
+    title = html.escape(f"{playback.scene.name}: {playback.verdict}")
+    return f'<details open style="{STYLE};{place}"><summary><b>{title}</b></summary>{body}</details>'
 
 
-def _captioned(page: str, lines: Sequence[str]) -> str:
-    """Return the viewer's page with a title, a caption, and the policy that it loads nothing."""
-    title, *rest = (html.escape(line) for line in lines)
-    body = "".join(f"<div>{line}</div>" for line in rest)
-    caption = f'<details open style="{STYLE}"><summary><b>{title}</b></summary>{body}</details>'
+def _captioned(page: str, *captions: str) -> str:
+    """Return the viewer's page with captions, titled as the first, and the policy that it loads nothing."""
+    title = captions[0].partition("<b>")[2].partition("</b>")[0]
     policy = f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
     page = page.replace("<title>Viser</title>", f"<title>{title}</title>", 1)
     head, body_tag = page.index("<head>") + len("<head>"), page.rindex("</body>")
-    return f"{page[:head]}{policy}{page[head:body_tag]}{caption}{page[body_tag:]}"
+    return f"{page[:head]}{policy}{page[head:body_tag]}{''.join(captions)}{page[body_tag:]}"
 
 
 def write_page(path: Path, page: str) -> None:

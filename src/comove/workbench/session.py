@@ -79,8 +79,9 @@ class Session:
         self.client, self.loop, self.shelf = client, loop, shelf
         self.note = ""
         names = tuple(shelf.items) if len(shelf.items) > 1 else ()
-        self.panels = Panels(client.gui, self.changed, names, shelf.first, CHOICES)
-        self.comparison = Comparison(client, loop, self.panels)
+        beside = shelf.comparable
+        self.panels = Panels(client.gui, self.changed, names, shelf.first, (*CHOICES, *beside))
+        self.comparison = Comparison(loop, self.panels, beside, self._stretch)
         self.stage: Stage | None = None
         self.link: Link | None = None
         self.gizmo: Any = None
@@ -92,6 +93,10 @@ class Session:
         self.playing, self.live, self.pace, self.time = True, False, 1.0, 0.0
         self.closed = False
         self.open(shelf.first)
+        for choice, item in beside.items():
+            if shelf.beside is not None and item == shelf.items[shelf.beside]:
+                self.panels.controls["beside"].value = choice
+                self._compare(choice)
         self._player = loop.create_task(self._play())
 
     # --- scenes ---
@@ -134,20 +139,19 @@ class Session:
         alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
         if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
             self.stage.draw_motion(shown, pale=True)
-        self.comparison.renew(scene, self.history.now, self._source())
+        self.comparison.renew(self.stage, self.history.now, self._source())
 
     def _compare(self, choice: Any) -> None:
-        shown = None if self.stage is None else self.stage.recording
-        self.comparison.choose(choice, self.scene, self.history.now, shown, self._source())
-        self._look()
+        if self.stage is not None:
+            self.comparison.choose(choice, self.stage, self.history.now, self._source())
+            self._look()
 
     def _look(self) -> None:
         if self.stage is None:
             return
-        position, look_at, up = self.stage.camera()
-        look_at = look_at + self.comparison.shift
+        position, look_at, up = self.stage.camera(self.comparison.stage)
         self.client.camera.up_direction = up
-        self.client.camera.position = look_at + self.comparison.farther * (position - self.stage.camera()[1])
+        self.client.camera.position = position
         self.client.camera.look_at = look_at
 
     # --- dragging ---
@@ -577,7 +581,7 @@ class Session:
             return
         with self.client.atomic():
             self.stage.draw_motion(recording, pale=not newest or not header.get("holds", True))
-            self._show(min(self.time, float(recording.time[-1])))
+            self._show(min(self.time, self.end))
         if not newest:
             return
         self.solved = header["id"] if header["kind"] in FINAL else self.solved
@@ -592,6 +596,7 @@ class Session:
         if self.stage is not None:
             self.stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
         self.panels.plot(recording, self.scene.manipulators)
+        self._stretch()
         words = measures_words(header["rows"], header["proved"]) if header["rows"] else ""
         self.panels.measures.content = words + self._tightest_words(recording) + self.note
 
@@ -612,12 +617,24 @@ class Session:
             recording = None if self.stage is None else self.stage.recording
             if recording is None or not self.playing or self.live:
                 continue
-            end = float(recording.time[-1])
+            end = self.end
             self.time += FRAME * self.pace
             if self.time > end + END_PAUSE * self.pace:
                 self.time = 0.0
             frame += 1
             self._show(min(self.time, end), keep=True, pointing=frame % POINTED == 0)
+
+    @property
+    def end(self) -> float:
+        """Return the last instant of what is shown, and of what stands beside it [s]."""
+        recording = None if self.stage is None else self.stage.recording
+        return max(0.0 if recording is None else float(recording.time[-1]), self.comparison.end)
+
+    def _stretch(self) -> None:
+        """Let the bar of times reach to the end of all that is shown, and show the instant."""
+        if self.end > 0.0 and not self.live:
+            self.panels.reach(self.end)
+            self._show(min(self.time, self.end))
 
     def _show(self, at: float, *, keep: bool = False, pointing: bool = True) -> None:
         """Show an instant [s]."""

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from importlib.resources import files
 from pathlib import Path
 
-from comove.errors import ComoveWarning, ResultError
+from comove.errors import ComoveWarning, OptionError, ResultError
 from comove.io.folders import require_folder
 from comove.results.solution import SCENE
 from comove.scenes.scene import Scene
@@ -57,49 +58,85 @@ class Shelf:
     items : scenes and results by name
     first : name of the one that is shown first
     folder : folder that the save buttons write into
+    beside : name of the one that stands beside it at first; None for none
     """
 
     items: Mapping[str, Item]
     first: str
     folder: Path
+    beside: str | None = None
 
     @property
     def item(self) -> Item:
         """Return what is shown first."""
         return self.items[self.first]
 
+    @property
+    def comparable(self) -> Mapping[str, Item]:
+        """Return what can stand beside what is shown: all that was named, by name, but no examples."""
+        if self.beside is None and (len(self.items) == 1 or self.item.result is None):
+            return {}
+        return {f"{'scene' if i.result is None else 'stored'}: {name}": i for name, i in self.items.items()}
 
-def shelf_of(path: Path | None, folder: Path) -> Shelf:
+
+def shelf_of(paths: Sequence[Path], folder: Path) -> Shelf:
     """Return what a page can show.
 
     Parameters
     ----------
-    path
-        Scene file, or result folder; the examples of the package without.
+    paths
+        Scene files and result folders, the first to be shown with the second beside it; without, the examples of the
+        package.
     folder
         Folder that the save buttons write into.
 
     Raises
     ------
     SceneError
-        If the file is no scene.
+        If a file is no scene.
     ResultError
-        If the folder is no result, or does not hold its scene.
+        If a folder is no result, or does not hold its scene.
+    OptionError
+        If something is named twice.
     """
-    if path is None:
+    if not paths:
         examples = sorted(Path(str(files("comove") / "examples")).glob("*.yaml"))
         return Shelf({example.stem: Item(example) for example in examples}, "narrow", folder)
+    found = [_items_in(path) for path in paths]
+    if len(found) == 1:
+        return Shelf(found[0], next(iter(found[0])), folder)
+    items: dict[str, Item] = {}
+    firsts = []
+    for name, parts in zip(_names_of(paths), found, strict=True):
+        named = {name if len(parts) == 1 else f"{name}, {part}": item for part, item in parts.items()}
+        firsts.append(next(iter(named)))
+        items |= named
+    return Shelf(items, firsts[0], folder, firsts[1])
+
+
+def _items_in(path: Path) -> dict[str, Item]:
+    """Return what a scene file or a result folder offers, best first."""
     if not path.is_dir():
         read_scene(path)  # a mistake in it is told before a page is opened
-        return Shelf({path.stem: Item(path)}, path.stem, folder)
+        return {path.stem: Item(path)}
     scene = require_folder(path, "comove solve SCENE --out DIR") / SCENE
     if not scene.is_file():
         raise ResultError(
             "the folder does not say which scene was solved", file=path, way_out="name the scene file instead"
         )
     read_scene(scene)
-    items = {WORDS[part]: Item(scene, path, part) for part in parts_of(path)}
-    return Shelf(items, next(iter(items)), folder)
+    return {WORDS[part]: Item(scene, path, part) for part in parts_of(path)}
+
+
+def _names_of(paths: Sequence[Path]) -> list[str]:
+    """Return short names of files and folders, whole paths where the short ones are the same."""
+    whole = [path.resolve() for path in paths]
+    twice = [path for path, count in zip(paths, map(whole.count, whole), strict=True) if count > 1]
+    if twice:
+        raise OptionError(f"{twice[0]} is named twice", way_out="name two different scenes or results")
+    short = [path.name if path.is_dir() else path.stem for path in whole]
+    times = Counter(short)
+    return [str(path) if times[name] > 1 else name for path, name in zip(paths, short, strict=True)]
 
 
 def parts_of(folder: Path) -> tuple[PlayedPart, ...]:

@@ -42,6 +42,9 @@ Array = NDArray[np.float64]
 STILL, GREY, PALE = colour_of("#9aa1ab"), colour_of("#b9bec6"), colour_of("#c9cdd3")
 BLOCKS = colour_of("#d7263d")
 ROBOT = "/robot"  # path under which the robot is drawn, whichever the scene
+BESIDE = "/beside"  # path under which a second scene is drawn
+BETWEEN = 0.2  # widths of the wider workspace, from one to the other
+BETWEEN_ARMS = 0.4  # likewise where a robot stands, which is wider than its workspace
 N_GHOSTS = 9
 COMFORT = 0.05  # of the longest side: clearance from which the path is green
 GRIP = 1.9  # times the size of a hand: radius of the balls by which starts and goals are taken
@@ -58,27 +61,50 @@ class Stage:
     api : the viewer's scene, of a client or of a server
     scene : what is drawn
     prefix : path under which everything is drawn
+    aside : array, shape (3,), by which it is drawn aside of where the scene's coordinates put it [m]
     """
 
     api: Any
     scene: Scene
     prefix: str = ""
+    aside: Array = field(default_factory=lambda: np.zeros(3))
     recording: RecordedMotion | None = None
     obstacles: list[Any] = field(default_factory=list)
     marks: dict[str, Any] = field(default_factory=dict)
     touches: Sequence[Touch] = ()
+    pale: bool = False
+    robot: tuple[Sequence[LinkSurface], Array] | None = None
     _joints: list[Any] = field(default_factory=list)
     _links: list[tuple[Any, LinkSurface]] = field(default_factory=list)
     _pieces: tuple[Piece, ...] = ()
     _goers: list[int] = field(default_factory=list)
     _moving: list[Any] = field(default_factory=list)
     _motion: dict[str, Any] = field(default_factory=dict)
-    _pale: bool = False
     _ghosts: bool = True
 
     def __post_init__(self) -> None:
         self.side = longest_side(self.scene)
         self.lift = 0.5 * HEIGHT * self.side if self.scene.n_dims == 2 else 0.0
+
+    @classmethod
+    def beside(cls, first: Stage, scene: Scene) -> Stage:
+        """Return an empty stage for a scene, to the right of another stage as its camera sees it."""
+        right = np.array([-np.sin(first.heading), np.cos(first.heading), 0.0])
+        halves = [0.5 * float(np.abs(right) @ _size(s)) for s in (first.scene, scene)]
+        between = BETWEEN if scene.file.robot is None else BETWEEN_ARMS
+        aside = right * (sum(halves) + between * 2.0 * max(halves)) + _middle(first.scene) - _middle(scene)
+        aside[2] = 0.0
+        first.api.remove_by_name(BESIDE)
+        first.api.add_frame(BESIDE, show_axes=False, position=tuple(aside))
+        return cls(first.api, scene, BESIDE, aside)
+
+    @property
+    def heading(self) -> float:
+        """Return the angle about the vertical axis at which the camera stands [rad]."""
+        if self.scene.n_dims == 2:
+            return float(-0.5 * np.pi)
+        way = (self.scene.goal - self.scene.start).mean(axis=0)
+        return float(np.arctan2(way[1], way[0]) - np.radians(62.0))
 
     def draw_scene(self, demonstration: Array | None = None) -> None:
         """Draw workspace, obstacles, starts and goals.
@@ -130,14 +156,16 @@ class Stage:
         bodies : its visible bodies
         home : array, shape (n_joints, 7), poses of its joints until a motion is drawn
         """
-        self.api.add_frame(ROBOT, show_axes=False)
+        path = f"{self.prefix}{ROBOT}"
+        self.robot = bodies, home
+        self.api.add_frame(path, show_axes=False)
         self._joints = [
-            self.api.add_frame(f"{ROBOT}/joint_{joint}", show_axes=False) for joint in range(len(home))
+            self.api.add_frame(f"{path}/joint_{joint}", show_axes=False) for joint in range(len(home))
         ]
         self._links = [
             (
                 self.api.add_mesh_simple(
-                    f"{ROBOT}/{'base' if body.joint < 0 else f'joint_{body.joint}'}/body_{number}",
+                    f"{path}/{'base' if body.joint < 0 else f'joint_{body.joint}'}/body_{number}",
                     body.surface.vertices.astype(np.float32),
                     body.surface.faces.astype(np.uint32),
                     color=body.colour,
@@ -156,7 +184,7 @@ class Stage:
 
     def adopt_robot(self, other: Stage) -> None:
         """Take over the robot of a stage before this one, which stays drawn."""
-        self._joints, self._links = other._joints, other._links
+        self.robot, self._joints, self._links = other.robot, other._joints, other._links
 
     def _floor(self) -> None:
         low, high = self.scene.lower, self.scene.upper
@@ -212,8 +240,8 @@ class Stage:
         """
         pieces = pieces_of(self.scene, recording.nodes, COLOURS)
         again = [piece.name for piece in pieces] == [piece.name for piece in self._pieces]
-        changed = again and pale == self._pale and len(pieces) > 0 and _same_bodies(pieces, self._pieces)
-        self.recording, self._pieces, self._pale = recording, pieces, pale
+        changed = again and pale == self.pale and len(pieces) > 0 and _same_bodies(pieces, self._pieces)
+        self.recording, self._pieces, self.pale = recording, pieces, pale
         self._goers = np.flatnonzero(recording.offsets.any(axis=(0, 2))).tolist()
         if not changed:
             self._draw_bodies(pale)
@@ -284,7 +312,7 @@ class Stage:
 
     def fade(self) -> None:
         """Draw the motion that is shown in grey: it is not verified on the scene as it is now."""
-        if self.recording is not None and not self._pale:
+        if self.recording is not None and not self.pale:
             self.draw_motion(self.recording, pale=True)
 
     def show(self, index: int) -> None:
@@ -368,20 +396,40 @@ class Stage:
             for grip in grips_of(self.scene)
         }
 
-    def camera(self) -> tuple[Array, Array, Array]:
-        """Return where a camera should stand, what it should look at, and what is up; arrays, shape (3,)."""
-        low, high = np.zeros(3), np.zeros(3)
-        low[: self.scene.n_dims], high[: self.scene.n_dims] = self.scene.lower, self.scene.upper
-        middle = 0.5 * (low + high)
-        if self.scene.n_dims == 2:
-            away = np.array([0.0, -0.02, 1.0]) * ROOM_OF_VIEW * self.side
-            return middle + away, middle, np.array([0.0, 1.0, 0.0])
-        way = (self.scene.goal - self.scene.start).mean(axis=0)
-        heading = float(np.arctan2(way[1], way[0])) - np.radians(62.0)
-        away = np.array([np.cos(heading), np.sin(heading), 0.65]) * 1.35 * ROOM_OF_VIEW * self.side
+    def camera(self, beside: Stage | None = None) -> tuple[Array, Array, Array]:
+        """Return where a camera should stand, what it should look at, and what is up; arrays, shape (3,).
+
+        Parameters
+        ----------
+        beside : stage to the right, which shall be seen as well
+        """
+        middle, room = _middle(self.scene), self.side
+        if beside is not None:
+            apart = beside.aside + _middle(beside.scene) - middle
+            middle = middle + 0.5 * apart
+            room += 0.5 * float(np.linalg.norm(apart)) / (1.0 + BETWEEN)
+        room *= ROOM_OF_VIEW
+        if self.scene.n_dims == 2 and (beside is None or beside.scene.n_dims == 2):
+            return middle + np.array([0.0, -0.02, 1.0]) * room, middle, np.array([0.0, 1.0, 0.0])
+        away = np.array([np.cos(self.heading), np.sin(self.heading), 0.65]) * 1.35 * room
         if self._links:
             away = away * ROOM_OF_ARMS
         return middle + away, middle, np.array([0.0, 0.0, 1.0])
+
+
+def _middle(scene: Scene) -> Array:
+    """Return the middle of a workspace; array, shape (3,) [m]."""
+    return 0.5 * _size(scene) + _spatial(scene.lower)
+
+
+def _size(scene: Scene) -> Array:
+    """Return the lengths of the sides of a workspace; array, shape (3,) [m]."""
+    return _spatial(scene.upper) - _spatial(scene.lower)
+
+
+def _spatial(point: Array) -> Array:
+    """Return a point in space, of one in the plane or in space; array, shape (3,)."""
+    return np.append(point, np.zeros(3 - len(point)))
 
 
 def clear(api: Any) -> None:
