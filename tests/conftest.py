@@ -3,6 +3,7 @@
 import gc
 import os
 
+import pytest
 from hypothesis import settings
 
 from comove._compiled import ALONE
@@ -20,6 +21,15 @@ settings.load_profile("comove")
 
 # What is imported and collected stays to the end: it is no garbage, and need not be searched for any.
 gc.disable()
+
+
+@pytest.fixture(autouse=True)
+def budgets_of_work():
+    """Let budgets count processor time: what a search finds must not depend on what else the machine does."""
+    from comove.planning.clock import processor_time
+
+    with processor_time():
+        yield
 
 
 def pytest_collection_finish(session):

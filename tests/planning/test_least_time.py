@@ -1,11 +1,14 @@
 """Motions in least time: within limits at every instant, and near what is known to be possible."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import comove
 from comove import LeastJerk, LeastTime
 from comove.errors import OptionError, SceneError
+from comove.planning import solver
 from comove.planning.pace import LIMITS, in_least_time, least_possible
 from comove.scenes import Scene, demonstration_of
 from comove.verification import verify
@@ -93,14 +96,39 @@ def test_what_was_taught_is_made_as_fast_as_limits_allow():
     assert verify(solution.attempt.on(solution.scene.timed(0.999 * duration))).verified is None
 
 
-@pytest.mark.parametrize("duration", [0.3, pytest.param(2.1, marks=pytest.mark.slow)])
-def test_a_duration_that_is_too_short_is_answered_by_one_that_does(duration):
-    solution = comove.solve(hasty("narrow", duration))
+@pytest.mark.parametrize(
+    ("name", "limits", "duration", "most"),
+    [
+        ("narrow", HARD, 0.3, 2.25),
+        pytest.param("narrow", HARD, 2.1, 2.25, marks=pytest.mark.slow),
+        pytest.param("window", {"speed": 1.0}, 0.2, 0.95, marks=pytest.mark.slow),
+        pytest.param("window", {"speed": 1.0}, 0.86, 0.95, marks=pytest.mark.slow),
+    ],
+)
+def test_a_duration_that_is_too_short_is_answered_by_one_that_does(name, limits, duration, most):
+    solution = comove.solve(hasty(name, duration, limits=limits))
     assert not solution.verified
     (told,) = (reason for reason in solution.reasons if "would do" in reason)
     needed = float(told.split(": ")[1].split(" s")[0])
-    assert duration < needed < 2.25
-    assert comove.solve(hasty("narrow", needed)).verified
+    assert duration < needed < most
+    assert comove.solve(hasty(name, needed, limits=limits)).verified
+
+
+@pytest.mark.parametrize("duration", [2.1, 2.4])
+def test_where_a_search_in_time_finds_nothing_the_fastest_motion_decides(monkeypatch, duration):
+    """A search that fails although a longer duration is known is not the last word: a faster motion may do."""
+    search, fastest = solver._searched, comove.solve(hasty("narrow"))
+
+    def failing(problem):
+        found, needed = search(problem)
+        return (replace(found, motion=None), 9.0) if problem.is_timed else (found, needed)
+
+    monkeypatch.setattr(solver, "_searched", failing)
+    solution = comove.solve(hasty("narrow", duration))
+    assert solution.verified == (fastest.scene.duration < duration)
+    assert solution.scene.duration == duration
+    if not solution.verified:
+        assert any("2.24 s would do" in reason for reason in solution.reasons)
 
 
 def test_a_duration_just_long_enough_is_kept():

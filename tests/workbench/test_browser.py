@@ -228,6 +228,25 @@ def test_a_run_is_live_and_then_played(open_scene):
     bench.says("Executed, and verified at every instant")
 
 
+def test_two_stored_results_stand_side_by_side(chromium, tmp_path):
+    for method in ("comove", "paper"):
+        command = ["solve", str(example_path("narrow")), "--method", method, "--out", method]
+        done = subprocess.run([sys.executable, "-m", "comove", *command], cwd=tmp_path, timeout=300)
+        assert done.returncode == 0
+    bench = chrome.Bench(chromium, shelf_of([tmp_path / "comove", tmp_path / "paper"], tmp_path))
+    try:
+        bench.says("anew from the result's files")
+        bench.tab("Compare")
+        bench.says("stored: paper: Verified at every instant, anew from the result's files")
+        assert bench.page.locator("input[role=combobox][value='stored: paper']").count() == 1
+        first, second = bench.session.stage, bench.session.comparison.stage
+        assert first.recording is not None and second.recording is not None
+        assert second.aside[0] > 1.0
+        assert not bench.errors
+    finally:
+        bench.close()
+
+
 def test_another_example_is_chosen(chromium, tmp_path):
     bench = chrome.Bench(chromium, shelf_of([], tmp_path))
     try:

@@ -309,7 +309,7 @@ def test_what_is_held_stays_while_the_scene_changes(opened):
         ("resemblance", 7.0),
         ("pace", "fast"),
         ("time", "noon"),
-        ("example", "../../etc/passwd"),
+        ("shown", "../../etc/passwd"),
         ("beside", "magic"),
         ("no such control", 1.0),
     ],

@@ -38,6 +38,9 @@ from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
 
+SHARE_IN_HASTE = (
+    0.5  # least share of the budget for the fastest motion, after a search that found none in time
+)
 TRY, SHORT = 0.2, 0.1  # largest share of the budget for the try of one duration, and its least time [s]
 COMMON = (0.3, 5.0)  # m, longest sides of workspaces that are not rescaled
 
@@ -213,16 +216,67 @@ def _default_objective(
 def _solved(problem: Problem) -> Solution:
     """Solve a problem, by the procedure that suits its duration."""
     if problem.is_hopeless:
-        free = with_limits(problem.scene, NONE).timed(None)
-        slow = _solved(replace(problem, scene=free, taught=None, objective=LeastTime()))
-        return replace(_too_fast(slow, problem.scene, problem.checks), objective=problem.objective)
+        return _at_pace(_in_least_time(problem), problem)
     if not problem.is_timed and problem.scene.moving.any():
         return _among_moving(problem)
-    return _searched(problem)
+    solution, needed = _searched(problem)
+    if solution.verified or solution.interrupted or needed == np.inf:
+        return solution
+    if problem.own is None:  # limits that are tight are met by the fastest motion, if by any
+        left = max(problem.budget - solution.solve_time_s, SHARE_IN_HASTE * problem.budget)
+        slow = _in_least_time(replace(problem, budget=left))
+        if slow.verified:
+            return _joined(solution, slow, _at_pace(slow, problem))
+    return replace(solution, reasons=(*solution.reasons, too_short(problem.scene, needed)))
 
 
-def _searched(problem: Problem) -> Solution:
-    """Solve a problem by a single search, in its given duration or, if that is open, in any."""
+def _in_least_time(problem: Problem) -> Solution:
+    """Return the fastest motion within the limits that a problem states, whatever its duration."""
+    free = with_limits(problem.scene, NONE).timed(None)
+    return _searched(replace(problem, scene=free, taught=None, objective=LeastTime()))[0]
+
+
+def _at_pace(fastest: Solution, problem: Problem) -> Solution:
+    """Return the fastest motion in the duration that is given, with the one that would do if that is too short."""
+    scene = problem.scene
+    motion = fastest.attempt.on(scene)
+    verdict = verify(motion, problem.checks)
+    reasons, needed = verdict.reasons, fastest.scene.duration
+    if verdict.verified is None and fastest.verified and needed > scene.duration:
+        reasons = (*reasons, too_short(scene, needed))
+    return replace(
+        fastest,
+        scene=scene,
+        motion=verdict.verified,
+        attempt=motion,
+        report=verdict.report,
+        reasons=reasons,
+        objective=problem.objective,
+        time_to_first_verified_s=None if verdict.verified is None else fastest.time_to_first_verified_s,
+    )
+
+
+def _joined(first: Solution, second: Solution, result: Solution) -> Solution:
+    """Return the result of two searches, one after the other, with the effort of both."""
+    until = result.time_to_first_verified_s
+    return replace(
+        result,
+        evaluations=first.evaluations + second.evaluations,
+        generations=first.generations + second.generations,
+        time_to_first_verified_s=None if until is None else first.solve_time_s + until,
+        solve_time_s=first.solve_time_s + second.solve_time_s,
+        interrupted=second.interrupted,
+    )
+
+
+def _searched(problem: Problem) -> tuple[Solution, float]:
+    """Solve a problem by a single search, in its given duration or, if that is open, in any.
+
+    Returns
+    -------
+    solution
+    needed : duration in which a motion that is too fast would be verified, inf if none is known [s]
+    """
     started = now()
     scene, taught, objective = problem.scene, problem.taught, problem.objective
     asked = scene
@@ -263,7 +317,7 @@ def _searched(problem: Problem) -> Solution:
     if at_goal >= scene.clearance or not search.hard:  # else an obstacle will be at the goal
         with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
             problem.method.run(search, planner=problem.planner)
-    return _solution(problem, search)
+    return _solution(problem, search), search.needed
 
 
 def _solution(problem: Problem, search: Search) -> Solution:
@@ -286,15 +340,12 @@ def _solution(problem: Problem, search: Search) -> Solution:
         log = {key: _times(value, ratio) if key.endswith("_m") else value for key, value in log.items()}
         if isinstance(aim, LeastJerk):
             aim = replace(aim, room=ratio * aim.wish)
-    reasons = verdict.reasons
-    if search.needed < np.inf and verdict.verified is None:
-        reasons = (*reasons, too_short(asked, search.needed))
     return Solution(
         scene=asked,
         motion=verdict.verified,
         attempt=motion,
         report=verdict.report,
-        reasons=reasons,
+        reasons=verdict.reasons,
         cost=evaluated.cost(motion),
         method=problem.method.name,
         seed=problem.seed,
@@ -306,22 +357,6 @@ def _solution(problem: Problem, search: Search) -> Solution:
         log=log,
         objective=problem.own if problem.own is not None and problem.own.given else aim,
         followed=_followed(motion, search.aim, evaluated),
-    )
-
-
-def _too_fast(slow: Solution, scene: Scene, checks: Sequence[Check]) -> Solution:
-    """Return the solution for a duration that is too short, from a motion that was found for a longer one."""
-    motion = slow.attempt.on(scene)
-    verdict = verify(motion, checks)
-    reasons = (*verdict.reasons, too_short(scene, slow.scene.duration)) if slow.verified else verdict.reasons
-    return replace(
-        slow,
-        scene=scene,
-        motion=None,
-        attempt=motion,
-        report=verdict.report,
-        reasons=reasons,
-        time_to_first_verified_s=None,
     )
 
 

@@ -34,8 +34,8 @@ class Panels:
     ----------
     gui : the viewer's controls of one client
     told : function that is called with the name of a control and its value when a person changes it
-    names : examples to choose from; none where a scene was named
-    chosen : the example that is shown
+    names : scenes and results to choose from; none where there is one
+    chosen : the one that is shown
     beside : what can be shown beside the motion
     """
 
@@ -56,7 +56,7 @@ class Panels:
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.main_panel.dock_right()
         if names:
-            self._add("example", gui.add_dropdown("example", names, initial_value=chosen))
+            self._add("shown", gui.add_dropdown("shown", names, initial_value=chosen))
         self.verdict = gui.add_markdown("")
         self._play()
         tabs = gui.add_tab_group()

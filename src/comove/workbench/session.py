@@ -492,7 +492,7 @@ class Session:
     _controls: Mapping[str, Callable[[Session, Any], None]] = {
         "undo": _undo,
         "redo": _redo,
-        "example": _open,
+        "shown": _open,
         "play": _toggle,
         "pace": _set_pace,
         "time": _scrub,
