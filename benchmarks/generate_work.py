@@ -40,6 +40,9 @@ class Idle:
         """Return nothing."""
         return {}
 
+    def require(self) -> None:
+        """Need nothing."""
+
     def key(self, number: int) -> str:
         """Return the number as a key."""
         return f"{number:012d}"

@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 import yaml
 
-from comove.errors import ExtraError, InputError, ResultError
+import comove
+from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.robots import Robot
-from comove.studies import Shard, Study, StudyStore, on_processes, report_of, run_study
+from comove.simulators.engine import engine
+from comove.studies import Shard, Study, StudyStore, Sweep, groups_of, on_processes, report_of, run_study
 from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.samples import episodes_of
 from comove.studies.keys import change
 from comove.studies.merging import merge
 from comove.studies.on_dask import on_dask
-from comove.studies.runs import RUNS
+from comove.studies.runs import RUNS, UNREPEATED
 from tests.commands import invoke
 from tests.robots.small_robots import gantry
 from tests.studies.test_runner import rows
@@ -45,6 +47,14 @@ DRAWS = [
 ]
 
 
+def require_mujoco():
+    """Import MuJoCo as comove does, so that it can draw, or skip a test where it is not installed."""
+    try:
+        engine()
+    except ExtraError:
+        pytest.skip("MuJoCo is not installed")
+
+
 def written(folder, **changes):
     """A study of the gantry, the cheapest robot, beside its description."""
     gantry(folder)
@@ -67,7 +77,7 @@ def stored(study, folder):
 @pytest.fixture(scope="module")
 def done(tmp_path_factory):
     """A study of two simulated episodes, its folder, and the episodes at 25 Hz."""
-    pytest.importorskip("mujoco")
+    require_mujoco()
     folder = tmp_path_factory.mktemp("carried")
     study = Study.load(written(folder, simulate={"grasp": "weld"}))
     (folder / "out").mkdir()
@@ -102,7 +112,7 @@ def test_an_episode_comes_out_the_same_again(done):
     study, out, _ = done
     (_, (before, kept)) = StudyStore.open(out / RUNS).motions()
     run, motion = study.run(1)
-    same = dict.fromkeys(("seconds", "started"))
+    same = dict.fromkeys(UNREPEATED)
     assert replace(run, **same) == replace(before, **same)
     assert motion == kept
 
@@ -187,7 +197,7 @@ def written_again(folder):
 
 def test_what_is_not_delivered_is_kept_apart_with_its_reason(tmp_path):
     """Servos as soft as rubber: the joints are verified, and the load does not arrive."""
-    pytest.importorskip("mujoco")
+    require_mujoco()
     path = written(tmp_path, simulate={"grasp": "weld", "perturbed": False}, episodes=1)
     robot = tmp_path / "robot.yaml"
     soft = yaml.safe_load(robot.read_text()) | {"servo": {"stiffness": [150.0, 150.0, 150.0, 2.0]}}
@@ -262,13 +272,11 @@ def test_what_no_arm_can_do_is_told_before_the_first_run(tmp_path, monkeypatch, 
 
 
 def test_without_mujoco_the_way_out_is_told(tmp_path, monkeypatch):
-    from comove.simulators import engine
-
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
-    engine.engine.cache_clear()
+    engine.cache_clear()
     with pytest.raises(ExtraError, match=r"pip install 'comove\[sim\]'"):
         Study.load(written(tmp_path, simulate={}))
-    engine.engine.cache_clear()
+    engine.cache_clear()
 
 
 def test_the_example_is_a_study_of_a_robot():
@@ -277,9 +285,99 @@ def test_the_example_is_a_study_of_a_robot():
     assert study.draw(0).scene is not None
 
 
+def swept(folder, **changes):
+    """A sweep over the scene of the gantry, beside its description."""
+    gantry(folder)
+    (folder / "scene.yaml").write_text(yaml.safe_dump(SCENE))
+    (folder / "free.yaml").write_text(yaml.safe_dump(FREE))
+    contents = {"name": "compared", "scenes": ["scene.yaml"], "budget": 60} | changes
+    path = folder / "sweep.yaml"
+    path.write_text(yaml.safe_dump({key: value for key, value in contents.items() if value is not None}))
+    return path
+
+
+FREE = {k: v for k, v in SCENE.items() if k not in ("robot", "grasp")} | {"name": "free"}
+
+
+def test_a_sweep_carries_by_robots_and_moves_hands_beside_them(tmp_path):
+    require_mujoco()
+    options = {"scenes": ["scene.yaml", "free.yaml"], "settings": {"duration": [5.0, 7.0]}, "simulate": {}}
+    sweep = Sweep.load(swept(tmp_path, **options))
+    (tmp_path / "out").mkdir()
+    store = stored(sweep, tmp_path / "out")
+    runs = list(store.runs())
+    assert [run.status for run in runs] == ["verified"] * 4
+    assert [run.duration for run in runs] == [5.0, 7.0, 5.0, 7.0]
+    assert all(0.0 < run.first <= run.seconds for run in runs)
+    carries = [motion.carry for _, motion in store.motions()]
+    assert carries[2:] == [None, None] and len({carry.joints for carry in carries[:2]}) == 2
+    groups = groups_of(tmp_path / "out")
+    assert [(g.runs, g.verified, g.delivered) for g in groups] == [
+        (1, 1, 1),
+        (1, 1, 1),
+        (1, 1, None),
+        (1, 1, None),
+    ]
+    assert [g.duration for g in groups] == [5.0, 7.0, 5.0, 7.0]
+
+
+def test_runs_of_a_sweep_follow_from_the_robot_and_its_simulation(tmp_path):
+    scenes = {"scenes": ["scene.yaml", "free.yaml"]}
+    before = Sweep.load(swept(tmp_path, **scenes))
+    simulated = Sweep.load(swept(tmp_path, **scenes, simulate={}))
+    (tmp_path / "other").mkdir()
+    path = swept(tmp_path / "other", **scenes)
+    urdf = path.with_name("gantry.urdf")
+    urdf.write_text(urdf.read_text().replace('velocity="1.5"', 'velocity="1.4"'))
+    slower = Sweep.load(path)
+    assert len({sweep.key(0) for sweep in (before, simulated, slower)}) == 3
+    assert len({sweep.key(1) for sweep in (before, simulated, slower)}) == 1  # there hands move freely
+
+
+SWEEPS = [
+    (
+        {"methods": ["comove", "projection"]},
+        "'projection' no robot carries, as one does in the scene gantry; use",
+    ),
+    ({"scenes": ["free.yaml"], "simulate": {}}, "no scene names a robot that could be simulated"),
+    ({"settings": {"robot": ["baxtre"]}}, "did you mean 'baxter'"),
+    ({"settings": {"robot": [["baxter"]]}}, "there is no robot"),
+    ({"settings": {"robot": [""]}}, "there is no robot ''"),
+    ({"settings": {"robot.name": ["baxter"]}}, "has no 'name'"),
+    ({"simulate": {"grasp": "glue"}}, "'glue' is not known"),
+    ({"simulate": []}, "simulate"),
+    ({"simulate": {}, "cameras": {}}, "unknown key 'cameras'"),
+    (
+        {"scenes": ["free.yaml"], "methods": ["printed"], "settings": {"robot": ["baxter"]}},
+        "'printed' no robot",
+    ),
+]
+
+
+@pytest.mark.parametrize(("changes", "told"), SWEEPS)
+def test_bad_sweeps_of_robots_are_one_sentence(tmp_path, changes, told):
+    with pytest.raises(InputError, match=told) as caught:
+        Sweep.load(swept(tmp_path, **changes))
+    assert "\n" not in str(caught.value)
+
+
+def test_robots_are_no_free_hands_in_python_either():
+    scene = comove.Scene.from_dict(SCENE)
+    with pytest.raises(OptionError, match="by the method 'projection' no robot carries; use comove or paper"):
+        comove.study([scene], ["comove", "projection"])
+
+
+def test_a_scene_that_no_robot_can_carry_is_told_with_its_reason(tmp_path):
+    nothing_held = {k: v for k, v in SCENE.items() if k != "grasp"}
+    path = swept(tmp_path)
+    (tmp_path / "scene.yaml").write_text(yaml.safe_dump(nothing_held))
+    run, motion = Sweep.load(path).run(0)
+    assert run.status == "refused" and "how to hold the load" in run.reason and motion is None
+
+
 @pytest.mark.slow
 def test_workers_parts_and_a_second_run_give_the_same_rows(tmp_path):
-    pytest.importorskip("mujoco")
+    require_mujoco()
     path = written(tmp_path, simulate={"grasp": "weld"}, episodes=5)
     study = Study.load(path)
     for workers in (1, 2):
@@ -307,7 +405,7 @@ def test_a_scheduler_gives_the_same_rows(tmp_path):
 @pytest.mark.slow
 def test_baxter_delivers_with_friction(tmp_path):
     """The example, from the command to the dataset."""
-    pytest.importorskip("mujoco")
+    require_mujoco()
     out = tmp_path / "out"
     outcome = invoke("generate", EXAMPLES / "baxter.yaml", "--episodes", 2, "--out", out)
     assert outcome.exit_code == 0, outcome.output

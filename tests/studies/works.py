@@ -30,6 +30,9 @@ class FakeStudy:
     def described(self):
         return {"salt": self.salt, "nested": {"list": [1, 2]}}
 
+    def require(self):
+        """Need nothing."""
+
     def key(self, number):
         return f"{self.salt}-{number:08d}"
 

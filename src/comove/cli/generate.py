@@ -40,23 +40,33 @@ def generate(
             "may be repeated. What STUDY names unless given.",
         ),
     ] = NO_FORMATS,
-    rate: Annotated[int, typer.Option(metavar="HZ", help="Samples a second of the datasets.")] = 50,
+    rate: Annotated[
+        int | None,
+        typer.Option(
+            metavar="HZ",
+            help="Samples a second of the datasets; those of STUDY's cameras unless given, 50 without any.",
+        ),
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
     from comove.studies import Shard, Study, report_of, write_report
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
+    from comove.studies.datasets.samples import chosen_rate
 
     s.require_alone(shard, slurm)
     part, loaded, run = Shard.parse(shard), Study.load(study, episodes=episodes), s.runs_of(workers, dask)
     wanted = _formats(formats, loaded, shard)
+    chosen_rate(rate, loaded.described.get("cameras"))
     for name in wanted:
         check_export(out, FORMATS[name])
     if slurm is not None:
         command = ("generate",) if episodes is None else ("generate", "--episodes", str(episodes))
         s.write_slurm(command, slurm, study, out, shards=shards, workers=workers, name=loaded.name)
         return VERIFIED
+    if dask is None:
+        loaded.require()
     probe = loaded.probe()
     print(
         f"{100 * probe.share:.0f} % of {probe.rejected + probe.valid} draws give no valid scene, and are drawn again"
@@ -99,7 +109,7 @@ def _text(report: StudyReport) -> str:
         f"  verified       {100 * report.verified_share:.1f} % of those with a valid scene; "
         f"{100 * report.rejected_share:.1f} % of all draws were rejected",
     ]
-    lines += [f"  {count:5d} x        {reason}" for reason, count in report.reasons.items()]
+    lines += s.reason_lines(report)
     if (clearance := report.figures.get("clearance_min")) is not None:
         lines.append(
             f"  clearance      {1000 * clearance.least:.1f} to {1000 * clearance.greatest:.1f} mm, certified"

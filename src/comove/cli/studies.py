@@ -124,6 +124,11 @@ def statuses_text(report: StudyReport) -> str:
     return f"{text}; {report.cut_short} used up their budget, and may come out otherwise on another machine"
 
 
+def reason_lines(report: StudyReport) -> list[str]:
+    """Return the most frequent reasons of runs that were not verified, with their numbers, a line each."""
+    return [f"  {count:5d} x        {reason}" for reason, count in report.reasons.items()]
+
+
 def require_alone(shard: str, slurm: Path | None) -> None:
     """Refuse options that contradict each other."""
     if slurm is not None and shard != WHOLE:

@@ -58,15 +58,18 @@ def run(
     if json:
         print(path.read_text(encoding="utf-8"), end="")
         return VERIFIED if report.verified else NOT_VERIFIED
-    rows: list[tuple[str, ...]] = [
-        ("scene", "method", "settings", "verified", "cost J", "jerk [m/s^3]", "time [s]")
-    ]
-    for g in groups_of(out):
-        figures = ("-" if value is None else f"{value:.4g}" for value in (g.cost, g.jerk, g.seconds))
+    groups = groups_of(out)
+    simulated = any(g.delivered is not None for g in groups)
+    header = ("scene", "method", "settings", "verified", *(("delivered",) if simulated else ()))
+    rows = [(*header, "first [s]", "duration [s]", "cost J", "jerk [m/s^3]", "time [s]")]
+    for g in groups:
+        values = (g.first, g.duration, g.cost, g.jerk, g.seconds)
+        figures = ("-" if value is None else f"{value:.4g}" for value in values)
         settings = ", ".join(f"{key} {value}" for key, value in loads(g.settings or "{}").items())
-        rows.append((g.scene, g.method, settings or "-", f"{g.verified}/{g.runs}", *figures))
+        arrived = ("-" if g.delivered is None else f"{g.delivered}/{g.runs}",) if simulated else ()
+        rows.append((g.scene, g.method, settings or "-", f"{g.verified}/{g.runs}", *arrived, *figures))
     print(f"{report.ended} of {report.total} runs: {s.statuses_text(report)}")
-    print(as_table(rows), f"report: {path}", sep="\n")
+    print(as_table(rows), *s.reason_lines(report), f"report: {path}", sep="\n")
     return VERIFIED if report.verified else NOT_VERIFIED
 
 

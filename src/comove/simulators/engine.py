@@ -34,6 +34,8 @@ def engine() -> ModuleType:
     ------
     ExtraError
         If MuJoCo is not installed.
+    OptionError
+        If the environment variable MUJOCO_GL is set to what MuJoCo does not know.
     """
     if "mujoco" not in sys.modules and sys.platform.startswith("linux"):
         os.environ.setdefault("MUJOCO_GL", drawing_backend())
@@ -41,6 +43,9 @@ def engine() -> ModuleType:
         import mujoco
     except ImportError as error:
         raise ExtraError("simulation", "sim") from error
+    except RuntimeError as error:  # of the environment that it is given
+        way_out = "leave it unset, or set it to egl, osmesa or disabled"
+        raise OptionError(f"MuJoCo says: {error}", key="MUJOCO_GL", way_out=way_out) from error
     return mujoco
 
 

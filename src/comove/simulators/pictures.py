@@ -22,6 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 from comove.errors import OptionError, ResultError
 from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.io.files import whole_file, whole_path
+from comove.robots.model import Robot
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
 from comove.simulators.execution import Execution
@@ -137,7 +138,7 @@ def _steps(execution: Execution, count: int) -> list[int]:
 def camera(
     execution: Execution, width: int, height: int, *, shadows: bool = True, view: View = FRONT
 ) -> Iterator[Callable[[int], Image.Image]]:
-    """Lend a function that draws one sample of an execution, of the size given in pixels.
+    """Lend a function that draws one sample of an execution with its time, of the size given in pixels.
 
     Raises
     ------
@@ -156,8 +157,34 @@ def camera(
             key="execution",
             way_out="look at the robot's masses and at the stiffness of its servos",
         )
+    with stage(execution, width, height, partial(furnish, shadows=shadows)) as (world, data, draw):
+        stand = engine().MjvCamera()
+        front = front_of(execution.robot, execution.hands[:, :, :2, 3].mean(axis=(0, 1)))
+        stand.azimuth, stand.elevation = front + view.aside, view.elevation
+        seen = _seen(execution, world, data)
+        stand.lookat[:], stand.distance = in_sight(seen, width / height, stand.azimuth, stand.elevation)
+
+        def shot(step: int) -> Image.Image:
+            picture = Image.fromarray(draw(step, stand))
+            size = max(12, width // 30)
+            words = f"{execution.time[step]:.1f} s"
+            ImageDraw.Draw(picture).text((size // 2,) * 2, words, INK, ImageFont.load_default(size))
+            return picture
+
+        yield shot
+
+
+@contextmanager
+def stage(
+    execution: Execution, width: int, height: int, finish: Callable[[Any], None]
+) -> Iterator[tuple[World, Any, Callable[[int, Any], NDArray[np.uint8]]]]:
+    """Lend the world of an execution, MuJoCo's data of it, and a function that draws a sample as a camera sees it.
+
+    Parameters
+    ----------
+    finish : function that adds light and cameras to the world's specification
+    """
     require_pictures()
-    mj, finish = engine(), partial(furnish, shadows=shadows)
     with without_log():
         world = build_world(
             execution.robot,
@@ -167,23 +194,18 @@ def camera(
             execution.perturbation,
             finish=finish,
         )
-        data, options = mj.MjData(world.model), mj.MjvOption()
+        data, options = engine().MjData(world.model), engine().MjvOption()
         options.geomgroup[:] = [group in DRAWN_GROUPS for group in range(len(options.geomgroup))]
         place(execution, world, data, 0)
         lower_floor(world.model, data)
-        stand = camera_for(execution, _seen(execution, world, data), width / height, view)
         with _renderer(world.model, height, width) as renderer:
 
-            def shot(step: int) -> Image.Image:
+            def draw(step: int, camera: Any) -> NDArray[np.uint8]:
                 place(execution, world, data, step)
-                renderer.update_scene(data, stand, options)
-                picture = Image.fromarray(renderer.render())
-                size = max(12, width // 30)
-                words = f"{execution.time[step]:.1f} s"
-                ImageDraw.Draw(picture).text((size // 2,) * 2, words, INK, ImageFont.load_default(size))
-                return picture
+                renderer.update_scene(data, camera, options)
+                return renderer.render()
 
-            yield shot
+            yield world, data, draw
 
 
 def _renderer(model: Any, height: int, width: int) -> Any:
@@ -266,41 +288,50 @@ def furnish(spec: Any, *, shadows: bool = True) -> None:
         light.diffuse, light.specular = (strength,) * 3, (0.12,) * 3
 
 
-def camera_for(execution: Execution, seen: Array, aspect: float, view: View = FRONT) -> Any:
-    """Return a camera that looks at the robot and sees all of some points.
+def in_sight(
+    seen: Array, aspect: float, azimuth: float, elevation: float, field: float = FIELD
+) -> tuple[Array, float]:
+    """Return what a camera looks at, and how far it is from there, so that it sees all of some points [m].
 
     Parameters
     ----------
     seen : array, shape (n_points, 3), the points [m]
     aspect : ratio of width to height of the picture
+    azimuth, elevation : direction of the line of sight [deg]
+    field : what the camera sees from top to bottom [deg]
     """
     room = 0.10  # m, around the middles of what must be seen
-    camera = engine().MjvCamera()
-    camera.lookat[:] = (seen.min(axis=0) + seen.max(axis=0)) / 2
-    camera.azimuth, camera.elevation = _front(execution) + view.aside, view.elevation
-    a, e = np.deg2rad([camera.azimuth, camera.elevation])
-    forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
-    right = np.array([np.sin(a), -np.cos(a), 0.0])
-    up = np.cross(right, forward)
-    wide = np.tan(np.deg2rad(FIELD) / 2)
+    middle = (seen.min(axis=0) + seen.max(axis=0)) / 2
+    forward, right, up = sight(azimuth, elevation)
+    wide = np.tan(np.deg2rad(field) / 2)
+    distance = 0.0
     for _ in range(4):  # nearer things look larger, so that the middle of the picture is found by looking
-        points = seen - camera.lookat
+        points = seen - middle
         away, aside, above = points @ forward, points @ right, points @ up
         sides = np.maximum(np.abs(aside) / aspect, np.abs(above)) + room
-        camera.distance = float((sides / wide - away).max())
-        depth = camera.distance + away
+        distance = float((sides / wide - away).max())
+        depth = distance + away
         for axis, seen_at in ((right, aside / depth), (up, above / depth)):
-            camera.lookat[:] += 0.5 * (seen_at.min() + seen_at.max()) * camera.distance * axis
-    return camera
+            middle += 0.5 * (seen_at.min() + seen_at.max()) * distance * axis
+    return middle, distance
 
 
-def _front(execution: Execution) -> float:
-    """Return the azimuth of the line from the middle of the hands' work to the robot's bases, rounded to an axis
-    [deg].
+def sight(azimuth: float, elevation: float) -> tuple[Array, Array, Array]:
+    """Return the directions forward, right and up of a camera; arrays, shape (3,)."""
+    a, e = np.deg2rad([azimuth, elevation])
+    forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    right = np.array([np.sin(a), -np.cos(a), 0.0])
+    return forward, right, np.cross(right, forward)
+
+
+def front_of(robot: Robot, work: Array) -> float:
+    """Return the azimuth of the line from the middle of the work to the robot's bases, rounded to an axis [deg].
+
+    Parameters
+    ----------
+    work : array, shape (2,), middle of the work from above [m]
     """
-    work = execution.hands[:, :, :2, 3].mean(axis=(0, 1))
-    bases = np.mean([source.base.position[:2] for source in execution.robot.sources], axis=0)
-    x, y = bases - work
+    x, y = np.mean([source.base.position[:2] for source in robot.sources], axis=0) - work
     if np.hypot(x, y) < 0.1:  # robots around what they do have no front
         return 180.0
     return float(90.0 * np.round(2 / np.pi * np.arctan2(y, x)))

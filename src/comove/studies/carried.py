@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import zipfile
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -18,6 +18,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError, SceneError
 from comove.planning import movements_of
 from comove.planning.clock import now
+from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
 from comove.robots import (
     JointMotion,
@@ -31,9 +32,20 @@ from comove.robots import (
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
-from comove.studies.episode import CUT, DAMAGED, Made, measured, packed, stored, timed_run, unpacked
+from comove.studies.cameras import CamerasPart, videos_of
+from comove.studies.episode import (
+    CUT,
+    DAMAGED,
+    Made,
+    measured,
+    packed,
+    sample_times,
+    stored,
+    timed_run,
+    unpacked,
+)
 from comove.studies.many import movement_of
-from comove.studies.runs import LONGEST, StoredCarry, StudyRun
+from comove.studies.runs import LONGEST, StoredCarry, StoredMotion, StudyRun
 from comove.studies.study_file import SimulationPart
 from comove.verification.verify import VerifiedMotion
 
@@ -105,31 +117,67 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
     raise SceneError(f"the robot cannot hold the load: {first}", key=f"manipulators.{end}")
 
 
-def carried_run(run: StudyRun, scene: Scene, budget: float, simulation: SimulationPart | None) -> Made:
+@dataclass(frozen=True)
+class Carrying:
+    """How a robot carries the load of a scene, and what is tried of it.
+
+    Attributes
+    ----------
+    budget : processor time for the solution [s]
+    method : method of the search; comove's own unless given
+    simulation : how the joints are simulated; None if they are not
+    cameras : cameras that look at the simulation; None without pictures
+    """
+
+    budget: float
+    method: Method | None = None
+    simulation: SimulationPart | None = None
+    cameras: CamerasPart | None = None
+
+
+def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
     """Carry the load of a scene along the demonstration that it names; return the row of the run, and its motion.
 
     Parameters
     ----------
     run : the row as far as it is known
-    budget : processor time for the solution [s]
-    simulation : how the joints are simulated; None if they are not
     """
 
     def search(run: StudyRun) -> Made:
-        movements, begun = movements_of(movement_of(scene), scene), now()
-        found = carry(scene, robot_of(scene), demonstration=movements, seed=run.seed, budget=budget)
-        cut_short = int(now() - begun > CUT * budget)  # it may solve several times
-        run = replace(measured(run, found.solution, budget), cut_short=cut_short)
+        movements, begun, firsts = movements_of(movement_of(scene), scene), now(), list[float]()
+        found = carry(
+            scene,
+            robot_of(scene),
+            demonstration=movements,
+            seed=run.seed,
+            method=how.method,
+            budget=how.budget,
+            found=lambda motion: firsts.append(now() - begun),
+        )
+        cut_short = int(now() - begun > CUT * how.budget)  # it may solve several times
+        run = replace(measured(run, found.solution, how.budget), cut_short=cut_short)
         if found.motion is None:
             reasons = "; ".join(found.solution.reasons or found.verdict.reasons)
             return replace(run, status="not verified", reason=reasons[:LONGEST]), None
-        execution = None if simulation is None else executed(found.motion, simulation, run.seed)
-        if execution is not None and not execution.delivered:
-            run = replace(run, status="not delivered", reason="; ".join(execution.reasons)[:LONGEST])
-        kept = _stored_carry(run.key, found.motion, execution)
-        return run, replace(stored(run.key, found.solution.attempt), carry=kept)
+        run = replace(run, first=firsts[0] if firsts else run.first)
+        motion = stored(run.key, found.solution.attempt)
+        return _simulated(run, motion, found.motion, how)
 
     return timed_run(run, scene, search)
+
+
+def _simulated(run: StudyRun, motion: StoredMotion, joints: VerifiedJointMotion, how: Carrying) -> Made:
+    """Simulate verified joints, if that is asked for; return the row and the motion with what came of it."""
+    if how.simulation is None:
+        return run, replace(motion, carry=_stored_carry(run.key, joints, None))
+    execution = executed(joints, how.simulation, run.seed)
+    motion = replace(motion, carry=_stored_carry(run.key, joints, execution))
+    if not execution.delivered:
+        return replace(run, status="not delivered", reason="; ".join(execution.reasons)[:LONGEST]), motion
+    if how.cameras is not None:
+        times = sample_times(joints.scene, how.cameras.rate)
+        motion = replace(motion, videos=videos_of(execution, how.cameras, times))
+    return run, motion
 
 
 def executed(motion: VerifiedJointMotion, simulation: SimulationPart, seed: int) -> Execution:

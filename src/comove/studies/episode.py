@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import math
 import time
 import warnings
 import zipfile
@@ -15,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, InputError, ResultError
@@ -86,7 +88,18 @@ def measured(run: StudyRun, solution: Solution, budget: float) -> StudyRun:
         followed=None if solution.followed is None else solution.followed.distance,
         passing=passing_class(motion),
         motion_sha256=checksum(motion_arrays(motion)),
+        first=solution.time_to_first_verified_s,
     )
+
+
+def sample_times(scene: Scene, rate: int) -> NDArray[np.float64]:
+    """Return the times of samples from the beginning to the end of a motion; array, shape (n_steps,) [s].
+
+    Parameters
+    ----------
+    rate : samples a second [Hz]
+    """
+    return np.arange(math.ceil(scene.duration * rate - 1e-9) + 1) / rate
 
 
 def stored(key: str, motion: CoordinatedMotion) -> StoredMotion:

@@ -16,7 +16,15 @@ from pydantic import ValidationError
 
 from comove._version import __version__
 from comove.demonstrations.formats import format_of, is_format
-from comove.errors import ComoveWarning, DemonstrationError, OptionError, RobotError, SceneError, shortened
+from comove.errors import (
+    ComoveWarning,
+    DemonstrationError,
+    OptionError,
+    RobotError,
+    SceneError,
+    near_name,
+    shortened,
+)
 from comove.io.files import telling
 from comove.io.keys import Part, Wrong
 from comove.io.messages import Contract, Flaw, explained, scene_error
@@ -25,9 +33,10 @@ from comove.planning import Comove
 from comove.primitives import Library
 from comove.scenes.demonstration import LIBRARY
 from comove.scenes.scene import Scene
+from comove.studies.cameras import require_cameras
 from comove.studies.distributions import Distribution, OneOf, TruncatedNormal, Uniform
 from comove.studies.episode import Made, solved_run
-from comove.studies.keys import LENGTH, change, fit_hands
+from comove.studies.keys import LENGTH, change, fit_hands, hand_names
 from comove.studies.runs import StudyRun, digest
 from comove.studies.study_file import GENERATE, MAX_EPISODES, DrawPart, StudyFile
 
@@ -142,8 +151,28 @@ class Study:
                 )
             file = file.model_copy(update={"episodes": episodes})
         study = cls(file, path, folder, template)
+        study._require_cameras(lines)
         study._require_robot(lines)
         return replace(study, draws=tuple(study._resolved(lines)))
+
+    def _require_cameras(self, lines: Lines) -> None:
+        """Refuse cameras of what is not simulated, or in hands that the scene has not."""
+        cameras = self.file.cameras
+        if cameras is None:
+            return
+        if self.file.simulate is None:
+            flaw = Flaw(
+                ("cameras",),
+                "pictures are taken of what is simulated, and the study simulates nothing",
+                "add simulate: {grasp: friction}, or leave cameras out",
+            )
+            raise scene_error([flaw], self.path, lines)
+        hands = hand_names(self.template)
+        for name, view in cameras.views.items():
+            if view.hand is not None and view.hand not in hands:
+                place = ("cameras", "views", name, "hand")
+                flaw = Flaw(place, f"there is no hand {view.hand!r}", near_name(view.hand, hands))
+                raise scene_error([flaw], self.path, lines)
 
     def _require_robot(self, lines: Lines) -> None:
         """Refuse a robot that cannot be loaded or simulated here, and a simulation without one."""
@@ -224,11 +253,11 @@ class Study:
         """Return what else the episodes of robots follow from: the checksums of these, and the simulation."""
         from comove.studies.carried import robot_named
 
-        simulate = self.file.simulate
+        simulate, cameras = self.file.simulate, self.file.cameras
         return {
             "robots": {name: robot_named(name, self.folder).sha256 for name in self._robots},
             "simulate": None if simulate is None else simulate.model_dump(),
-        }
+        } | ({} if cameras is None else {"cameras": cameras.model_dump()})
 
     @cached_property
     def sha256(self) -> str:
@@ -284,9 +313,27 @@ class Study:
             return replace(run, status="invalid", reason=drawn.reason), None
         if not self.on_robot:
             return solved_run(run, drawn.scene, Comove(), self.budget)
-        from comove.studies.carried import carried_run
+        from comove.studies.carried import Carrying, carried_run
 
-        return carried_run(run, drawn.scene, self.budget, self.file.simulate)
+        how = Carrying(self.budget, None, self.file.simulate, self.file.cameras)
+        return carried_run(run, drawn.scene, how)
+
+    def require(self) -> None:
+        """Make sure that episodes can be run in this process: simulated, and drawn, where the study says so.
+
+        Raises
+        ------
+        ExtraError
+            If a package is not installed.
+        OptionError
+            If no pictures can be drawn.
+        """
+        if self.file.simulate is not None:
+            from comove.simulators.engine import engine
+
+            engine()
+        if self.file.cameras is not None:
+            require_cameras()
 
     def contents(self, number: int, rng: np.random.Generator) -> dict[str, Any]:
         """Return the contents of a scene file, drawn once."""

@@ -68,6 +68,11 @@ def fit_hands(data: dict[str, Any]) -> None:
             hands[1][end] = [b - d for b, d in zip(second, away, strict=True)]
 
 
+def hand_names(data: dict[str, Any]) -> tuple[str, ...]:
+    """Return the names of the hands in the contents of a scene file."""
+    return tuple(str(hand.get("name")) for hand in _hands(data))
+
+
 def _holds(load: dict[str, Any], hand: dict[str, Any]) -> bool:
     return load.get("held_by") is None or hand.get("name") in load["held_by"]
 

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
-from typing import Any, TypeVar
+from typing import Any
 
 from comove._version import __version__
-from comove.errors import ExtraError, InputError, OptionError
-from comove.processes import TaskResult
+from comove.errors import ComoveError, ExtraError, InputError, OptionError
+from comove.processes import ONE_THREAD, TaskResult
 from comove.processes.worker import told
-from comove.studies.runner import Run
-
-Task = TypeVar("Task")
-Made = TypeVar("Made")
+from comove.studies.episode import Made
+from comove.studies.runner import Run, RunSource
 
 LOCAL = "local"
 """Address that stands for a scheduler and workers on this machine."""
+ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
+"""What workers find in their environment: Dask's own would give back memory after each array, which costs half of
+the time again."""
 CONNECT = 10.0  # s, after which a scheduler counts as unreachable
 AHEAD = 2  # runs that are sent for each thread, so that none waits for this process
 
@@ -44,11 +45,12 @@ def on_dask(address: str, workers: int) -> Run:
         raise ExtraError("a Dask scheduler", "dask") from error
 
     def run(
-        work: Callable[[Task], Made], next_task: Callable[[], Task | None], allowed: float
-    ) -> Iterator[TaskResult[Task, Made]]:
+        study: RunSource, next_task: Callable[[], int | None], allowed: float
+    ) -> Iterator[TaskResult[int, Made]]:
         with _connected(address, workers) as client:
             _require_version(client)
-            yield from _run(client, work, next_task)
+            _require(client, study)
+            yield from _run(client, study.run, next_task)
 
     return run
 
@@ -67,7 +69,7 @@ def _connected(address: str, workers: int) -> Iterator[Any]:
 
     if address == LOCAL:
         with (
-            dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+            dask.config.set({"distributed.scheduler.allowed-failures": 0, ENVIRONMENT: dict(ONE_THREAD)}),
             LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
             Client(cluster) as client,
         ):
@@ -104,6 +106,26 @@ def _require_version(client: Any) -> None:
             )
 
 
+def _require(client: Any, study: RunSource) -> None:
+    """Refuse workers that lack what the runs need."""
+    for worker, lacks in client.run(_lacking, study).items():
+        if lacks:
+            raise OptionError(
+                f"the worker {worker} cannot do the runs: {lacks}",
+                key="--dask",
+                way_out="mend that where the workers run",
+            )
+
+
+def _lacking(study: RunSource) -> str:
+    """Return in words what runs need and this process lacks; empty if it lacks nothing."""
+    try:
+        study.require()
+    except ComoveError as error:
+        return str(error)
+    return ""
+
+
 def _version() -> str:
     from comove._version import __version__
 
@@ -111,12 +133,12 @@ def _version() -> str:
 
 
 def _run(
-    client: Any, work: Callable[[Task], Made], next_task: Callable[[], Task | None]
-) -> Iterator[TaskResult[Task, Made]]:
+    client: Any, work: Callable[[int], Made], next_task: Callable[[], int | None]
+) -> Iterator[TaskResult[int, Made]]:
     """Yield tasks as they end; as many are under way as keep all workers busy."""
     from distributed import as_completed
 
-    under_way: dict[Any, Task] = {}
+    under_way: dict[Any, int] = {}
     ended = as_completed()
     most = AHEAD * max(1, sum(client.nthreads().values()))
     try:
@@ -143,7 +165,7 @@ def _lost() -> OptionError:
     )
 
 
-def _ended(future: Any, task: Task) -> TaskResult[Task, Any]:
+def _ended(future: Any, task: int) -> TaskResult[int, Made]:
     """Return a task as it has ended.
 
     Raises

@@ -20,6 +20,8 @@ REPORT = "report.json"
 MOST_PATHS = 5000
 """Paths that are compared: those of episodes at equal distances in the study where there are more."""
 MOST_REASONS = 5
+COMPARED = ("first", "duration", "cost", "jerk_max", "seconds")
+"""Columns of which a sweep tells the medians."""
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,9 @@ class Group:
 
     Attributes
     ----------
-    runs, verified : numbers of runs, and of those whose motion was verified
-    cost, jerk, seconds : medians of the verified runs; None where there are none
+    runs, verified : numbers of runs, and of those whose motion was verified, of joints where a robot carries
+    delivered : number of those whose load arrived in the simulation; None where nothing was simulated
+    first, duration, cost, jerk, seconds : medians of the runs whose motion was verified; None where there are none
     """
 
     scene: str
@@ -46,6 +49,9 @@ class Group:
     settings: str
     runs: int
     verified: int
+    delivered: int | None
+    first: float | None
+    duration: float | None
     cost: float | None
     jerk: float | None
     seconds: float | None
@@ -179,21 +185,24 @@ def groups_of(folder: Path) -> list[Group]:
     store = StudyStore.open(folder / RUNS)
     found: dict[tuple[str, str, str], list[tuple]] = {}
     with store.connected(reading=True) as connection:
-        query = "SELECT scene, method, settings, status, cost, jerk_max, seconds FROM runs ORDER BY number"
-        for *group, status, cost, jerk, seconds in connection.execute(query):
-            found.setdefault(tuple(group), []).append((status, cost, jerk, seconds))
+        query = (
+            f"SELECT scene, method, settings, status, coalesce(simulation != '', 0), {', '.join(COMPARED)} "
+            "FROM runs LEFT JOIN carries USING (key) ORDER BY number"
+        )
+        for scene, method, settings, *row in connection.execute(query):
+            found.setdefault((scene, method, settings), []).append(tuple(row))
     groups = []
     for group, rows in found.items():
-        good = [row for row in rows if row[0] == "verified"]
-        groups.append(Group(*group, len(rows), len(good), *_medians(good)))
+        good = [row for row in rows if row[0] in ("verified", "not delivered")]
+        delivered = sum(row[0] == "verified" for row in good) if any(row[1] for row in good) else None
+        groups.append(Group(*group, len(rows), len(good), delivered, *_medians([row[2:] for row in good])))
     return groups
 
 
-def _medians(rows: list[tuple]) -> tuple[float | None, float | None, float | None]:
-    """Return the medians of cost, jerk and time."""
-    columns = [[row[i] for row in rows if row[i] is not None] for i in (1, 2, 3)]
-    cost, jerk, seconds = (float(np.median(column)) if column else None for column in columns)
-    return cost, jerk, seconds
+def _medians(rows: list[tuple]) -> list[float | None]:
+    """Return the medians of the columns that are compared."""
+    columns = [[row[i] for row in rows if row[i] is not None] for i in range(len(COMPARED))]
+    return [float(np.median(column)) if column else None for column in columns]
 
 
 def write_report(report: StudyReport, folder: Path) -> Path:

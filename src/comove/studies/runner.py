@@ -45,6 +45,9 @@ class RunSource(Protocol):
     def described(self) -> dict[str, Any]:
         """Return what all runs follow from, in plain data, their number left out."""
 
+    def require(self) -> None:
+        """Make sure that runs can be done in this process, or raise a `ComoveError` with the way out."""
+
     def key(self, number: int) -> str:
         """Return the key of a run."""
 
@@ -108,17 +111,18 @@ class StudyProgress:
         return (self.total - self.done) / self.rate if self.rate > 0 else None
 
 
-Run = Callable[[Callable[[int], Made], Callable[[], int | None], float], Iterator[TaskResult[int, Made]]]
-"""Function of the work, of the next number, and of the time allowed for a run [s], that yields runs as they end."""
+Run = Callable[[RunSource, Callable[[], int | None], float], Iterator[TaskResult[int, Made]]]
+"""Function of the study, of the next number, and of the time allowed for a run [s], that yields runs as they end."""
 
 
 def on_processes(workers: int) -> Run:
     """Return the function that does runs on processes of this machine."""
 
     def run(
-        work: Callable[[int], Made], next_task: Callable[[], int | None], allowed: float
+        study: RunSource, next_task: Callable[[], int | None], allowed: float
     ) -> Iterator[TaskResult[int, Made]]:
-        return run_tasks(work, next_task, workers=workers, allowed=allowed)
+        study.require()
+        return run_tasks(study.run, next_task, workers=workers, allowed=allowed)
 
     if workers < 1:
         raise OptionError(f"workers = {workers}", key="--workers", way_out="give 1 or more")
@@ -147,6 +151,8 @@ def run_study(
     ResultError
         If the folder holds something else, the study was edited since, another process works on it, or it cannot be
         written.
+    ExtraError, OptionError
+        If something that the runs need is missing here, or on the workers of a scheduler.
     """
     store = StudyStore.create(_prepared(Path(folder)) / RUNS)
     with store.writer() as writer:
@@ -161,7 +167,7 @@ def run_study(
         def next_task() -> int | None:
             return waiting.popleft() if waiting else None
 
-        for ended in run(study.run, next_task, TIMES * study.budget + MORE):
+        for ended in run(study, next_task, TIMES * study.budget + MORE):
             key = study.key(ended.task)
             if ended.killed and writer.note_kill(key, ended.killed) < KILLS:
                 waiting.append(ended.task)

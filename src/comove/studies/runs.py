@@ -44,6 +44,7 @@ class StudyRun:
     followed : mean distance from the demonstration [m]
     passing : class of the motion among the obstacles
     motion_sha256 : checksum of the motion
+    first : processor time from the scene to the first verified motion, of joints where a robot carries [s]
     cut_short : 1 if the search used up its budget, so that the motion hangs on the pace of the machine, else 0
     seconds : processor time of the run [s]; of one that was lost, time on the wall
     started : its beginning in UTC (ISO 8601)
@@ -70,14 +71,15 @@ class StudyRun:
     followed: float | None = None
     passing: str = ""
     motion_sha256: str = ""
+    first: float | None = None
     cut_short: int = 0
     seconds: float | None = None
     started: str = ""
 
 
-MEASURES = tuple(f.name for f in fields(StudyRun) if f.type == "float | None" and f.name != "seconds")
-UNREPEATED = ("cut_short", "seconds", "started")
+UNREPEATED = ("first", "cut_short", "seconds", "started")
 """Columns that differ from machine to machine."""
+MEASURES = tuple(f.name for f in fields(StudyRun) if f.type == "float | None" and f.name not in UNREPEATED)
 COLUMNS = tuple(f.name for f in fields(StudyRun))
 _KINDS = {"str": "TEXT", "int": "INTEGER", "float | None": "REAL"}
 _PARQUET = {"str": "string", "int": "int64", "float | None": "float64"}
@@ -114,6 +116,7 @@ class StoredMotion:
     curve : what rebuilds the motion, packed
     path : centre of the hands at equal shares of the duration, float32
     carry : what a robot did; None without a robot
+    videos : what cameras saw of it: names, and videos as files hold them
     """
 
     key: str
@@ -121,6 +124,7 @@ class StoredMotion:
     curve: bytes
     path: bytes
     carry: StoredCarry | None = None
+    videos: tuple[tuple[str, bytes], ...] = ()
 
     @property
     def row(self) -> tuple[str, bytes, bytes, bytes]:
@@ -148,6 +152,7 @@ class StudyWriter(Writer):
             self._insert("motions", motion.row)
             if motion.carry is not None:
                 self._insert("carries", astuple(motion.carry))
+            self._insert("videos", *((motion.key, camera, video) for camera, video in motion.videos))
         self._connection.commit()
 
     def add_all(self, runs: Iterable[StudyRun]) -> None:
@@ -168,7 +173,7 @@ class StudyWriter(Writer):
                 "SELECT count(*) FROM runs JOIN other.runs AS theirs USING (key) "
                 "WHERE runs.status != theirs.status OR runs.motion_sha256 != theirs.motion_sha256"
             ).fetchone()
-            for table in ("carries", "motions", "runs"):
+            for table in ("videos", "carries", "motions", "runs"):
                 self._connection.execute(
                     f"INSERT OR IGNORE INTO {table} SELECT * FROM other.{table} "
                     "WHERE key NOT IN (SELECT key FROM runs)"
@@ -193,6 +198,7 @@ class StudyStore(Store[StudyWriter]):
         "runs": _declared(),
         "motions": "key TEXT PRIMARY KEY, scene BLOB, curve BLOB, path BLOB",
         "carries": "key TEXT PRIMARY KEY, joints BLOB, certificate TEXT, simulation TEXT",
+        "videos": "key TEXT, camera TEXT, video BLOB, PRIMARY KEY (key, camera)",
         "about": "name TEXT PRIMARY KEY, value TEXT",
         "kills": KILLS,
     }
@@ -270,7 +276,10 @@ class StudyStore(Store[StudyWriter]):
                 run = StudyRun(*row[: len(COLUMNS)])
                 scene, curve, path, joints, certificate, simulation = row[len(COLUMNS) :]
                 carry = None if joints is None else StoredCarry(run.key, joints, certificate, simulation)
-                yield run, StoredMotion(run.key, scene, curve, path, carry)
+                videos = connection.execute(
+                    "SELECT camera, video FROM videos WHERE key = ? ORDER BY camera", (run.key,)
+                )
+                yield run, StoredMotion(run.key, scene, curve, path, carry, tuple(videos))
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[str]:

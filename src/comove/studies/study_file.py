@@ -12,6 +12,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from comove.io.keys import Part, Positive, Wrong, as_tuple, at_least, safe_name
 from comove.io.messages import Contract, show
+from comove.studies.cameras import CamerasPart
 
 MAX_EPISODES = 10_000_000
 SOURCES = ("uniform", "normal", "choice", "library", "recordings")
@@ -152,6 +153,8 @@ class StudyFile(Part):
     """Time for each episode [s]."""
     simulate: SimulationPart | None = None
     """How the episodes of a robot are simulated; they are not unless given."""
+    cameras: CamerasPart | None = None
+    """Cameras that take pictures of what is simulated; none unless given."""
     formats: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
     """Formats of the datasets that are written in the end, unless the command names others."""
 
@@ -172,6 +175,8 @@ class SweepFile(Part):
     """Values of keys of the scenes, of which all combinations are run."""
     budget: Positive = 30.0
     """Time for each run [s]."""
+    simulate: SimulationPart | None = None
+    """How the motions of robots are simulated; they are not unless given."""
 
 
 GENERATE = Contract(root=StudyFile, families={})

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from comove._version import __version__
-from comove.errors import ComoveWarning, SceneError, near_name
+from comove.errors import ComoveWarning, RobotError, SceneError, near_name
 from comove.io.keys import Wrong
 from comove.io.messages import Flaw, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
@@ -24,19 +24,26 @@ from comove.studies.episode import solved_run
 from comove.studies.generation import read_study
 from comove.studies.keys import change
 from comove.studies.runs import LONGEST, StoredMotion, StudyRun, digest
-from comove.studies.study_file import SWEEP, SweepFile
+from comove.studies.study_file import SWEEP, SimulationPart, SweepFile
 
 METHODS: dict[str, Method] = {m.name: m for m in (Comove(), Projection(), Paper(), Printed())}
 """Methods that solve whole scenes, by their names in a study file."""
+ROBOT_METHODS: dict[str, Method | None] = {Comove.name: None, Paper.name: Paper()}
+"""Methods by which robots carry; None is comove's own for them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SweptScene:
     """A scene of a sweep: contents of its file, the folder to which paths in it are relative, and its name."""
 
     name: str
     folder: Path
     contents: dict[str, Any] = field(repr=False)
+
+    def robot(self, settings: Mapping[str, Any]) -> str | None:
+        """Return the name of the robot that carries, with some settings; None where hands move freely."""
+        name = settings.get("robot", self.contents.get("robot"))
+        return None if name is None else str(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +58,7 @@ class Sweep:
     settings : changes of the scenes, by dotted keys
     seeds : number of seeds, from 0 on
     budget : time for each run [s]
+    simulate : how the motions of robots are simulated; None if they are not
     """
 
     name: str
@@ -59,6 +67,7 @@ class Sweep:
     settings: tuple[Mapping[str, Any], ...] = ({},)
     seeds: int = 1
     budget: float = 10.0
+    simulate: SimulationPart | None = None
 
     @classmethod
     def load(cls, path: str | Path) -> Sweep:
@@ -69,6 +78,8 @@ class Sweep:
         SceneError
             If the file or a scene cannot be read or breaks the rules; one message names file, key, line, value and
             correction.
+        RobotError, ExtraError
+            If a robot cannot be loaded, or needs a package that is not installed.
         """
         path = Path(path)
         file, lines = read_study(path, SweepFile, SWEEP)
@@ -78,8 +89,16 @@ class Sweep:
             raise scene_error(flaws, path, lines)
         combined = itertools.product(*file.settings.values())
         settings = tuple(dict(zip(file.settings, values, strict=True)) for values in combined)
-        sweep = cls(file.name, scenes, file.methods, settings, file.seeds, file.budget)
+        sweep = cls(file.name, scenes, file.methods, settings, file.seeds, file.budget, file.simulate)
         _require_distinct(sweep, path, lines)
+        flaws = list(_robot_flaws(sweep))
+        if flaws:
+            raise scene_error(flaws, path, lines)
+        try:
+            _ = sweep.described  # which loads the robots
+        except RobotError as error:
+            error.file = error.file or path
+            raise
         return sweep
 
     @property
@@ -94,13 +113,41 @@ class Sweep:
     @cached_property
     def described(self) -> dict[str, Any]:
         """Return what the runs follow from, in plain data: all but the number of seeds, of which none depends."""
-        return {
+        described = {
             "comove": __version__,
             "scenes": {scene.name: scene.contents for scene in self.scenes},
             "methods": list(self.methods),
             "settings": [dict(setting) for setting in self.settings],
             "budget": self.budget,
         }
+        return described | ({"carried": self._carried} if self._carried else {})
+
+    @cached_property
+    def _carried(self) -> dict[str, Any]:
+        """Return what the runs with robots follow from besides; empty where no scene names one."""
+        named = {(scene, scene.robot(setting)) for scene in self.scenes for setting in self.settings}
+        used = [(scene, name) for scene, name in named if name is not None]
+        if not used:
+            return {}
+        from comove.studies.carried import robot_named
+
+        return {
+            "robots": {f"{s.name}: {name}": robot_named(name, s.folder).sha256 for s, name in used},
+            "simulate": None if self.simulate is None else self.simulate.model_dump(),
+        }
+
+    def require(self) -> None:
+        """Make sure that motions can be simulated in this process, where the study says so.
+
+        Raises
+        ------
+        ExtraError
+            If a package is not installed.
+        """
+        if self.simulate is not None:
+            from comove.simulators.engine import engine
+
+            engine()
 
     def _at(self, number: int) -> tuple[SweptScene, str, Mapping[str, Any], int]:
         """Return scene, method, settings and seed of a run."""
@@ -113,7 +160,11 @@ class Sweep:
         """Return the key of a run: the checksum of all that it follows from."""
         scene, method, settings, seed = self._at(number)
         what = {"scene": scene.contents, "method": method, "settings": settings, "seed": seed}
-        return digest(what | {"budget": self.budget, "comove": __version__})
+        robot, name = {}, scene.robot(settings)
+        if name is not None:
+            own = self._carried["robots"][f"{scene.name}: {name}"]
+            robot = {"robot": own, "simulate": self._carried["simulate"]}
+        return digest(what | robot | {"budget": self.budget, "comove": __version__})
 
     def run(self, number: int) -> tuple[StudyRun, StoredMotion | None]:
         """Do a run; return its row, and its motion if it is verified."""
@@ -130,7 +181,11 @@ class Sweep:
             scene = _changed(swept, settings)
         except SceneError as error:
             return StudyRun(**(vars(run) | {"status": "invalid", "reason": str(error)[:LONGEST]})), None
-        return solved_run(run, scene, METHODS[method], self.budget)
+        if scene.file.robot is None:
+            return solved_run(run, scene, METHODS[method], self.budget)
+        from comove.studies.carried import Carrying, carried_run
+
+        return carried_run(run, scene, Carrying(self.budget, ROBOT_METHODS[method], self.simulate))
 
 
 def _swept(path: Path) -> SweptScene:
@@ -152,6 +207,24 @@ def _method_flaws(file: SweepFile) -> Iterator[Flaw]:
     for i, name in enumerate(file.methods):
         if name not in METHODS:
             yield Flaw(("methods", i), f"there is no method {name!r}", near_name(name, METHODS))
+
+
+def _robot_flaws(sweep: Sweep) -> Iterator[Flaw]:
+    """Yield methods by which no robot carries, and a simulation without a robot."""
+    carrying = [s.name for s in sweep.scenes if any(map(s.robot, sweep.settings))]
+    for i, name in enumerate(sweep.methods):
+        if carrying and name not in ROBOT_METHODS:
+            yield Flaw(
+                ("methods", i),
+                f"by the method {name!r} no robot carries, as one does in the scene {carrying[0]}",
+                f"use {' or '.join(ROBOT_METHODS)}, or leave robots to a study of their own",
+            )
+    if sweep.simulate is not None and not carrying:
+        yield Flaw(
+            ("simulate",),
+            "no scene names a robot that could be simulated",
+            "add robot: NAME and grasp: {orientation: down} to a scene, or leave simulate out",
+        )
 
 
 def _setting_flaws(file: SweepFile, scenes: tuple[SweptScene, ...]) -> Iterator[Flaw]:

@@ -15,7 +15,7 @@ from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.studies.runner import on_processes, run_study
 from comove.studies.runs import COLUMNS, PARQUET_KINDS, RUNS, StudyRun, StudyStore
-from comove.studies.sweep import METHODS, Sweep, SweptScene
+from comove.studies.sweep import METHODS, ROBOT_METHODS, Sweep, SweptScene
 
 
 @dataclass(frozen=True)
@@ -89,6 +89,12 @@ def study(
     for name in methods:
         if name not in METHODS:
             raise OptionError(f"there is no method {name!r}", key="methods", way_out=near_name(name, METHODS))
+        if name not in ROBOT_METHODS and any(scene.file.robot for scene in scenes):
+            raise OptionError(
+                f"by the method {name!r} no robot carries",
+                key="methods",
+                way_out=f"use {' or '.join(ROBOT_METHODS)}",
+            )
     swept = tuple(SweptScene(s.name, s.folder, json.loads(canonical(s.file))) for s in scenes)
     sweep = Sweep("study", swept, tuple(methods), seeds=seeds, budget=budget)
     if out is not None:

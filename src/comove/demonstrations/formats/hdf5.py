@@ -410,6 +410,14 @@ def put(group: Group, name: str, rows: NDArray[np.float64]) -> None:
     group.create_dataset(name, data=rows, fletcher32=True)
 
 
+def put_pictures(group: Group, name: str, pictures: NDArray[np.uint8]) -> None:
+    """Write pictures, array of shape (n_steps, height, width, 3), each packed by itself and with a checksum."""
+    chunk = (1, *pictures.shape[1:])
+    group.create_dataset(
+        name, data=pictures, chunks=chunk, compression="gzip", compression_opts=4, fletcher32=True
+    )
+
+
 def _next(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return each row's successor; the last row is repeated."""
     return np.concatenate((rows[1:], rows[-1:]))

@@ -17,7 +17,7 @@ import struct
 import tempfile
 import warnings
 from array import array
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -52,6 +52,8 @@ _Messages = Iterator[tuple[int, Any]]
 """When the bag received each message [ns], and the message."""
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """Names that ROS allows in topics."""
+Images = Mapping[str, tuple[NDArray[np.float64], Sequence[bytes]]]
+NO_IMAGES: Images = {}
 
 
 def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, RecordedSamples]:
@@ -111,6 +113,7 @@ def write(
     frame_id: str = "world",
     start_ns: int = NANO,
     about: str = "",
+    images: Images = NO_IMAGES,
 ) -> None:
     """Write movements to a bag, from which they are read again with the same numbers, bit by bit.
 
@@ -126,6 +129,7 @@ def write(
     frame_id : reference frame of the positions
     start_ns : stamp of time zero [ns]; not 0, which means "none" in ROS
     about : text that stands in the bag as a `String` on the topic `/comove/about`
+    images : times [s] and JPEG files of cameras by their names, on the topics `/NAME/image/compressed`
 
     Raises
     ------
@@ -137,7 +141,8 @@ def write(
     if storage not in ("mcap", "sqlite3"):
         raise fault(path, "storage", f"{storage!r} is no storage", "choose mcap or sqlite3")
     extra("rosbags", path)
-    fill = partial(_write_messages, demos=demos, path=path, frame_id=frame_id, start_ns=start_ns, about=about)
+    said: dict[str, Any] = {"frame_id": frame_id, "start_ns": start_ns, "about": about, "images": images}
+    fill = partial(_write_messages, demos=demos, path=path, **said)
     suffix = path.suffix.lower()
     if suffix == ".bag":
         with whole_path(path) as draft:
@@ -446,8 +451,9 @@ def _write_messages(
     frame_id: str,
     start_ns: int,
     about: str,
+    images: Images,
 ) -> None:
-    """Write the messages of all movements in the order of their stamps."""
+    """Write the messages of all movements and cameras in the order of their stamps."""
     if about:
         text = "std_msgs/msg/String"
         connection = writer.add_connection("/comove/about", text, typestore=store)
@@ -458,6 +464,12 @@ def _write_messages(
         connection = writer.add_connection(topic, kind, typestore=store)
         make = _maker(store, kind, demo, frame_id)
         stamps = start_ns + np.rint(demo.time * NANO).astype(np.int64)
+        queue += [(int(stamp), connection, kind, make, row) for row, stamp in enumerate(stamps)]
+    for name, (time, files) in images.items():
+        kind = "sensor_msgs/msg/CompressedImage"
+        connection = writer.add_connection(f"/{name}/image/compressed", kind, typestore=store)
+        make = _image_maker(store, kind, files, name)
+        stamps = start_ns + np.rint(time * NANO).astype(np.int64)
         queue += [(int(stamp), connection, kind, make, row) for row, stamp in enumerate(stamps)]
     for stamp, connection, kind, make, row in sorted(queue, key=lambda item: item[0]):
         writer.write(connection, stamp, encode(make(row, stamp), kind))
@@ -494,20 +506,35 @@ def _topic_and_type(path: Path, name: str, demo: RecordedSamples) -> tuple[str, 
     return f"/{name}/{last}" if name else f"/{last}", kind
 
 
-def _maker(store: Any, kind: str, demo: RecordedSamples, frame_id: str) -> Callable[[int, int], Any]:
-    """Return a function that makes the message of a row at a stamp [ns]."""
-    message, Header, Time = (
-        store.types[name] for name in (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
-    )
-    Point, Quaternion, Pose = (
-        store.types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose")
-    )
+def _header_maker(store: Any, frame_id: str) -> Callable[[int, int], Any]:
+    """Return a function that makes the header of a row's message at a stamp [ns]."""
+    Header, Time = store.types["std_msgs/msg/Header"], store.types["builtin_interfaces/msg/Time"]
     is_ros1 = "seq" in {name for name, _ in store.fielddefs["std_msgs/msg/Header"][1]}
 
     def header(row: int, stamp: int) -> Any:
         first = {"seq": row} if is_ros1 else {}
         return Header(**first, stamp=Time(sec=stamp // NANO, nanosec=stamp % NANO), frame_id=frame_id)
 
+    return header
+
+
+def _image_maker(store: Any, kind: str, files: Sequence[bytes], frame_id: str) -> Callable[[int, int], Any]:
+    """Return a function that makes the message of a camera's picture at a stamp [ns]."""
+    message, header = store.types[kind], _header_maker(store, frame_id)
+
+    def image(row: int, stamp: int) -> Any:
+        data = np.frombuffer(files[row], dtype=np.uint8)
+        return message(header=header(row, stamp), format="jpeg", data=data)
+
+    return image
+
+
+def _maker(store: Any, kind: str, demo: RecordedSamples, frame_id: str) -> Callable[[int, int], Any]:
+    """Return a function that makes the message of a row at a stamp [ns]."""
+    message, header = store.types[kind], _header_maker(store, frame_id)
+    Point, Quaternion, Pose = (
+        store.types[f"geometry_msgs/msg/{name}"] for name in ("Point", "Quaternion", "Pose")
+    )
     position = demo.position.tolist()
     if kind.endswith("JointState"):
         names, none = list(demo.axes or (f"joint{i}" for i in range(demo.n_dims))), np.empty(0)

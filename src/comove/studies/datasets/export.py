@@ -67,14 +67,16 @@ def check_export(folder: Path, format: DatasetFormat) -> Path:
     return path
 
 
-def export_episodes(folder: Path, scenes: Path, format: DatasetFormat, rate: int = 50) -> tuple[Path, int]:
+def export_episodes(
+    folder: Path, scenes: Path, format: DatasetFormat, rate: int | None = None
+) -> tuple[Path, int]:
     """Write the verified episodes of a study as a dataset, each verified anew.
 
     Parameters
     ----------
     folder : folder of the study, in which the dataset is written
     scenes : folder to which paths in the scenes are relative
-    rate : samples a second [Hz]
+    rate : samples a second [Hz]; those of the cameras unless given, 50 without any
 
     Returns
     -------

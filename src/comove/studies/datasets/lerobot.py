@@ -2,8 +2,10 @@
 
 `observation.state` holds the hands, `action` the hands at the next sample, `observation.environment_state` their goal
 and the centres of the obstacles [m]. Of a robot, `observation.state` holds its joints, `action` the planned joints of
-the next sample [rad], and `observation.hands` the hands with their quaternions w x y z. The table of the episodes
-holds, besides what LeRobot writes there, all that is known of an episode, in columns that begin with `comove/`.
+the next sample [rad], and `observation.hands` the hands with their quaternions w x y z. Cameras are
+`observation.images.CAMERA`, videos as the store has them, joined without being encoded anew. The table of the
+episodes holds, besides what LeRobot writes there, all that is known of an episode, in columns that begin with
+`comove/`.
 """
 
 from __future__ import annotations
@@ -19,15 +21,19 @@ from numpy.typing import NDArray
 
 from comove.io.files import extra
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
+from comove.studies.videos import CODEC, PIXELS, Video, VideoFile
 
 STATE, ACTION, ENVIRONMENT = "observation.state", "action", "observation.environment_state"
-HANDS = "observation.hands"
+HANDS, IMAGES = "observation.hands", "observation.images."
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 CHUNK = 1000
 """Files of a folder `chunk-...`."""
-FILE_MB = 100
-"""About the size of a file before it is packed [MB]."""
+VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
+FILE_MB, VIDEO_MB = 100, 200
+"""About the size of a file of numbers before it is packed, and of a video [MB]."""
+SAMPLED = 32
+"""Pictures of an episode, at most, from which the statistics of a camera are taken."""
 SCALARS = {"timestamp": "float32"} | dict.fromkeys(
     ("frame_index", "episode_index", "index", "task_index"), "int64"
 )
@@ -44,7 +50,7 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carr
         If the episodes differ in hands or obstacles.
     """
     tables = _Tables(folder, task)
-    with tables.files:
+    with tables.closing, tables.files:
         for episode in episodes:
             tables.add(episode)
     if tables.first is not None:
@@ -58,9 +64,10 @@ class _Tables:
     def __init__(self, folder: Path, task: str):
         self.folder, self.task = folder, task
         self.pa, self.parquet = extra("pyarrow", folder), extra("pyarrow.parquet", folder)
-        self.files = ExitStack()
+        self.files, self.closing = ExitStack(), ExitStack()
         self.writer: Any = None
         self.first: EpisodeSamples | None = None
+        self.videos: dict[str, _Videos] = {}
         self.rows: list[dict[str, Any]] = []
         self.stats: dict[str, Statistics] = {}
         self.file, self.bytes, self.frames = -1, 0, 0
@@ -88,8 +95,12 @@ class _Tables:
             "meta/episodes/chunk_index": 0,
             "meta/episodes/file_index": 0,
         }
-        for name, values in columns.items():
-            own = Statistics(values)
+        for name, video in episode.videos.items():
+            if name not in self.videos:
+                self.videos[name] = _Videos(self.folder, f"{IMAGES}{name}", episode.rate)
+                self.closing.callback(self.videos[name].close)
+            row |= self.videos[name].add(video)
+        for name, own in statistics_of(episode, columns).items():
             row |= {f"stats/{name}/{key}": value for key, value in own.plain().items()}
             self.stats[name] = self.stats[name].with_more(own) if name in self.stats else own
         self.rows.append(row | {f"comove/{key}": _cell(value) for key, value in episode.about.items()})
@@ -117,11 +128,11 @@ class _Tables:
             "total_tasks": 1,
             "chunks_size": CHUNK,
             "data_files_size_in_mb": FILE_MB,
-            "video_files_size_in_mb": 200,
+            "video_files_size_in_mb": VIDEO_MB,
             "fps": first.rate,
             "splits": {"train": f"0:{len(self.rows)}"},
             "data_path": DATA,
-            "video_path": None,
+            "video_path": VIDEO if first.videos else None,
             "features": features_of(first),
         }
         stats = {name: own.plain() for name, own in self.stats.items()}
@@ -187,7 +198,27 @@ def features_of(first: EpisodeSamples) -> dict[str, Any]:
         key: {"dtype": "float32", "shape": [len(names)], "names": list(names)}
         for key, (names, _) in _vectors(first).items()
     }
+    features |= {f"{IMAGES}{name}": _described(video, first.rate) for name, video in first.videos.items()}
     return features | {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
+
+
+def _described(video: Video, rate: int) -> dict[str, Any]:
+    """Return the description of a camera's videos, in the form that LeRobot gives it."""
+    _, height, width, channels = video.pictures.shape
+    about = {"height": height, "width": width, "codec": CODEC, "pix_fmt": PIXELS, "fps": rate}
+    marks = {"channels": channels, "is_depth_map": False}
+    return {
+        "dtype": "video",
+        "shape": [height, width, channels],
+        "names": ["height", "width", "channels"],
+        "info": {f"video.{key}": value for key, value in (about | marks).items()} | {"has_audio": False},
+    }
+
+
+def statistics_of(episode: EpisodeSamples, columns: Mapping[str, NDArray]) -> dict[str, Statistics]:
+    """Return the statistics of an episode's columns, and of what its cameras saw, by feature."""
+    found = {name: Statistics(values) for name, values in columns.items()}
+    return found | {f"{IMAGES}{name}": PictureStatistics(v.pictures) for name, v in episode.videos.items()}
 
 
 def _vectors(episode: EpisodeSamples) -> dict[str, tuple[tuple[str, ...], NDArray]]:
@@ -212,7 +243,7 @@ class Statistics:
 
     def with_more(self, other: Statistics) -> Statistics:
         """Return the statistics of the rows of both."""
-        both = Statistics.__new__(Statistics)
+        both = object.__new__(type(self))
         both.least, both.greatest = (
             np.minimum(self.least, other.least),
             np.maximum(self.greatest, other.greatest),
@@ -227,6 +258,56 @@ class Statistics:
         deviation = np.sqrt(self.squares / self.count)
         named = {"min": self.least, "max": self.greatest, "mean": self.mean, "std": deviation}
         return {name: values.tolist() for name, values in named.items()} | {"count": [self.count]}
+
+
+class PictureStatistics(Statistics):
+    """Statistics of the colours of some pictures, as shares of the brightest; the number is that of the pictures."""
+
+    def __init__(self, pictures: NDArray[np.uint8]):
+        every = -(-len(pictures) // SAMPLED)
+        chosen = pictures[::every]
+        super().__init__(chosen.reshape(-1, 3) / 255.0)
+        self.squares, self.count = self.squares * len(chosen) / self.count, len(chosen)
+
+    def plain(self) -> dict[str, list]:
+        """Return them by the names that LeRobot gives them, for arrays of shape (3, height, width)."""
+        named = super().plain()
+        return {key: values if key == "count" else [[[x]] for x in values] for key, values in named.items()}
+
+
+class _Videos:
+    """The videos of a camera while they are written: few files that hold many episodes."""
+
+    def __init__(self, folder: Path, key: str, rate: int):
+        self.folder, self.key, self.rate = folder, key, rate
+        self.index = -1
+        self.file: VideoFile | None = None
+
+    def close(self) -> None:
+        """Complete the file that is written."""
+        if self.file is not None:
+            self.file.close()
+
+    def add(self, video: Video) -> dict[str, Any]:
+        """Write the video of an episode; return where it is, by the columns of the table of episodes."""
+        file = self.file
+        if file is None or file.size > VIDEO_MB * 1_000_000 or not file.takes(video):
+            file = self._next_file(video)
+        begun = file.n_pictures / self.rate
+        file.add(video)
+        place = {"chunk_index": self.index // CHUNK, "file_index": self.index % CHUNK}
+        time = {"from_timestamp": begun, "to_timestamp": file.n_pictures / self.rate}
+        return {f"videos/{self.key}/{name}": value for name, value in (place | time).items()}
+
+    def _next_file(self, video: Video) -> VideoFile:
+        """Complete the file, and begin the next one."""
+        self.close()
+        self.index += 1
+        place = {"chunk_index": self.index // CHUNK, "file_index": self.index % CHUNK}
+        path = self.folder / VIDEO.format(video_key=self.key, **place)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self.file = VideoFile(path, video, self.rate)
+        return self.file
 
 
 def _cell(value: Any) -> Any:

@@ -12,10 +12,18 @@ from pathlib import Path
 from typing import Any
 
 from comove.io.files import extra
-from comove.studies.datasets.lerobot import CHUNK, Statistics, arrow_table, features_of, frame_columns
+from comove.studies.datasets.lerobot import (
+    CHUNK,
+    IMAGES,
+    arrow_table,
+    features_of,
+    frame_columns,
+    statistics_of,
+)
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+VIDEO = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carry the load") -> int:
@@ -45,7 +53,8 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carr
             parquet.write_table(arrow_table(pa, columns), path, write_page_checksum=True)
             row: dict[str, Any] = {"episode_index": count, "tasks": [task], "length": len(episode.time)}
             described.write(_line(row | {f"comove/{key}": value for key, value in episode.about.items()}))
-            stats = {name: Statistics(values).plain() for name, values in columns.items()}
+            stats = {name: own.plain() for name, own in statistics_of(episode, columns).items()}
+            _write_videos(folder, episode, count)
             measured.write(_line({"episode_index": count, "stats": stats}))
             count, frames = count + 1, frames + len(episode.time)
     (meta / "tasks.jsonl").write_text(_line({"task_index": 0, "task": task}), encoding="utf-8")
@@ -53,6 +62,15 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carr
         info = _info(first, count, frames)
         (meta / "info.json").write_text(json.dumps(info, indent=4, allow_nan=False), encoding="utf-8")
     return count
+
+
+def _write_videos(folder: Path, episode: EpisodeSamples, number: int) -> None:
+    """Write the videos of an episode, as the store has them."""
+    for name, video in episode.videos.items():
+        place = {"episode_chunk": number // CHUNK, "video_key": f"{IMAGES}{name}", "episode_index": number}
+        path = folder / VIDEO.format(**place)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(video.content)
 
 
 def _info(first: EpisodeSamples, episodes: int, frames: int) -> dict[str, Any]:
@@ -63,13 +81,13 @@ def _info(first: EpisodeSamples, episodes: int, frames: int) -> dict[str, Any]:
         "total_episodes": episodes,
         "total_frames": frames,
         "total_tasks": 1,
-        "total_videos": 0,
+        "total_videos": episodes * len(first.videos),
         "total_chunks": -(-episodes // CHUNK),
         "chunks_size": CHUNK,
         "fps": first.rate,
         "splits": {"train": f"0:{episodes}"},
         "data_path": DATA,
-        "video_path": None,
+        "video_path": VIDEO if first.videos else None,
         "features": features_of(first),
     }
 

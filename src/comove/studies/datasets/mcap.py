@@ -5,11 +5,13 @@
 | ``/HAND/point`` | PointStamped | a hand, planar ones at z = 0 [m] |
 | ``/load/pose`` | PoseStamped | the load's frame; ``/load1``, ... where hands move as several bodies [m] |
 | ``/obstacle0/point``, ... | PointStamped | centre of an obstacle [m] |
+| ``/CAMERA/image/compressed`` | CompressedImage | what a camera saw, as JPEG |
 | ``/comove/about`` | String | JSON: scene, seed, checksums and certified figures |
 """
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -23,6 +25,8 @@ from comove.demonstrations.formats import rosbag
 from comove.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError
 from comove.studies.datasets.samples import EpisodeSamples
+
+JPEG_QUALITY = 92
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
@@ -47,9 +51,22 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
                     way_out="give it another name of letters, digits and underscores, or export as npz",
                 )
             movements[name] = movement
-        rosbag.write(path, movements, about=json.dumps(episode.about, allow_nan=False))
+        images = {name: (episode.time, _jpegs(name, episode)) for name in episode.videos}
+        rosbag.write(path, movements, about=json.dumps(episode.about, allow_nan=False), images=images)
         count += 1
     return count
+
+
+def _jpegs(name: str, episode: EpisodeSamples) -> list[bytes]:
+    """Return what a camera saw as JPEG files, one a sample."""
+    from PIL import Image
+
+    files = []
+    for picture in episode.videos[name].pictures:
+        file = io.BytesIO()
+        Image.fromarray(picture).save(file, format="JPEG", quality=JPEG_QUALITY)
+        files.append(file.getvalue())
+    return files
 
 
 def _movements(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]:

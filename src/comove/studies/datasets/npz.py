@@ -18,7 +18,8 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     The arrays are ``time (T,)`` [s], ``manipulators (N,)``, ``position`` and ``action (T, N, n_dims)`` [m],
     ``environment (T, K)`` [m] with ``environment_names (K,)``, and ``about``, JSON: scene, seed, checksums and
     certified figures. Of a robot there are also ``joint_names (J,)``, ``joint_position`` and ``joint_action (T, J)``
-    [rad or m], and ``orientation (T, N, 4)``, the hands' quaternions w x y z.
+    [rad or m], and ``orientation (T, N, 4)``, the hands' quaternions w x y z; of cameras ``CAMERA_image (T, height,
+    width, 3)``.
     """
     count = 0
     for episode in episodes:
@@ -38,6 +39,7 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
                 "joint_action": joints.wanted,
                 "orientation": joints.orientation,
             }
+        arrays |= {f"{name}_image": video.pictures for name, video in episode.videos.items()}
         (folder / f"episode_{episode.run.number:06d}.npz").write_bytes(packed(arrays))
         count += 1
     return count

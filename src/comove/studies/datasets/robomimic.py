@@ -3,7 +3,8 @@
 `obs/robot0_eef_pos`, `obs/robot1_eef_pos`, ... are the hands, planar ones at z = 0, `actions` the hands at the next
 sample, and `obs/object` is the goal of the hands and the centres of the obstacles [m]. Of a robot there are also
 `obs/robot0_eef_quat` (x y z w) and `obs/robot0_joint_pos`, and `actions` are the planned joints of all arms at the
-next sample [rad]. The attribute `comove` of an episode is JSON of all that is known of it.
+next sample [rad]. Cameras are `obs/CAMERA_image`, RGB in bytes. The attribute `comove` of an episode is JSON of all
+that is known of it.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.demonstrations.formats.hdf5 import put, robomimic_file, write_demo
+from comove.demonstrations.formats.hdf5 import put, put_pictures, robomimic_file, write_demo
 from comove.demonstrations.samples import RecordedSamples
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
@@ -42,6 +43,8 @@ def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:
                 for index, columns in enumerate(episode.joints.columns):
                     put(group, f"obs/robot{index}_joint_pos", episode.joints.measured[:, columns])
             put(group, "obs/object", episode.environment)
+            for name, video in episode.videos.items():
+                put_pictures(group, f"obs/{name}_image", video.pictures)
             group.attrs["comove"] = np.bytes_(json.dumps(episode.about, allow_nan=False))
             count, total = count + 1, total + len(episode.time)
             data.attrs["total"] = total

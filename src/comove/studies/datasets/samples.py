@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,8 +17,9 @@ from comove.demonstrations.samples import AXES, QUATERNION
 from comove.errors import OptionError, ResultError
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
-from comove.studies.episode import restored
-from comove.studies.runs import MEASURES, RUNS, StudyRun, StudyStore
+from comove.studies.episode import DAMAGED, restored, sample_times
+from comove.studies.runs import MEASURES, RUNS, StoredMotion, StudyRun, StudyStore
+from comove.studies.videos import Video
 from comove.verification.verify import VerifiedMotion, verify
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-LEAST_RATE, LARGEST_RATE = 1, 1000
+LEAST_RATE, USUAL_RATE, LARGEST_RATE = 1, 50, 1000
 """Samples a second [Hz]."""
 
 
@@ -41,12 +41,14 @@ class EpisodeSamples:
     motion : the motion, verified anew
     rate : samples a second [Hz]
     joints : joints of the robot at the same samples; None without one
+    videos : what cameras saw of it, a picture at each sample, by their names
     """
 
     run: StudyRun
     motion: VerifiedMotion
     rate: int
     joints: EpisodeJoints | None = None
+    videos: Mapping[str, Video] = field(default_factory=dict)
 
     @property
     def scene(self) -> Scene:
@@ -137,19 +139,14 @@ class EpisodeSamples:
         return {name: getattr(self.run, name) for name in names} | figures | robot | contents
 
 
-def sample_times(scene: Scene, rate: int) -> Array:
-    """Return the times of samples from the beginning to the end of a motion; array, shape (n_steps,) [s]."""
-    return np.arange(math.ceil(scene.duration * rate - 1e-9) + 1) / rate
-
-
-def episodes_of(folder: Path, scenes: Path, rate: int) -> Iterator[EpisodeSamples]:
+def episodes_of(folder: Path, scenes: Path, rate: int | None = None) -> Iterator[EpisodeSamples]:
     """Yield the verified episodes of a study, each verified anew, in the order of their numbers.
 
     Parameters
     ----------
     folder : folder of the study
     scenes : folder to which paths in the scenes are relative
-    rate : samples a second [Hz]
+    rate : samples a second [Hz]; as `chosen_rate` says unless given
 
     Raises
     ------
@@ -157,14 +154,12 @@ def episodes_of(folder: Path, scenes: Path, rate: int) -> Iterator[EpisodeSample
         If there is no study or no verified episode, or a motion was damaged or does not stand the check any more, or
         a robot's simulation does not deliver its load any more.
     OptionError
-        If the rate is out of range.
+        If the rate is out of range, or not that of the cameras.
     """
-    if not LEAST_RATE <= rate <= LARGEST_RATE:
-        raise OptionError(
-            f"rate = {rate}", key="--rate", way_out=f"give {LEAST_RATE} to {LARGEST_RATE} samples a second"
-        )
     store = StudyStore.open(folder / RUNS)
-    found, simulate = False, (store.description() or {}).get("simulate")
+    described = store.description() or {}
+    found, simulate, cameras = False, described.get("simulate"), described.get("cameras")
+    rate = chosen_rate(rate, cameras)
     for run, kept in store.motions():
         verified = _verified(restored(kept, scenes, store.path), run, store.path)
         joints = None
@@ -173,10 +168,52 @@ def episodes_of(folder: Path, scenes: Path, rate: int) -> Iterator[EpisodeSample
 
             time = sample_times(verified.motion.scene, rate)
             joints = joint_samples(run, kept.carry, verified, time, simulate, store.path)
-        yield EpisodeSamples(run, verified, rate, joints)
+        yield EpisodeSamples(run, verified, rate, joints, _videos(run, kept, cameras, store.path))
         found = True
     if not found:
         raise ResultError("it holds no verified episode", file=store.path, way_out="run the study first")
+
+
+def chosen_rate(rate: int | None, cameras: Mapping[str, Any] | None) -> int:
+    """Return the samples a second of datasets: what is asked for, else those of the cameras, else `USUAL_RATE`.
+
+    Parameters
+    ----------
+    cameras : what a study says of its cameras; None without them
+
+    Raises
+    ------
+    OptionError
+        If the rate is out of range, or not that of the cameras.
+    """
+    taken = None if cameras is None else cameras["rate"]
+    if rate is None:
+        return taken or USUAL_RATE
+    if not LEAST_RATE <= rate <= LARGEST_RATE:
+        raise OptionError(
+            f"rate = {rate}", key="--rate", way_out=f"give {LEAST_RATE} to {LARGEST_RATE} samples a second"
+        )
+    if taken is not None and rate != taken:
+        raise OptionError(
+            f"rate = {rate}, and the cameras of the study take {taken} pictures a second",
+            key="--rate",
+            way_out=f"leave it out, or write rate: {rate} in the study's cameras before it is run",
+        )
+    return rate
+
+
+def _videos(
+    run: StudyRun, kept: StoredMotion, cameras: Mapping[str, Any] | None, store: Path
+) -> dict[str, Video]:
+    """Return the videos of an episode, by the cameras' names."""
+    taken = dict(kept.videos)
+    views = () if cameras is None else tuple(cameras["views"])
+    missing = next((name for name in views if name not in taken), None)
+    if missing is not None:
+        raise ResultError(
+            f"episode {run.number} has no video of the camera '{missing}'", file=store, way_out=DAMAGED
+        )
+    return {name: Video(taken[name], f"the video '{name}' of episode {run.number}", store) for name in views}
 
 
 def _verified(motion: CoordinatedMotion, run: StudyRun, file: Path) -> VerifiedMotion:

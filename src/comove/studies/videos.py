@@ -1,0 +1,153 @@
+"""Videos of episodes: H.264 in MP4, one a camera, each as the bytes of a file.
+
+Every second picture is a key picture, so that a policy's loader need not decode many to see one, and none refers to
+a later one, so that videos are joined without being encoded anew.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ExtraError, ResultError
+
+Picture = NDArray[np.uint8]
+
+CODEC, PIXELS = "h264", "yuv420p"
+OPTIONS = {"crf": "20", "g": "2", "bf": "0", "preset": "medium", "threads": "1"}
+"""Of the encoder: on one thread, so that the same pictures give the same bytes."""
+
+
+def require_videos() -> ModuleType:
+    """Import and return PyAV.
+
+    Raises
+    ------
+    ExtraError
+        If it is not installed.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise ExtraError("video of cameras", "video") from error
+    return av
+
+
+def encoded(pictures: Iterable[Sequence[Picture]], count: int, rate: int) -> list[bytes]:
+    """Encode what several cameras see at a time, picture by picture; return a video of each camera.
+
+    Parameters
+    ----------
+    pictures : at each instant an array of shape (height, width, 3) for each camera
+    count : number of cameras
+    rate : pictures a second [Hz]
+    """
+    av = require_videos()
+    files = [io.BytesIO() for _ in range(count)]
+    with ExitStack() as stack:
+        containers = [stack.enter_context(av.open(file, "w", format="mp4")) for file in files]
+        streams: list[Any] = []
+        for seen in pictures:
+            if not streams:
+                streams = [_stream(container, seen[0].shape, rate) for container in containers]
+            for container, stream, picture in zip(containers, streams, seen, strict=True):
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        for container, stream in zip(containers, streams, strict=True):
+            container.mux(stream.encode())
+    return [file.getvalue() for file in files]
+
+
+def _stream(container: Any, shape: tuple[int, ...], rate: int) -> Any:
+    stream = container.add_stream("libx264", rate=rate, options=OPTIONS)
+    stream.height, stream.width = shape[:2]
+    stream.pix_fmt = PIXELS
+    return stream
+
+
+@dataclass(frozen=True, eq=False)
+class Video:
+    """A video of an episode.
+
+    Attributes
+    ----------
+    content : bytes of the file
+    name : what it is, for messages
+    store : path of the store that it comes from, for messages
+    """
+
+    content: bytes
+    name: str
+    store: Path | None = None
+
+    @cached_property
+    def pictures(self) -> Picture:
+        """Return all pictures; array, shape (n_steps, height, width, 3).
+
+        Raises
+        ------
+        ResultError
+            If the video was damaged.
+        """
+        av = require_videos()
+        try:
+            with av.open(io.BytesIO(self.content)) as container:
+                decoded = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+                return np.stack(decoded)
+        except (av.FFmpegError, ValueError, IndexError) as error:
+            raise ResultError(
+                f"{self.name} cannot be decoded: {error}",
+                file=self.store,
+                way_out="copy the store again, or generate the episode again in a new folder",
+            ) from error
+
+    def packets(self) -> Iterator[Any]:
+        """Yield the encoded pictures, of which each is one packet, in their order."""
+        with require_videos().open(io.BytesIO(self.content)) as container:
+            yield from (packet for packet in container.demux(video=0) if packet.dts is not None)
+
+
+class VideoFile:
+    """A file that is written of several videos, one after the other, as they are encoded."""
+
+    def __init__(self, path: Path, first: Video, rate: int):
+        self._container = require_videos().open(str(path), "w", format="mp4")
+        self._template, self.size, self.n_pictures, self._rate = _header(first), 0, 0, rate
+        with require_videos().open(io.BytesIO(first.content)) as source:
+            self._stream = self._container.add_stream_from_template(source.streams.video[0])
+        self._stream.time_base = Fraction(1, rate)
+
+    def takes(self, video: Video) -> bool:
+        """Return whether a video was encoded alike, so that one header describes both."""
+        return _header(video) == self._template
+
+    def add(self, video: Video) -> None:
+        """Append a video."""
+        for packet in video.packets():
+            packet.stream = self._stream
+            packet.time_base = Fraction(1, self._rate)
+            packet.pts = packet.dts = self.n_pictures
+            packet.duration = 1
+            self._container.mux(packet)
+            self.n_pictures += 1
+        self.size += len(video.content)
+
+    def close(self) -> None:
+        """Complete the file."""
+        self._container.close()
+
+
+def _header(video: Video) -> tuple[bytes, int, int]:
+    """Return what decoders are told of a video."""
+    with require_videos().open(io.BytesIO(video.content)) as container:
+        context = container.streams.video[0].codec_context
+        return bytes(context.extradata or b""), context.width, context.height
