@@ -63,8 +63,14 @@ def test_all_methods_side_by_side(invoke, tmp_path):
     result = invoke(SCENE, "--compare")
     assert result.exit_code == 0, result.output
     table = json.loads((tmp_path / "out" / "comparison.json").read_text())
-    assert [row["method"] for row in table["methods"]] == [
-        *("no modulation", "own matrix each", "same matrix on all", "obstacles seen only", "motions known")
+    methods = [row["method"] for row in table["methods"]]
+    assert methods == [
+        "no modulation",
+        "own matrix each",
+        "nearest hand's matrix",
+        "same matrix on all",
+        "obstacles seen only",
+        "motions known",
     ]
     for row in table["methods"]:
         assert row["method"] in result.output
