@@ -29,8 +29,8 @@ MOST_PIXELS = LARGEST[0] // FINER, LARGEST[1] // FINER
 
 
 @dataclass(frozen=True)
-class Stand:
-    """Where a camera stands, and what it looks at.
+class CameraPose:
+    """A place where a camera stands, and what it looks at.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ def require_cameras() -> None:
 
 
 def pictures_of(
-    execution: Execution, cameras: Sequence[Stand | Overview], size: tuple[int, int], time: Array
+    execution: Execution, cameras: Sequence[CameraPose | Overview], size: tuple[int, int], time: Array
 ) -> Iterator[list[Picture]]:
     """Yield what cameras see of an execution at given times: for each camera an array of shape (height, width, 3).
 
@@ -103,23 +103,23 @@ def pictures_of(
             yield [_reduced(picture) for picture in drawn]
 
 
-def _stand(execution: Execution, camera: Stand | Overview, aspect: float) -> Stand:
+def _stand(execution: Execution, camera: CameraPose | Overview, aspect: float) -> CameraPose:
     """Return where a camera stands; one that sees all of the workspace depends on nothing else of the scene."""
-    if isinstance(camera, Stand):
+    if isinstance(camera, CameraPose):
         return camera
     bounds = np.stack([execution.scene.lower, execution.scene.upper])
     corners = np.array(list(product(*bounds.T)))
     azimuth = front_of(execution.robot, bounds[:, :2].mean(axis=0)) + camera.view.aside
     target, distance = in_sight(corners, aspect, azimuth, camera.view.elevation, camera.field)
     forward, _, _ = sight(azimuth, camera.view.elevation)
-    return Stand(tuple(target - distance * forward), tuple(target), field=camera.field)
+    return CameraPose(tuple(target - distance * forward), tuple(target), field=camera.field)
 
 
 def _name(number: int) -> str:
     return f"camera {number}"  # with a blank, as nothing of a robot is called
 
 
-def _furnish(spec: Any, stands: Sequence[Stand]) -> None:
+def _furnish(spec: Any, stands: Sequence[CameraPose]) -> None:
     """Add light and cameras to a world."""
     furnish(spec, shadows=False)
     spec.visual.quality.offsamples = 0
@@ -133,7 +133,7 @@ def _furnish(spec: Any, stands: Sequence[Stand]) -> None:
         body.add_camera(name=_name(number), pos=position, quat=quaternion_of_rotation(turn), fovy=stand.field)
 
 
-def _turn(stand: Stand) -> Array:
+def _turn(stand: CameraPose) -> Array:
     """Return the axes right, up and backwards of a camera that looks at its target; array, shape (3, 3).
 
     The third axis of its frame is up in the picture, or the first where it looks along the third.

@@ -18,7 +18,7 @@ from comove.studies.videos import encoded, require_videos
 
 if TYPE_CHECKING:
     from comove.simulators import Execution
-    from comove.simulators.cameras import Overview, Stand
+    from comove.simulators.cameras import CameraPose, Overview
 
 MOST_VIEWS = 16
 LARGEST = (960, 540)
@@ -49,7 +49,7 @@ Point = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(
 
 
 class ViewPart(Part):
-    """Where a camera stands: it sees all of the workspace from a direction, or stands at a place, or in a hand."""
+    """The place of a camera: it sees all of the workspace from a direction, or stands at a place, or in a hand."""
 
     aside_deg: Annotated[float, Field(ge=-360, le=360)] | None = None
     """Angle from the robot's front to the camera, about the vertical; 24 unless given."""
@@ -83,15 +83,15 @@ class ViewPart(Part):
         return self
 
     @property
-    def camera(self) -> Stand | Overview:
+    def camera(self) -> CameraPose | Overview:
         """Return the camera of the simulator."""
         from comove.simulators import View
-        from comove.simulators.cameras import Overview, Stand
+        from comove.simulators.cameras import CameraPose, Overview
 
         field = self.field_deg or (40.0 if self.hand is None else 60.0)
         if self.hand is not None or self.position is not None:
             position, target = self.position or (0.1, 0.0, -0.15), self.target or (0.0, 0.0, 0.1)
-            return Stand(position, target, self.hand, field)
+            return CameraPose(position, target, self.hand, field)
         aside = 24.0 if self.aside_deg is None else self.aside_deg
         return Overview(View(aside, -30.0 if self.elevation_deg is None else self.elevation_deg), field)
 

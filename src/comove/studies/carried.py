@@ -119,7 +119,7 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
 
 @dataclass(frozen=True)
 class Carrying:
-    """How a robot carries the load of a scene, and what is tried of it.
+    """The way in which a robot carries the load of a scene, and what is tried of it.
 
     Attributes
     ----------
