@@ -38,9 +38,7 @@ from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
 
-SHARE_IN_HASTE = (
-    0.5  # least share of the budget for the fastest motion, after a search that found none in time
-)
+IN_HASTE = 0.5  # least share of the budget for the fastest motion, where a search in time found none
 TRY, SHORT = 0.2, 0.1  # largest share of the budget for the try of one duration, and its least time [s]
 COMMON = (0.3, 5.0)  # m, longest sides of workspaces that are not rescaled
 
@@ -79,7 +77,8 @@ def solve(
     planner
         Whether to start from a path planned in the load's own configuration space.
     budget
-        Time after which the best motion so far is returned [s].
+        Time after which the best motion so far is returned [s]. Where it passes without a motion within the limits in
+        the duration that is given, the fastest motion may be searched for half as long again.
     objective
         Objective that the motion minimises; that of the scene unless given. If the scene has none, it is
         `LeastJerk()`, smooth and near to the demonstration; `LeastTime()` for a scene without duration and
@@ -223,7 +222,7 @@ def _solved(problem: Problem) -> Solution:
     if solution.verified or solution.interrupted or needed == np.inf:
         return solution
     if problem.own is None:  # limits that are tight are met by the fastest motion, if by any
-        left = max(problem.budget - solution.solve_time_s, SHARE_IN_HASTE * problem.budget)
+        left = max(problem.budget - solution.solve_time_s, IN_HASTE * problem.budget)
         slow = _in_least_time(replace(problem, budget=left))
         if slow.verified:
             return _joined(solution, slow, _at_pace(slow, problem))

@@ -405,20 +405,14 @@ class RobotCarrier:
         ----------
         nodes : array, shape (n_steps, n_nodes, 3) [m]
         """
-        n_most, nodes = (
-            max(map(len, self.starts)),
-            np.ascontiguousarray(nodes[None, :: self.settings.coarser]),
-        )
+        n_most = max(map(len, self.starts))
+        nodes = np.ascontiguousarray(nodes[None, :: self.settings.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
         if led is not None and (n_most == 1 or self._cost(nodes, led) == 0.0):
             return led
+        arms = list(zip(self.starts, self.goals, strict=True))
         tried = [
-            np.hstack(
-                [
-                    _onward(s[min(k, len(s) - 1)], goals)
-                    for s, goals in zip(self.starts, self.goals, strict=True)
-                ]
-            )
+            np.hstack([_onward(starts[min(k, len(starts) - 1)], goals) for starts, goals in arms])
             for k in range(n_most)
         ]
         if n_most == 1:

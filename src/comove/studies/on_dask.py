@@ -17,8 +17,7 @@ from comove.studies.runner import Run, RunSource
 LOCAL = "local"
 """Address that stands for a scheduler and workers on this machine."""
 ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
-"""What workers find in their environment: Dask's own would give back memory after each array, which costs half of
-the time again."""
+"""What workers find in their environment: by Dask's own they would give back memory after each array."""
 CONNECT = 10.0  # s, after which a scheduler counts as unreachable
 AHEAD = 2  # runs that are sent for each thread, so that none waits for this process
 

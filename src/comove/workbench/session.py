@@ -93,10 +93,9 @@ class Session:
         self.playing, self.live, self.pace, self.time = True, False, 1.0, 0.0
         self.closed = False
         self.open(shelf.first)
-        for choice, item in beside.items():
-            if shelf.beside is not None and item == shelf.items[shelf.beside]:
-                self.panels.controls["beside"].value = choice
-                self._compare(choice)
+        if shelf.beside is not None:
+            self.panels.controls["beside"].value = shelf.label(shelf.beside)
+            self._compare(shelf.label(shelf.beside))
         self._player = loop.create_task(self._play())
 
     # --- scenes ---

@@ -76,7 +76,11 @@ class Shelf:
         """Return what can stand beside what is shown: all that was named, by name, but no examples."""
         if self.beside is None and (len(self.items) == 1 or self.item.result is None):
             return {}
-        return {f"{'scene' if i.result is None else 'stored'}: {name}": i for name, i in self.items.items()}
+        return {self.label(name): item for name, item in self.items.items()}
+
+    def label(self, name: str) -> str:
+        """Return the name of something beside what is shown, which cannot be that of a method."""
+        return f"{'scene' if self.items[name].result is None else 'stored'}: {name}"
 
 
 def shelf_of(paths: Sequence[Path], folder: Path) -> Shelf:
