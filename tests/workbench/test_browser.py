@@ -235,7 +235,7 @@ def test_two_stored_results_stand_side_by_side(chromium, tmp_path):
         assert done.returncode == 0
     bench = chrome.Bench(chromium, shelf_of([tmp_path / "comove", tmp_path / "paper"], tmp_path))
     try:
-        bench.says("anew from the result's files")
+        bench.settle()
         bench.tab("Compare")
         bench.says("stored: paper: Verified at every instant, anew from the result's files")
         assert bench.page.locator("input[role=combobox][value='stored: paper']").count() == 1

@@ -78,7 +78,8 @@ def solve(
         Whether to start from a path planned in the load's own configuration space.
     budget
         Time after which the best motion so far is returned [s]. Where it passes without a motion within the limits in
-        the duration that is given, the fastest motion may be searched for half as long again.
+        the duration that is given, the fastest motion, which follows no demonstration, may be searched for half as
+        long again.
     objective
         Objective that the motion minimises; that of the scene unless given. If the scene has none, it is
         `LeastJerk()`, smooth and near to the demonstration; `LeastTime()` for a scene without duration and
