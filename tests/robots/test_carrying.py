@@ -47,6 +47,20 @@ def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
         assert (np.diff(away) >= -1e-6).all()  # what mirrors each other is equally far
 
 
+@pytest.mark.parametrize("name", ["gap_30", "two_pandas"])
+def test_joints_of_one_arm_at_an_end_do_not_depend_on_where_the_other_arm_rests(name):
+    known, elsewhere = task(name), RobotCarrier(task(name).robot, task(name).scene)
+    chains, around, rng = elsewhere.arms.chains, elsewhere.arms.around, np.random.default_rng(11)
+    left = slice(0, chains.first[1])
+    for _ in range(10):
+        posture = rng.uniform(chains.lower, chains.upper)
+        posture[left] = around.posture[left]
+        moved = replace(elsewhere)
+        vars(moved)["arms"] = elsewhere.arms._replace(around=around._replace(posture=posture))
+        for end in ("starts", "goals"):
+            np.testing.assert_array_equal(getattr(moved, end)[0], getattr(known, end)[0])
+
+
 def test_the_known_path_is_possible_and_faster_or_blocked_ones_are_not():
     motion, _ = known_carry()
     nodes = sampled_nodes(motion, 201)[None]

@@ -427,21 +427,24 @@ class RobotCarrier:
         strain = self.strain(nodes, course)
         return float(strain.penalty.sum() + strain.contact[0])
 
-    def clearance(self, q: Array, nodes: Array) -> float:
+    def clearance(self, q: Array, nodes: Array, some: Links | None = None) -> float:
         """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].
 
         Parameters
         ----------
         q : array, shape (n_joints,), joint positions of the chains
         nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
+        some : the links that are looked at; None for all
         """
-        chains, links, around = self.arms
+        chains, around, links = self.arms.chains, self.arms.around, some or self.arms.links
         a, b = links.start.copy(), links.end.copy()
         place_links(chains, links, q, a, b)
         return links_clearance(links, around, a, b, nodes, ENOUGH)
 
     def _branches(self, end: str) -> tuple[Array, ...]:
-        """Compute the joint positions at an end, by arm; those in contact are kept only if there are no others."""
+        """Compute the joint positions at an end, by arm; those in which the arm by itself touches something are kept
+        only if there are no others.
+        """
         nodes = self.scene.nodes_at(end)
         rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
         chains, posture, found = self.arms.chains, self.arms.around.posture, []
@@ -451,9 +454,10 @@ class RobotCarrier:
             if missing.min() > MET:
                 raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
             branches = self._distinct(joints[missing <= MET][:, part], posture[part])
-            alone = np.repeat(posture[None], len(branches), axis=0)
-            alone[:, part] = branches
-            free = np.array([self.clearance(q, nodes) for q in alone]) > 0.0
+            moved = np.repeat(posture[None], len(branches), axis=0)
+            moved[:, part] = branches
+            alone = self.arms.links.of(i)  # where the other arms will be, is not known
+            free = np.array([self.clearance(q, nodes, alone) for q in moved]) > 0.0
             found.append(branches[free] if free.any() else branches)
         return tuple(found)
 

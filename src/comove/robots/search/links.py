@@ -92,6 +92,14 @@ class Links(NamedTuple):
         """
         return self._replace(pairs=self.pairs[_pair_distances(chains, self, samples) < ENOUGH])
 
+    def of(self, arm: int) -> Links:
+        """Keep only the links of one arm, and their pairs with each other and with links that do not move."""
+        others = (self.arm != arm) & (self.arm >= 0)
+        return self._replace(
+            pairs=self.pairs[~others[self.pairs].any(axis=1)],
+            moving=self.moving[self.arm[self.moving] == arm],
+        )
+
 
 def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     """Build capsules around the collision geometry; arms that are not among `arms` stay at home."""
