@@ -270,3 +270,16 @@ def test_a_start_where_nothing_is_defined_is_left_as_soon_as_one_sample_is():
         lambda x: np.where(x[:, 0] > 2.0, x[:, 0], np.nan), np.ones(1), 0.9, max_evaluations=3000, seed=5
     )
     assert 2.0 < result.fun < 2.001 and result.reason is Reason.EVALUATIONS
+
+
+@pytest.mark.parametrize("limit", [1, 2, 5])
+def test_a_limit_below_a_generation_ends_the_search_and_blames_no_function(limit):
+    result = minimise(
+        lambda x: (x**2).sum(axis=1),
+        np.ones(5),
+        0.3,
+        constraints=lambda x: x[:, :1] - 1.0,
+        max_evaluations=limit,
+    )
+    assert result.reason is Reason.EVALUATIONS
+    assert max(result.n_objective, result.n_constraint) <= limit

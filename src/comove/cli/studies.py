@@ -20,7 +20,7 @@ StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (YA
 OutFolder = Annotated[
     Path, typer.Option("--out", help="Folder for the runs; one that is there is gone on with.")
 ]
-Workers = Annotated[int, typer.Option(metavar="N", help="RunSource at a time, each in a process of its own.")]
+Workers = Annotated[int, typer.Option(metavar="N", help="Runs at a time, each in a process of its own.")]
 ShardOption = Annotated[
     str, typer.Option(metavar="I/N", help="Run only the I-th of N parts, into a folder of its own.")
 ]

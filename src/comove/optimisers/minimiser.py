@@ -136,11 +136,11 @@ def minimise(
     if not vectorized:
         objective = partial(_one_by_one, f, map)
         h = partial(_one_by_one, constraints, map) if constraints else h
-    n_constraints = _count(h, np.clip(x0, *_checked_bounds(bounds, len(x0))))
+    at_start = _row(h, np.clip(x0, *_checked_bounds(bounds, len(x0))))
     search = Minimiser(
         x0,
         sigma0,
-        n_constraints=n_constraints,
+        n_constraints=len(at_start),
         equality=equality,
         tolerance=tolerance,
         bounds=bounds,
@@ -152,7 +152,7 @@ def minimise(
     )
     if injected is not None:
         search.inject(injected)
-    search.n_constraint += n_constraints > 0
+    search.count_start(at_start)
     while True:
         if search.reason is not None:
             return search.result()
@@ -434,6 +434,11 @@ class Minimiser:
         self._run: OptimiserRun = self._method.start(replace(self._begun, x=x))
         self._invite()
 
+    def count_start(self, constraints: Array) -> None:
+        """Count an evaluation of the constraints at the start, array of shape (n_constraints,)."""
+        self.n_constraint += len(constraints) > 0
+        self._finite_constraints |= bool(np.isfinite(constraints).all())
+
     def check_finite(self) -> None:
         """Raise `OptionError` if values were told and none of them was ever finite."""
         if self.n_constraint and not self._finite_constraints:
@@ -613,8 +618,8 @@ def _one_by_one(function: Callable, map: Callable, x: Array) -> list:
     return list(map(function, x))
 
 
-def _count(h: Callable, x0: Array) -> int:
-    """Return the number of constraints, from their values at x0."""
+def _row(h: Callable, x0: Array) -> Array:
+    """Return the values of the constraints at x0; array, shape (n_constraints,)."""
     told = h(x0[None].copy())
     try:
         values = np.asarray(told, dtype=float)
@@ -626,4 +631,4 @@ def _count(h: Callable, x0: Array) -> int:
             key="constraints",
             way_out="return a row a point and a column a constraint; with vectorized=False, shape (m,)",
         )
-    return values.shape[1]
+    return values[0]
