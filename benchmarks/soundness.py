@@ -1,11 +1,12 @@
 """How often the certificate is wrong: random motions near contact, judged by it and by brute force.
 
-    python benchmarks/soundness.py [--shapes 100000] [--meshes 10000] [--workers 2] [--files FOLDER]
+    python benchmarks/soundness.py [--shapes 100000] [--boxes 300] [--meshes 10000] [--workers 2] [--files FOLDER]
 
 Motions come first; obstacles are then pushed to within fractions of a millimetre of what they sweep, or into it.
 Brute force (`tests/brute_force.py`) reads the scene's file, takes from a motion only its configurations, and shares
 no geometry with comove: what it meets is met by the motion. A certificate is false if it promises more than brute
-force meets. Meshes are spoilt as exports spoil them: triangles turned, twice, missing, flat, loose, crossing others.
+force meets. Boxes are loads, judged by points of the box (`tests/verification/random_boxes.py`). Meshes are spoilt as
+exports spoil them: triangles turned, twice, missing, flat, loose, crossing others.
 With `--files`, every mesh of up to 2000 triangles in a folder, made 0.2 m large, is an obstacle once.
 """
 
@@ -24,7 +25,12 @@ from timing import print_table
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 CHUNK = 50
-STREAMS = {"shapes": 101, "meshes": 103, "files": 107}  # of random numbers; the tests draw from others
+STREAMS = {
+    "shapes": 101,
+    "boxes": 109,
+    "meshes": 103,
+    "files": 107,
+}  # of random numbers; the tests draw from others
 MOST, SIZE = 2000, 0.2  # triangles of a file, and what its mesh is made large [m]
 FORMATS = (".stl", ".obj", ".off", ".ply", ".dae")
 WORDS = ("certified", "contact", "undecided", "false certificate")
@@ -34,6 +40,7 @@ def main() -> None:
     """Draw, judge and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--shapes", type=int, default=100_000)
+    parser.add_argument("--boxes", type=int, default=300)
     parser.add_argument("--meshes", type=int, default=10_000)
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--files", type=Path)
@@ -43,7 +50,12 @@ def main() -> None:
         files = (
             sorted(f for f in asked.files.rglob("*") if f.suffix.lower() in FORMATS) if asked.files else []
         )
-        for kind, count in (("shapes", asked.shapes), ("meshes", asked.meshes), ("files", len(files))):
+        for kind, count in (
+            ("shapes", asked.shapes),
+            ("boxes", asked.boxes),
+            ("meshes", asked.meshes),
+            ("files", len(files)),
+        ):
             chunk = CHUNK if kind != "files" else 1
             starts = range(0, count, chunk)
             total: Counter[str] = Counter()
@@ -66,7 +78,9 @@ def judged(
 ) -> tuple[Counter[str], list[tuple[int, float, float]]]:
     """Outcomes of some draws, and the false certificates among them: seed, bound and truth [m]."""
     from comove.geometry.triangles import read_triangles
+    from comove.verification.certificate import certify
     from tests.verification import test_certificate, test_surfaces
+    from tests.verification.random_boxes import box_near_contact, least_clearance
     from tests.verification.random_meshes import near_contact as near_mesh
     from tests.verification.random_motions import near_contact
 
@@ -86,6 +100,13 @@ def judged(
             elif kind == "shapes":
                 clearance, truth, word = test_certificate.judged(near_contact(rng))
                 if word != "contact" and clearance.lower > truth + test_certificate.ROUNDING:
+                    word = "false certificate"
+            elif kind == "boxes":
+                motion = box_near_contact(rng)
+                clearance, truth, required = certify(motion), least_clearance(motion), motion.scene.clearance
+                word = "certified" if clearance.lower >= required else "undecided"
+                word = "contact" if word == "undecided" and truth < required else word
+                if clearance.lower > max(truth, 0.0) + test_certificate.ROUNDING:
                     word = "false certificate"
             else:
                 clearance, truth, word = test_surfaces.outcome(*near_mesh(rng, Path(folder)))
