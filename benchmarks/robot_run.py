@@ -1,11 +1,13 @@
-"""Robots carry their load in MuJoCo while balls fly through their workspace: drawn scenes, judged by what happened.
+"""Robots carry their load in MuJoCo while balls fly through their workspace, or a person walks by, and are judged.
 
-    python benchmarks/robot_run.py                          # 20 scenes for each robot
+    python benchmarks/robot_run.py                          # 20 scenes with balls for each robot
+    python benchmarks/robot_run.py --people                 # 20 with a person
     python benchmarks/robot_run.py --scenes 5 --seed 1200 --robots gap_30
 
 Balls of 16 cm fly straight, at 0.2 to 0.5 m/s, through a random point near the middle of the workspace, while the
-carry is under way. Many of them cannot be dodged, as they fly through a shoulder. So a scene counts as *witnessed*
-where somebody who knows the future finds a way; the others have no known one.
+carry is under way. A person, trunk, head and one arm, walks at that speed along the side of the workspace that is
+opposite to the robot, and reaches up to 35 cm over it. Much of this cannot be dodged, as it goes through a shoulder:
+a scene counts as *witnessed* where somebody who knows the future finds a way; the others have no known one.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from comove.geometry.distances import CENTER
+from comove.geometry.distances import CENTER, segment_distance
 from comove.planning import SceneKind
 from comove.reaction.qp_workspace import Sighting
 from comove.robots import Robot
@@ -38,30 +40,58 @@ EXAMPLES = Path(__file__).parents[1] / "examples"
 ROBOTS = ("gap_30", "two_ur10", "two_xarm7")
 RADIUS = 0.08  # m
 LONGEST = 40.0  # s
-KEPT = 0.005  # m, that a witness keeps from balls, by capsules of links
+KEPT = 0.005  # m, that a witness keeps from what moves, by capsules of links
 
 
-def drawn(name: str, seed: int) -> Scene:
-    """An example with one to three balls that fly through its workspace."""
+def drawn(name: str, seed: int, people: bool) -> Scene:
+    """An example with one to three balls that fly through its workspace, or a person who walks by."""
     data = yaml.safe_load(next(EXAMPLES.rglob(f"{name}.yaml")).read_text(encoding="utf-8"))
     rng = np.random.default_rng(seed)
-    lower, upper = (np.array(data["workspace"][key]) for key in ("lower", "upper"))
-    for _ in range(int(rng.integers(1, 4))):
-        middle = 0.5 * (lower + upper) + rng.uniform(-0.25, 0.25, 3) * (upper - lower) + [0.0, 0.0, 0.1]
-        angle, speed, when = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.2, 0.5), rng.uniform(3.0, 6.0)
-        velocity = speed * np.array([np.cos(angle), np.sin(angle), 0.0])
-        way = [(middle + shift * velocity).round(4).tolist() for shift in (-when, LONGEST)]
-        motion = {"waypoints": way, "times": [0.0, LONGEST + when]}
-        ball = {"shape": "sphere", "center": way[0], "radius": RADIUS, "motion": motion}
-        data["obstacles"] = [*data.get("obstacles", []), ball]
+    workspace = np.array([data["workspace"][key] for key in ("lower", "upper")])
+    movers = [person(workspace, rng)] if people else [ball(workspace, rng) for _ in range(rng.integers(1, 4))]
+    data["obstacles"] = [*data.get("obstacles", []), *(part for parts in movers for part in parts)]
     return Scene.from_dict({**data, "name": f"{name} {seed}", "demonstration": None})
 
 
-def witness(executor: JointExecutor, seed: int) -> Reference | None:
-    """Return a motion from the start that keeps clear of all balls, or None if none is found.
+def ball(workspace: Array, rng: np.random.Generator) -> list[dict]:
+    """A ball that flies through the middle of the workspace, give or take a quarter."""
+    lower, upper = workspace
+    middle = 0.5 * (lower + upper) + rng.uniform(-0.25, 0.25, 3) * (upper - lower) + [0.0, 0.0, 0.1]
+    angle, speed, when = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.2, 0.5), rng.uniform(3.0, 6.0)
+    velocity = speed * np.array([np.cos(angle), np.sin(angle), 0.0])
+    return [{"shape": "sphere", "radius": RADIUS, **moving(middle, velocity, when)}]
 
-    Its planner knows where they will be: it is the best course of a roadmap that is three times as dense as the
-    executor's, over all the time in which a ball is near, and looked at anew 50 times in a second.
+
+def person(workspace: Array, rng: np.random.Generator) -> list[dict]:
+    """A person who walks along the far side of the workspace, and reaches over it."""
+    lower, upper = workspace
+    reached, height = rng.uniform(0.0, 0.35), rng.uniform(lower[2] + 0.1, upper[2] + 0.1)
+    speed, when, side = rng.uniform(0.2, 0.5), rng.uniform(3.0, 6.0), rng.choice([-1.0, 1.0])
+    velocity, far = np.array([0.0, side * speed, 0.0]), upper[0] + 0.35
+    arm = 0.35 + reached - 2 * 0.05  # m, of its axis
+    across = [0.7071067811865476, 0.0, 0.7071067811865476, 0.0]
+    parts = [
+        ({"shape": "capsule", "radius": 0.16, "length": 0.7}, [far, 0.0, height - 0.1]),
+        ({"shape": "sphere", "radius": 0.13}, [far, 0.0, height + 0.55]),
+        (
+            {"shape": "capsule", "radius": 0.05, "length": arm, "quaternion_wxyz": across},
+            [far - 0.05 - 0.5 * arm, 0.0, height],
+        ),
+    ]
+    return [{**part, **moving(np.array(middle), velocity, when)} for part, middle in parts]
+
+
+def moving(middle: Array, velocity: Array, when: float) -> dict:
+    """The keys of an obstacle that goes straight, and is at a point `when` [s] after the beginning."""
+    way = [(middle + shift * velocity).round(4).tolist() for shift in (-when, LONGEST)]
+    return {"center": way[0], "motion": {"waypoints": way, "times": [0.0, LONGEST + when]}}
+
+
+def witness(executor: JointExecutor, seed: int) -> Reference | None:
+    """Return a motion from the start that keeps clear of all that moves, or None if none is found.
+
+    Its planner knows where that will be: it is the best course of a roadmap that is three times as dense as the
+    executor's, over all the time in which something is near, and looked at anew 50 times in a second.
     """
     pilot, scene = executor.pilot, executor.scene
     settings = replace(
@@ -74,10 +104,10 @@ def witness(executor: JointExecutor, seed: int) -> Reference | None:
         pilot.standing, pilot.arms, pilot.coordinates, plan, pilot.ground.needs, seed=seed, settings=settings
     )
     moves = scene.moving[scene.owners]
-    balls = Sighting(*(array[moves] for array in executor.observer.observe(0.0)))
-    all_knowing.looks_on(0.0, balls, settings.patience)
+    seen = Sighting(*(array[moves] for array in executor.observer.observe(0.0)))
+    all_knowing.looks_on(0.0, seen, settings.patience)
     begin = Way(*(values[:1] for values in plan.way))
-    if not all_knowing.choose(0.0, balls, begin, 0.0, settings.patience):
+    if not all_knowing.choose(0.0, seen, begin, 0.0, settings.patience):
         return None
     found = all_knowing.reference
     times = np.arange(0.0, LONGEST, 0.02)
@@ -86,18 +116,18 @@ def witness(executor: JointExecutor, seed: int) -> Reference | None:
     speed = np.linalg.norm(np.diff(nodes[:, : len(scene.manipulators)], axis=0), axis=2).max() / 0.02
     fits = speed <= scene.speed_limit and (np.abs(rates) <= pilot.arms.chains.velocity).all()
     bodies = pilot.foresight.placed(Way(np.ascontiguousarray(configurations), np.ascontiguousarray(joints)))
-    return found if fits and nearest_ball(bodies, balls, times) >= KEPT else None
+    return found if fits and nearest(bodies, seen, times) >= KEPT else None
 
 
-def nearest_ball(bodies: Places, balls: Sighting, times: Array) -> float:
-    """Return the least distance of capsules, one sample for each instant, from balls that fly straight on [m]."""
-    along, least = bodies.end - bodies.start, np.inf
-    for row, velocity in zip(balls.table, balls.velocity, strict=True):
-        center = row[CENTER : CENTER + 3] + times[:, None] * velocity
-        away = center[:, None] - bodies.start
-        share = (away * along).sum(axis=-1) / np.maximum((along**2).sum(axis=-1), 1e-18)
-        apart = np.linalg.norm(away - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
-        least = min(least, float((apart - bodies.radius).min()) - RADIUS)
+def nearest(bodies: Places, seen: Sighting, times: Array) -> float:
+    """Return the least distance of capsules, one sample for each instant, from what moves straight on [m]."""
+    least, here = np.inf, seen.table.copy()
+    for t, start, end in zip(times, bodies.start, bodies.end, strict=True):
+        here[:, CENTER : CENTER + 3] = seen.table[:, CENTER : CENTER + 3] + t * seen.velocity
+        for row in range(len(here)):
+            for p, q, radius in zip(start, end, bodies.radius, strict=True):
+                apart = segment_distance(here, row, *p, *q, least + radius, 1e-4)
+                least = min(least, apart - radius)
     return least
 
 
@@ -107,6 +137,7 @@ def main() -> None:
     parser.add_argument("--scenes", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0, help="seed of the first scene")
     parser.add_argument("--robots", nargs="+", default=ROBOTS)
+    parser.add_argument("--people", action="store_true", help="a person who walks by instead of balls")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     print(
@@ -116,10 +147,11 @@ def main() -> None:
     )
     well, control = [], []
     for name in options.robots:
-        robot = Robot.load(drawn(name, 0).file.robot)
-        load_robot_kernels(SceneKind.of(drawn(name, 0)))
+        first = drawn(name, options.seed, options.people)
+        robot = Robot.load(first.file.robot)
+        load_robot_kernels(SceneKind.of(first))
         for seed in range(options.seed, options.seed + options.scenes):
-            executor = JointExecutor(drawn(name, seed), robot, seed=seed)
+            executor = JointExecutor(drawn(name, seed, options.people), robot, seed=seed)
             known = witness(executor, seed) is not None
             record = run_live(executor, LONGEST)
             report, log = judge_run(record, stride=10), executor.log
