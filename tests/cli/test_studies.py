@@ -48,6 +48,13 @@ def rows(folder):
     return runs, [motion for _, motion in store.motions()]
 
 
+def test_a_script_for_slurm_repeats_what_was_asked_for(tmp_path):
+    script = tmp_path / "jobs.sh"
+    words = ("--episodes", 9, "--seed", 3)
+    invoke("generate", study(tmp_path), *words, "--out", tmp_path / "parts", "--slurm", script, "--shards", 3)
+    assert "comove generate --episodes 9 --seed 3 " in script.read_text()
+
+
 @pytest.mark.slow
 def test_workers_and_parts_give_the_same_rows_bit_by_bit(tmp_path):
     """One process, two processes, and three parts sent by the script for Slurm."""

@@ -9,7 +9,7 @@ import yaml
 from scipy import stats
 
 from comove.demonstrations import Demonstration
-from comove.errors import SceneError
+from comove.errors import OptionError, SceneError
 from comove.primitives import DMP, Library, Primitive
 from comove.studies import Study, Sweep
 from comove.studies.distributions import OneOf, TruncatedNormal, Uniform
@@ -70,6 +70,13 @@ def test_an_episode_depends_on_seed_and_number_alone(tmp_path):
     assert len(set(all_of_them.values())) == 4
     assert scenes([2, 0], episodes=1000) == {n: all_of_them[n] for n in (2, 0)}
     assert not set(scenes(range(4), seed=1).values()) & set(all_of_them.values())
+
+
+def test_a_seed_that_is_asked_for_is_that_of_an_edited_file(tmp_path):
+    asked, edited = Study.load(written(tmp_path), seed=7), Study.load(written(tmp_path, seed=7))
+    assert asked.sha256 == edited.sha256 != Study.load(written(tmp_path)).sha256
+    with pytest.raises(OptionError, match=r"--seed: seed = -1; give 0 or more"):
+        Study.load(written(tmp_path), seed=-1)
 
 
 def test_hands_are_shifted_and_turned_as_one(tmp_path):

@@ -26,6 +26,9 @@ def generate(
     episodes: Annotated[
         int | None, typer.Option(metavar="N", help="Number of episodes; that of STUDY unless given.")
     ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed of all episodes; that of STUDY unless given.")
+    ] = None,
     workers: s.Workers = 2,
     shard: s.ShardOption = s.WHOLE,
     slurm: s.Slurm = None,
@@ -56,14 +59,18 @@ def generate(
     from comove.studies.datasets.samples import chosen_rate
 
     s.require_alone(shard, slurm)
-    part, loaded, run = Shard.parse(shard), Study.load(study, episodes=episodes), s.runs_of(workers, dask)
+    part, run = Shard.parse(shard), s.runs_of(workers, dask)
+    loaded = Study.load(study, episodes=episodes, seed=seed)
     wanted = _formats(formats, loaded, shard)
     chosen_rate(rate, loaded.described.get("cameras"))
     for name in wanted:
         check_export(out, FORMATS[name])
     if slurm is not None:
-        command = ("generate",) if episodes is None else ("generate", "--episodes", str(episodes))
-        s.write_slurm(command, slurm, study, out, shards=shards, workers=workers, name=loaded.name)
+        given = {"--episodes": episodes, "--seed": seed}
+        words = [word for name, value in given.items() if value is not None for word in (name, str(value))]
+        s.write_slurm(
+            ["generate", *words], slurm, study, out, shards=shards, workers=workers, name=loaded.name
+        )
         return VERIFIED
     if dask is None:
         loaded.require()

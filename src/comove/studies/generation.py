@@ -122,12 +122,12 @@ class Study:
     draws: tuple[Draw, ...] = ()
 
     @classmethod
-    def load(cls, path: str | Path, *, episodes: int | None = None) -> Study:
+    def load(cls, path: str | Path, *, episodes: int | None = None, seed: int | None = None) -> Study:
         """Read a study file (YAML).
 
         Parameters
         ----------
-        episodes : number of episodes; that of the file unless given
+        episodes, seed : number of episodes, and seed of all of them; those of the file unless given
 
         Raises
         ------
@@ -150,6 +150,10 @@ class Study:
                     f"episodes = {episodes}", key="--episodes", way_out=f"give 1 to {MAX_EPISODES:,} of them"
                 )
             file = file.model_copy(update={"episodes": episodes})
+        if seed is not None:
+            if seed < 0:
+                raise OptionError(f"seed = {seed}", key="--seed", way_out="give 0 or more")
+            file = file.model_copy(update={"seed": seed})
         study = cls(file, path, folder, template)
         study._require_cameras(lines)
         study._require_robot(lines)
