@@ -152,7 +152,7 @@ def minimise(
     )
     if injected is not None:
         search.inject(injected)
-    search.count_start(at_start)
+    search._count_start(at_start)
     while True:
         if search.reason is not None:
             return search.result()
@@ -434,7 +434,7 @@ class Minimiser:
         self._run: OptimiserRun = self._method.start(replace(self._begun, x=x))
         self._invite()
 
-    def count_start(self, constraints: Array) -> None:
+    def _count_start(self, constraints: Array) -> None:
         """Count an evaluation of the constraints at the start, array of shape (n_constraints,)."""
         self.n_constraint += len(constraints) > 0
         self._finite_constraints |= bool(np.isfinite(constraints).all())
