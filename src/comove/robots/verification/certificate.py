@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import coal
@@ -312,9 +313,10 @@ class Nearing:
         self._centers = [np.array(item.geometry.aabb_center) for item in items]
         self._radii = np.array([item.geometry.aabb_radius for item in items])
         loads = {rod for rod, *_ in bodies.rods}
-        known = {k: support_function(item.geometry) for k, item in enumerate(items) if k not in loads}
-        self._supports = {k: function for k, function in known.items() if function is not None}
-        plain = np.array([k in self._supports for k in range(len(items))])
+        self._support = cache(lambda body: support_function(items[body].geometry))  # few are ever asked for
+        plain = np.array(
+            [k not in loads and isinstance(item.geometry, CONVEX) for k, item in enumerate(items)]
+        )
         self.applies = plain[self._pairs].all(axis=1)
         bend = np.abs(curve(curve.x, 2))
         self._rates = Ranges(curve.x, np.hstack([fastest(curve)[0], np.maximum(bend[1:], bend[:-1])]))
@@ -386,15 +388,16 @@ class Nearing:
         n = np.array(found.normal)  # from the first to the second
         n /= math.sqrt(n @ n)
         (a, first), (b, second) = ((body, self.placed.oMg[body]) for body in self._pairs[pair].tolist())
-        ends = self._supports[a](first.rotation.T @ n), self._supports[b](-second.rotation.T @ n)
+        ends = self._support(a)(first.rotation.T @ n), self._support(b)(-second.rotation.T @ n)
         slab = (second.translation - first.translation) @ n - ends[0] - ends[1]
         return found.min_distance - slab, n
 
 
-def support_function(shape: Any) -> Callable[[Array], float] | None:
-    """Return the function that tells how far a convex shape reaches along a unit vector in its own frame [m]; None
-    for other shapes.
-    """
+CONVEX = (coal.Sphere, coal.Box, coal.Capsule, coal.Cylinder, coal.Ellipsoid, coal.ConvexBase)
+
+
+def support_function(shape: Any) -> Callable[[Array], float]:
+    """Return the function that tells how far a shape of `CONVEX` reaches along a unit vector in its own frame [m]."""
     if isinstance(shape, coal.Sphere):
         return lambda n: shape.radius
     if isinstance(shape, coal.Box):
@@ -405,7 +408,5 @@ def support_function(shape: Any) -> Callable[[Array], float] | None:
         return lambda n: shape.radius * float(np.hypot(n[0], n[1])) + shape.halfLength * abs(n[2])
     if isinstance(shape, coal.Ellipsoid):
         return lambda n: float(np.linalg.norm(n * shape.radii))
-    if isinstance(shape, coal.ConvexBase):
-        points = np.array([shape.point(k) for k in range(shape.num_points)])
-        return lambda n: float((points @ n).max())
-    return None
+    points = np.array(shape.points())
+    return lambda n: float((points @ n).max())
