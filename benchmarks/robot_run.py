@@ -17,6 +17,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import numba
 import numpy as np
 import yaml
 from numpy.typing import NDArray
@@ -119,14 +120,16 @@ def witness(executor: JointExecutor, seed: int) -> Reference | None:
     return found if fits and nearest(bodies, seen, times) >= KEPT else None
 
 
+@numba.njit
 def nearest(bodies: Places, seen: Sighting, times: Array) -> float:
     """Return the least distance of capsules, one sample for each instant, from what moves straight on [m]."""
     least, here = np.inf, seen.table.copy()
-    for t, start, end in zip(times, bodies.start, bodies.end, strict=True):
-        here[:, CENTER : CENTER + 3] = seen.table[:, CENTER : CENTER + 3] + t * seen.velocity
-        for row in range(len(here)):
-            for p, q, radius in zip(start, end, bodies.radius, strict=True):
-                apart = segment_distance(here, row, *p, *q, least + radius, 1e-4)
+    for t in range(times.shape[0]):
+        here[:, CENTER : CENTER + 3] = seen.table[:, CENTER : CENTER + 3] + times[t] * seen.velocity
+        for row in range(here.shape[0]):
+            for i in range(bodies.radius.shape[0]):
+                p, q, radius = bodies.start[t, i], bodies.end[t, i], bodies.radius[i]
+                apart = segment_distance(here, row, p[0], p[1], p[2], q[0], q[1], q[2], least + radius, 1e-4)
                 least = min(least, apart - radius)
     return least
 

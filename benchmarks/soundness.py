@@ -25,12 +25,8 @@ from timing import print_table
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 CHUNK = 50
-STREAMS = {
-    "shapes": 101,
-    "boxes": 109,
-    "meshes": 103,
-    "files": 107,
-}  # of random numbers; the tests draw from others
+# Streams of random numbers; the tests draw from others.
+STREAMS = {"shapes": 101, "boxes": 109, "meshes": 103, "files": 107}
 MOST, SIZE = 2000, 0.2  # triangles of a file, and what its mesh is made large [m]
 FORMATS = (".stl", ".obj", ".off", ".ply", ".dae")
 WORDS = ("certified", "contact", "undecided", "false certificate")
@@ -50,12 +46,8 @@ def main() -> None:
         files = (
             sorted(f for f in asked.files.rglob("*") if f.suffix.lower() in FORMATS) if asked.files else []
         )
-        for kind, count in (
-            ("shapes", asked.shapes),
-            ("boxes", asked.boxes),
-            ("meshes", asked.meshes),
-            ("files", len(files)),
-        ):
+        counts = {"shapes": asked.shapes, "boxes": asked.boxes, "meshes": asked.meshes, "files": len(files)}
+        for kind, count in counts.items():
             chunk = CHUNK if kind != "files" else 1
             starts = range(0, count, chunk)
             total: Counter[str] = Counter()

@@ -122,15 +122,13 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
         close, change = cells.chosen(near), change[near]
         distance = distances(close, width)
         met = _met(met, bodies, close, width, distance)
-        exactly, met = _exactly(distances, close, width, distance, met, slack)
-        computed += len(distance) + int(np.isfinite(exactly).sum())
+        of_meshes, met = _of_meshes(distances, close, width, distance, met, slack)
+        computed += len(distance) + int(np.isfinite(of_meshes).sum())
         enough = _enough(met, bodies, slack)[bodies.kind[close.pair]]
-        spare, middle = (
-            np.where(distance > 0, distance - enough, 0.0),
-            (close.stretch.astype(float) + 0.5) * width,
-        )
+        spare = np.where(distance > 0, distance - enough, 0.0)
+        middle = (close.stretch.astype(float) + 0.5) * width
         nearer = nearing.improved(change, spare, close.pair, middle, width / 2)
-        bound[near] = np.fmax(distance - nearer, exactly - change)
+        bound[near] = np.fmax(distance - nearer, of_meshes)
         done, far = bound[near] >= enough, ~near
         if depth == DEEPEST - 1 or computed > MOST:
             done[:] = True
@@ -142,22 +140,23 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
     return [least._replace(lower=float(bound)) for least, bound in zip(met, lower, strict=True)]
 
 
-def _exactly(
+def _of_meshes(
     distances: _Distances, cells: _Cells, width: float, rough: Array, met: list[LinkClearance], slack: float
 ) -> tuple[Array, list[LinkClearance]]:
-    """Compute the distances of meshes of which the hulls are too near, array of shape (n_cells,), NaN for the others
-    [m], and the least clearances so far. The nearest come first: what is found there may spare the rest.
+    """Bound the distances of meshes whose hulls are too near, array of shape (n_cells,), NaN for the others [m], and
+    return the least clearances so far as well. The nearest come first: what is found there may spare the rest.
     """
-    bodies, exactly = distances.bodies, np.full(len(rough), np.nan)
+    bodies, bound = distances.bodies, np.full(len(rough), np.nan)
     kind, are_hulls = bodies.kind[cells.pair], bodies.exact[cells.pair] != cells.pair
     nearest = _least(np.where(are_hulls, rough, np.inf), kind)
     for wanted in (are_hulls & nearest, are_hulls & ~nearest):
         chosen = wanted & (rough < _enough(met, bodies, slack)[kind])
         own = cells.chosen(chosen)
         own = own._replace(pair=bodies.exact[own.pair])
-        exactly[chosen] = distances(own, width)
-        met = _met(met, bodies, own, width, exactly[chosen])
-    return exactly, met
+        distance = distances(own, width)
+        bound[chosen] = distance - distances.changes(own, width)
+        met = _met(met, bodies, own, width, distance)
+    return bound, met
 
 
 def _least(distance: Array, kind: NDArray[np.int64]) -> NDArray[np.bool_]:
