@@ -28,6 +28,7 @@ from comove.optimisers import (
     StaleForm,
     minimise,
 )
+from comove.optimisers.method import Patience
 
 
 def onto_half_space(x):
@@ -481,3 +482,40 @@ def test_disconnected_feasible_sets_are_crossed(seed):
         start, 3.0, constraints=balls, bounds=(0.0, 10.0), seed=seed, target=-1 + 1e-4, max_evaluations=8000,
     )  # fmt: skip
     assert result.fun <= -1 + 1e-4
+
+
+def wrinkled(x):
+    """Oscillate around x, by a factor that repeats at every scale (COCO's T_osz; Hansen et al., 2009)."""
+    size = np.log(np.abs(x) + 1e-300)
+    fast, slow = np.where(x > 0, 10.0, 5.5), np.where(x > 0, 7.9, 3.1)
+    return np.sign(x) * np.exp(size + 0.049 * (np.sin(fast * size) + np.sin(slow * size)))
+
+
+@pytest.mark.parametrize("seed", [1, 6, 7])
+def test_two_wrinkled_constraints_that_nearly_oppose_each_other(seed):
+    """Their forces are a hundred times the slope that they hold; where no model fits, multipliers must not fall."""
+    rng, n = np.random.default_rng(seed), 10
+    weights, centre = 10.0 ** (6 * np.arange(n) / (n - 1)), rng.standard_normal(n)
+    slope = 2 * weights * centre
+    size = np.linalg.norm(slope)
+    across = weights * rng.standard_normal(n)
+    across *= 100 * size / np.linalg.norm(across)
+    rows = np.stack([slope - across, across]) / size
+    x0, optimum = rng.standard_normal(n), rng.uniform(-2, 2, n)
+    best = (weights * centre**2).sum() / size
+    result = minimise(
+        lambda x: (weights * (wrinkled(x - optimum) - centre) ** 2).sum(axis=1) / size,
+        x0,
+        1.0,
+        constraints=lambda x: wrinkled(x - optimum) @ rows.T,
+        seed=seed,
+        max_evaluations=30_000,
+        target=best + 1e-7,
+    )
+    assert result.reason is Reason.TARGET
+
+
+def test_a_huge_value_of_one_sample_is_no_convergence():
+    patience = Patience(1.0, window=10)
+    values = np.append(np.linspace(0.0, 1.0, 11), 1e40)
+    assert all(patience.reason(np.ones(3), 1.0, values * 0.9**i) is None for i in range(60))

@@ -253,6 +253,16 @@ def test_bipop_spends_as_much_on_small_populations_as_on_large_ones():
     assert all(1e-2 <= run.setting.sigma <= 1 for run in small)
 
 
+def test_bipop_may_begin_with_several_populations_that_grow():
+    rng, ended = np.random.default_rng(0), [Ended(Setting(), 10, 1000)]
+    for _ in range(12):
+        setting = BIPOP(4.0, before=3).following(ended, rng)
+        ended.append(Ended(setting, setting.population, 100 * setting.population))
+    assert [run.population for run in ended[:3]] == [10, 40, 160]
+    assert [run.setting.local for run in ended[:4]] == [False, False, False, True]
+    assert [run.population for run in ended if not run.setting.local][3] == 640
+
+
 def test_no_restarts():
     result = minimise(sphere, np.ones(3), 0.5, restarts=NoRestarts())
     assert result.reason is Reason.CONVERGED

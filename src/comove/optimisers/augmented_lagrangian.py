@@ -107,13 +107,14 @@ class AugmentedLagrangianRun(OptimiserRun):
     def _update(self, local: Local) -> None:
         """Update multipliers and penalties from the models around the mean."""
         start, settings = self._start, self.settings
-        gradient = local.slope[-1]
         self._shift = np.where(
             start.equality, np.sign(self._multipliers) * start.tolerance * (1 - INSIDE), 0.0
         )  # an optimum uses the tolerance of an equality
         length = np.sqrt((local.slope[:-1] ** 2).sum(axis=1))
         rough = 1.4826 * local.inflation * np.median(np.abs(local.residual[:, :-1]), axis=0)
         self._length = np.where((length > UNKNOWN) & (length > settings.trust * rough), length, np.inf)
+        trusted = np.isfinite(self._length)
+        gradient = local.slope[-1] + np.where(trusted, 0.0, self._multipliers) @ local.slope[:-1]
         scale = np.sqrt(length**2 + rough**2)  # by which the values vary within the distribution
         scale = np.where(scale > UNKNOWN, scale, np.inf)
         rows = local.slope[:-1] / self._length[:, None]
@@ -133,7 +134,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         )
         stationary = gradient + forces @ self._rows
         self._step = -stationary / curvature
-        wanted = forces[:m] / self._length
+        wanted = np.where(trusted, forces[:m] / self._length, self._multipliers)
         self._remember_curvature(local, wanted, stationary)
         known = np.where(np.isfinite(self._length), self._length, 0.0)
         surprise = np.abs(wanted - self._multipliers) * known / (10 * self._curvature)

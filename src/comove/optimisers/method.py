@@ -221,7 +221,7 @@ class Patience:
         recent = self.spreads[-(10 + self.window // 4) :]
         if deviations.max() < self.smallest_step * self.sigma:
             return Reason.CONVERGED
-        rounding = 1e-15 * (np.abs(finite).max() if len(finite) else 0.0)
+        rounding = 1e-15 * (np.median(np.abs(finite)) if len(finite) else 0.0)
         if len(recent) >= 10 + self.window // 4 and max(recent) < max(self.smallest_spread, rounding):
             return Reason.CONVERGED
         if axis_ratio > 1e7:

@@ -78,20 +78,27 @@ class BIPOP:
 
     Attributes
     ----------
+    factor : growth of the large populations from run to run
+    before : number of runs of growing population before the first small one
     limit : largest number of restarts
     """
 
+    factor: float = 2.0
+    before: int = 2
     limit: int = 1000
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """Return a setting of the kind, large or small, that has cost less since the first run; None at the limit."""
+        """Return a setting of the kind, large or small, that has cost less so far; None at the limit.
+
+        Of the runs `before` the first small one only the last one's cost counts.
+        """
         if len(ended) > self.limit:
             return None
         first = ended[0].population
         large = [run for run in ended if not run.setting.local]
-        spent = sum(run.evaluations for run in large[1:])
+        spent = sum(run.evaluations for run in large[self.before - 1 :])
         if sum(run.evaluations for run in ended if run.setting.local) >= spent:
-            return Setting(int(min(2 * large[-1].population, LARGEST)))
+            return Setting(int(min(self.factor * large[-1].population, LARGEST)))
         share = rng.random() ** 2
         population = int(first * (0.5 * large[-1].population / first) ** share)
         return Setting(max(4, population), 10.0 ** (-2 * rng.random()), local=True)
