@@ -204,7 +204,7 @@ class Minimiser:
     method : ConstrainedMethod
         By default an `AugmentedLagrangian` if there are constraints, otherwise `Plain`.
     restarts : Restarts
-        Rule of restarts; by default `BIPOP`, with constraints `BIPOP(4.0, before=3)`.
+        Rule of restarts; by default `BIPOP`, with constraints `BIPOP(5.0, before=3)`.
     population : int
         Samples per generation of the first run; by default the method's own number.
     covariance : array, shape (n, n), or (n,) for variances along the axes
@@ -258,7 +258,7 @@ class Minimiser:
                 )
         self._tolerance, self._seed = float(tolerance), int(seed)
         self._method = method or (AugmentedLagrangian() if n_constraints else Plain())
-        self._restarts = restarts or (BIPOP(4.0, before=3) if n_constraints else BIPOP())
+        self._restarts = restarts or (BIPOP(5.0, before=3) if n_constraints else BIPOP())
         self._choices = np.random.default_rng([self._seed, 0])
         self.n_objective = self.n_constraint = 0
         self.reason: Reason | None = None
