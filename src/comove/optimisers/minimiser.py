@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 EVALUATIONS = 10_000  # a dimension, unless the user says otherwise
 SIGN = "h <= 0 is feasible"
+GROWING = BIPOP(5.0, before=3)  # for a Lagrangian: where it fails, more samples help sooner than other starts
 SPREAD = 2.0  # step sizes around x0 in which restarts without bounds begin
 HUGE = 1e100  # finite values beyond are told to methods as this: products of them would overflow
 
@@ -204,7 +205,7 @@ class Minimiser:
     method : ConstrainedMethod
         By default an `AugmentedLagrangian` if there are constraints, otherwise `Plain`.
     restarts : Restarts
-        Rule of restarts; by default `BIPOP`, with constraints `BIPOP(5.0, before=3)`.
+        Rule of restarts; by default `BIPOP`, for an `AugmentedLagrangian` `BIPOP(5.0, before=3)`.
     population : int
         Samples per generation of the first run; by default the method's own number.
     covariance : array, shape (n, n), or (n,) for variances along the axes
@@ -258,7 +259,8 @@ class Minimiser:
                 )
         self._tolerance, self._seed = float(tolerance), int(seed)
         self._method = method or (AugmentedLagrangian() if n_constraints else Plain())
-        self._restarts = restarts or (BIPOP(5.0, before=3) if n_constraints else BIPOP())
+        lagrangian = isinstance(self._method, AugmentedLagrangian)
+        self._restarts = restarts or (GROWING if lagrangian else BIPOP())
         self._choices = np.random.default_rng([self._seed, 0])
         self.n_objective = self.n_constraint = 0
         self.reason: Reason | None = None
