@@ -253,14 +253,13 @@ def test_bipop_spends_as_much_on_small_populations_as_on_large_ones():
     assert all(1e-2 <= run.setting.sigma <= 1 for run in small)
 
 
-def test_bipop_may_begin_with_several_populations_that_grow():
+def test_bipop_may_begin_with_several_populations_that_grow_and_a_small_one_after_each():
     rng, ended = np.random.default_rng(0), [Ended(Setting(), 10, 1000)]
     for _ in range(12):
-        setting = BIPOP(5.0, before=3).following(ended, rng)
+        setting = BIPOP(5.0, before=3, least=1).following(ended, rng)
         ended.append(Ended(setting, setting.population, 100 * setting.population))
-    assert [run.population for run in ended[:3]] == [10, 50, 250]
-    assert [run.setting.local for run in ended[:4]] == [False, False, False, True]
-    assert [run.population for run in ended if not run.setting.local][3] == 1250
+    assert [run.setting.local for run in ended[:7]] == [False, True, False, True, False, True, True]
+    assert [run.population for run in ended if not run.setting.local][:3] == [10, 50, 250]
 
 
 def test_no_restarts():

@@ -48,8 +48,8 @@ class AugmentedLagrangian:
     integral : share of rho h(mean) that is added to the multipliers, as in the classical rule
     adaptation : share of the logarithmic way to their target that the penalties go in a generation
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
-    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint;
-        disconnected feasible sets, seen from afar, have no slope
+    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint,
+        whose multiplier stays otherwise; disconnected feasible sets, seen from afar, have no slope
     """
 
     penalty: float = 0.5
@@ -114,6 +114,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         rough = 1.4826 * local.inflation * np.median(np.abs(local.residual[:, :-1]), axis=0)
         self._length = np.where((length > UNKNOWN) & (length > settings.trust * rough), length, np.inf)
         trusted = np.isfinite(self._length)
+        # Another constraint may hold the force of one that is not trusted: it must not drop in a generation.
         gradient = local.slope[-1] + np.where(trusted, 0.0, self._multipliers) @ local.slope[:-1]
         scale = np.sqrt(length**2 + rough**2)  # by which the values vary within the distribution
         scale = np.where(scale > UNKNOWN, scale, np.inf)

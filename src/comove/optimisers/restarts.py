@@ -79,25 +79,25 @@ class BIPOP:
     Attributes
     ----------
     factor : growth of the large populations from run to run
-    before : number of runs of growing population before the first small one
+    before : number of large populations from which on small ones cost as much
+    least : least number of small populations after each large one
     limit : largest number of restarts
     """
 
     factor: float = 2.0
     before: int = 2
+    least: int = 0
     limit: int = 1000
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
-        """Return a setting of the kind, large or small, that has cost less so far; None at the limit.
-
-        Of the runs `before` the first small one only the last one's cost counts.
-        """
+        """Return a setting of the kind, large or small, that has cost less so far; None at the limit."""
         if len(ended) > self.limit:
             return None
         first = ended[0].population
         large = [run for run in ended if not run.setting.local]
+        small = [run.evaluations for run in ended if run.setting.local]
         spent = sum(run.evaluations for run in large[self.before - 1 :])
-        if sum(run.evaluations for run in ended if run.setting.local) >= spent:
+        if sum(small) >= spent and len(small) >= self.least * len(large):
             return Setting(int(min(self.factor * large[-1].population, LARGEST)))
         share = rng.random() ** 2
         population = int(first * (0.5 * large[-1].population / first) ** share)
