@@ -262,6 +262,24 @@ def test_bipop_may_begin_with_several_populations_that_grow_and_a_small_one_afte
     assert [run.population for run in ended if not run.setting.local][:3] == [10, 50, 250]
 
 
+@pytest.mark.parametrize(
+    ("rule", "wrong"),
+    [
+        (IPOP, {"factor": 0}),
+        (IPOP, {"factor": np.nan}),
+        (IPOP, {"limit": -1}),
+        (BIPOP, {"factor": np.inf}),
+        (BIPOP, {"before": 0}),
+        (BIPOP, {"before": "two"}),
+        (BIPOP, {"least": -1}),
+        (BIPOP, {"limit": None}),
+    ],
+)
+def test_rules_that_cannot_be_followed_are_told(rule, wrong):
+    with pytest.raises(OptionError, match=next(iter(wrong))):
+        rule(**wrong)
+
+
 def test_no_restarts():
     result = minimise(sphere, np.ones(3), 0.5, restarts=NoRestarts())
     assert result.reason is Reason.CONVERGED

@@ -8,6 +8,8 @@ from typing import Protocol
 
 import numpy as np
 
+from comove.errors import OptionError
+
 LARGEST = 10_000  # samples a generation
 
 
@@ -60,10 +62,19 @@ class IPOP:
     ----------
     factor : growth of the population from run to run
     limit : largest number of restarts
+
+    Raises
+    ------
+    OptionError
+        If one of them is too small, or not finite.
     """
 
     factor: float = 2.0
     limit: int = 1000
+
+    def __post_init__(self) -> None:
+        _check("factor", self.factor, 1)
+        _check("limit", self.limit, 0)
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
         """Return a setting with a larger population, or None at the limit."""
@@ -82,12 +93,22 @@ class BIPOP:
     before : number of large populations from which on small ones cost as much
     least : least number of small populations after each large one
     limit : largest number of restarts
+
+    Raises
+    ------
+    OptionError
+        If one of them is too small, or not finite.
     """
 
     factor: float = 2.0
     before: int = 2
     least: int = 0
     limit: int = 1000
+
+    def __post_init__(self) -> None:
+        _check("factor", self.factor, 1)
+        for name, least in (("before", 1), ("least", 0), ("limit", 0)):
+            _check(name, getattr(self, name), least)
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
         """Return a setting of the kind, large or small, that has cost less so far; None at the limit."""
@@ -102,3 +123,10 @@ class BIPOP:
         share = rng.random() ** 2
         population = int(first * (0.5 * large[-1].population / first) ** share)
         return Setting(max(4, population), 10.0 ** (-2 * rng.random()), local=True)
+
+
+def _check(name: str, value: object, least: int) -> None:
+    """Raise an `OptionError` unless a setting is a number, finite and not below the least one."""
+    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if not number or not least <= value < np.inf:  # type: ignore[operator]
+        raise OptionError(f"{value!r}", key=name, way_out=f"give a finite number, {least} or more")
