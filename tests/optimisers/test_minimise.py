@@ -271,6 +271,7 @@ def test_bipop_may_begin_with_several_populations_that_grow_and_a_small_one_afte
         (BIPOP, {"factor": np.inf}),
         (BIPOP, {"before": 0}),
         (BIPOP, {"before": "two"}),
+        (BIPOP, {"before": 2.5}),
         (BIPOP, {"least": -1}),
         (BIPOP, {"limit": None}),
     ],

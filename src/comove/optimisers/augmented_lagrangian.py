@@ -31,7 +31,7 @@ TINY = 1e-150
 DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
 LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
 FAR = 100.0  # squared distance a dimension beyond which models are not trusted
-HELD = 2.0  # part of the objective's slope from which on a force is held by other constraints
+HELD = 2.0  # times the objective's slope: a larger force is held by other constraints
 INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
 
 

@@ -392,3 +392,9 @@ def check_start(mean: object, sigma: object) -> tuple[Array, float]:
     if not isinstance(sigma, (int, float, np.number)) or not 0 < sigma < np.inf:
         raise OptionError(f"{sigma!r} is no step size", key="sigma0", way_out="give a positive number")
     return start, float(sigma)
+
+
+def check_whole(key: str, value: object, least: int) -> None:
+    """Raise an `OptionError` unless a value is a whole number, and not below the least one."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+        raise OptionError(f"{key} = {value!r}", way_out=f"give a whole number, {least} or more")

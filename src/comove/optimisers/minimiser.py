@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, OptionError
 from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
-from comove.optimisers.cmaes import check_start, default_population
+from comove.optimisers.cmaes import check_start, check_whole, default_population
 from comove.optimisers.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
 from comove.optimisers.restarts import BIPOP, Ended, Restarts, Setting
 from comove.optimisers.restoration import Restoration
@@ -245,13 +245,13 @@ class Minimiser:
         self._free = _free(self._lower, self._upper, method)
         self._covariance, self._shaped = _checked_covariance(covariance, n), covariance is not None
         _tell_outside(self._x0, self._lower, self._upper)
-        _check_whole("n_constraints", n_constraints, 0)
+        check_whole("n_constraints", n_constraints, 0)
         self._equality = _checked_mask(equality, n_constraints)
         if not 0 <= tolerance < np.inf:
             raise OptionError(f"tolerance = {tolerance!r}", way_out="give a number, 0 or more")
-        _check_whole("seed", seed, 0)
+        check_whole("seed", seed, 0)
         if population is not None:
-            _check_whole("population", population, 2)
+            check_whole("population", population, 2)
         for key, part, needed in (("method", method, "start"), ("restarts", restarts, "following")):
             if part is not None and (isinstance(part, type) or not hasattr(part, needed)):
                 raise OptionError(
@@ -501,11 +501,6 @@ class Minimiser:
             self._best_x, self._best_fun = request.x[i].copy(), float(values[i])
             self._least_violation = float(violation[i])
             self._history.append((self.n_objective, self.n_constraint, self._best_fun, self._least_violation))
-
-
-def _check_whole(key: str, value: object, least: int) -> None:
-    if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
-        raise OptionError(f"{key} = {value!r}", way_out=f"give a whole number, {least} or more")
 
 
 def _checked_values(values: object, shape: tuple[int, ...], name: str) -> Array:

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from comove.errors import OptionError
+from comove.optimisers.cmaes import check_whole
 
 LARGEST = 10_000  # samples a generation
 
@@ -66,15 +67,15 @@ class IPOP:
     Raises
     ------
     OptionError
-        If one of them is too small, or not finite.
+        If the factor is below 1 or not finite, or a number is too small or not whole.
     """
 
     factor: float = 2.0
     limit: int = 1000
 
     def __post_init__(self) -> None:
-        _check("factor", self.factor, 1)
-        _check("limit", self.limit, 0)
+        _check_factor(self.factor)
+        check_whole("limit", self.limit, 0)
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
         """Return a setting with a larger population, or None at the limit."""
@@ -97,7 +98,7 @@ class BIPOP:
     Raises
     ------
     OptionError
-        If one of them is too small, or not finite.
+        If the factor is below 1 or not finite, or a number is too small or not whole.
     """
 
     factor: float = 2.0
@@ -106,9 +107,10 @@ class BIPOP:
     limit: int = 1000
 
     def __post_init__(self) -> None:
-        _check("factor", self.factor, 1)
-        for name, least in (("before", 1), ("least", 0), ("limit", 0)):
-            _check(name, getattr(self, name), least)
+        _check_factor(self.factor)
+        check_whole("before", self.before, 1)
+        check_whole("least", self.least, 0)
+        check_whole("limit", self.limit, 0)
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
         """Return a setting of the kind, large or small, that has cost less so far; None at the limit."""
@@ -125,8 +127,8 @@ class BIPOP:
         return Setting(max(4, population), 10.0 ** (-2 * rng.random()), local=True)
 
 
-def _check(name: str, value: object, least: int) -> None:
-    """Raise an `OptionError` unless a setting is a number, finite and not below the least one."""
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
-    if not number or not least <= value < np.inf:  # type: ignore[operator]
-        raise OptionError(f"{value!r}", key=name, way_out=f"give a finite number, {least} or more")
+def _check_factor(factor: object) -> None:
+    """Raise an `OptionError` unless populations do not shrink by a factor."""
+    number = isinstance(factor, (int, float, np.number)) and not isinstance(factor, bool)
+    if not number or not 1 <= factor < np.inf:  # type: ignore[operator]
+        raise OptionError(f"factor = {factor!r}", way_out="give a finite number, 1 or more")
