@@ -234,3 +234,27 @@ def test_an_interruption_between_two_renames_puts_the_old_folder_back(tmp_path, 
         replace(target, "new")
     assert contents(target) == whole("old")
     assert [path.name for path in tmp_path.iterdir()] == ["result"]
+
+
+@pytest.mark.parametrize("moment", ["_lock", "_is", "rmtree"])
+def test_a_signal_while_a_draft_is_made_or_removed_leaves_nothing(tmp_path, monkeypatch, moment):
+    """Whoever waits for a draft to appear, to end the command then, meets it between its folder and its lock."""
+    owner = drafts.shutil if moment == "rmtree" else drafts
+    real, ended = getattr(owner, moment), []
+
+    def signalled(*arguments, **options):
+        if not ended:
+            ended.append(True)
+            raise SystemExit(143)
+        return real(*arguments, **options)
+
+    monkeypatch.setattr(owner, moment, signalled)
+    with pytest.raises(SystemExit), drafts.draft(tmp_path / "out") as folder:
+        fill(folder, "new")
+    assert ended
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_draft_in_a_folder_that_is_gone_is_told(tmp_path):
+    with pytest.raises(FileNotFoundError), drafts.draft(tmp_path / "gone" / "out"):
+        raise AssertionError

@@ -48,12 +48,19 @@ T = TypeVar("T")
 def draft(target: Path) -> Iterator[Path]:
     """Make an empty folder beside `target`; it is removed with its content when the block ends."""
     tidy(target)
-    path, lock = _new(target)
+    path, lock = _any_path(target), None
     try:
+        while (lock := _made(path)) is None:  # inside, as a signal may come once there is a folder
+            path = _any_path(target)
         yield path
     finally:
-        shutil.rmtree(path, ignore_errors=True)
-        os.close(lock)
+        try:
+            shutil.rmtree(path, ignore_errors=True)
+        except BaseException:  # of a signal, while it was being removed
+            shutil.rmtree(path, ignore_errors=True)
+            raise
+        if lock is not None:
+            os.close(lock)
 
 
 def put(draft: Path, target: Path, *, replace: bool = True) -> None:
@@ -194,21 +201,25 @@ def _prefix(target: Path) -> str:
     return f".{target.name[:40]}.{hashlib.sha256(os.fsencode(target.name)).hexdigest()[:8]}."
 
 
-def _new(target: Path) -> tuple[Path, int]:
-    """Make a new draft, and return its path and its lock."""
-    while True:
-        path = target.with_name(f"{_prefix(target)}{secrets.token_hex(4)}{PART}")
-        try:
-            os.mkdir(path)
-        except FileExistsError:
-            continue
-        with contextlib.suppress(FileNotFoundError):  # taken for one that was left
-            lock = os.open(path, os.O_RDONLY)
-            with contextlib.suppress(OSError):  # a file system without locks
-                _lock(lock, wait=True)
-            if _is(lock, path):
-                return path, lock
-            os.close(lock)
+def _any_path(target: Path) -> Path:
+    """Return a path for a draft of `target` that nobody else has drawn."""
+    return target.with_name(f"{_prefix(target)}{secrets.token_hex(4)}{PART}")
+
+
+def _made(path: Path) -> int | None:
+    """Make a draft, and return its lock; None if there is one already, or it was taken for one that was left."""
+    try:
+        path.mkdir()
+    except FileExistsError:
+        return None
+    with contextlib.suppress(FileNotFoundError):  # taken for one that was left
+        lock = os.open(path, os.O_RDONLY)
+        with contextlib.suppress(OSError):  # a file system without locks
+            _lock(lock, wait=True)
+        if _is(lock, path):
+            return lock
+        os.close(lock)
+    return None
 
 
 @contextlib.contextmanager
