@@ -260,20 +260,22 @@ class RobotCarrier:
 
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
-        """Return pairs of joint positions at start and goal, first those that keep the clearance and differ least, as
-        paths between them are likely.
+        """Return pairs of joint positions at start and goal, as paths between them are likely: first those that keep
+        the clearance, then those that may keep it, and among them those that differ least.
         """
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
-        enough = self.scene.clearance - FAT
-        free = [
-            [self.clearance(q, nodes) > enough for q in some] for some, nodes in zip(both, at, strict=True)
-        ]
-        pairs = product(zip(both[0], free[0], strict=True), zip(both[1], free[1], strict=True))
-        ranked = sorted(
-            pairs, key=lambda pair: (not (pair[0][1] and pair[1][1]), _apart(pair[0][0], pair[1][0]))
-        )
+        tight = [[self._tightness(q, nodes) for q in some] for some, nodes in zip(both, at, strict=True)]
+        pairs = product(zip(both[0], tight[0], strict=True), zip(both[1], tight[1], strict=True))
+        ranked = sorted(pairs, key=lambda pair: (max(pair[0][1], pair[1][1]), _apart(pair[0][0], pair[1][0])))
         return tuple((first, last) for (first, _), (last, _) in ranked)
+
+    def _tightness(self, q: Array, nodes: Array) -> int:
+        """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
+        2 where they do not.
+        """
+        clearance, required = self.clearance(q, nodes), self.scene.clearance
+        return int(clearance <= required) + int(clearance <= required - FAT)
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Compute the penalty of motions for what the robot cannot, or can hardly, carry out, and whether it can
@@ -369,9 +371,7 @@ class RobotCarrier:
         """Return how far a joint has to turn from start to goal at least, far more where links touch there [rad]."""
         first, last = self._ends[0]
         ends = ((first, "start"), (last, "goal"))
-        free = all(
-            self.clearance(q, self.scene.nodes_at(end)) > self.scene.clearance - FAT for q, end in ends
-        )
+        free = all(self._tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
         return _apart(first, last) + (0.0 if free else 2.0 * np.pi)
 
     def try_planning(self) -> None:
@@ -408,7 +408,7 @@ class RobotCarrier:
         n_most = max(map(len, self.starts))
         nodes = np.ascontiguousarray(nodes[None, :: self.settings.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
-        if led is not None and (n_most == 1 or self._cost(nodes, led) == 0.0):
+        if led is not None and (n_most == 1 or self._cost(nodes, led) == (False, 0.0)):
             return led
         arms = list(zip(self.starts, self.goals, strict=True))
         tried = [
@@ -422,10 +422,14 @@ class RobotCarrier:
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
         return chosen if led is None else min((led, chosen), key=lambda course: self._cost(nodes, course))
 
-    def _cost(self, nodes: Array, course: Array) -> float:
-        """Return the penalty of one motion on a course, contacts of links included."""
+    def _cost(self, nodes: Array, course: Array) -> tuple[bool, float]:
+        """Return whether links come too near in one motion on a course, and its penalty.
+
+        The former counts first: a smoother motion mends rates, but hardly ever links that meet.
+        """
         strain = self.strain(nodes, course)
-        return float(strain.penalty.sum() + strain.contact[0])
+        near = bool(strain.clearance[0] < self.arms.around.clearance - FAT)
+        return near, float(strain.penalty.sum() + strain.contact[0])
 
     def clearance(self, q: Array, nodes: Array, some: Links | None = None) -> float:
         """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].

@@ -104,13 +104,14 @@ def test_what_links_pass_between_two_samples_is_noticed():
     rod = {"shape": "cylinder", "center": [-0.15, 0.25, 0.8], "radius": 0.005, "height": 0.2}
     free = {**rod, "center": [-0.15, 0.4, 0.8]}
     found = []
-    for obstacle in (rod, free):
-        carrying = RobotCarrier(robot("gantry"), gantry_scene((obstacle,)))
+    for obstacles in ((rod,), (free,), ()):
+        carrying = RobotCarrier(robot("gantry"), gantry_scene(obstacles))
         nodes = sampled_nodes(movement(carrying.scene), 3)[None]
         strain = carrying.strain(nodes, carrying.best_course(nodes[0]))
         found.append((strain.clearance[0], strain.contact[0]))
     assert found[0][0] < 0.0 < found[0][1]
-    assert found[1] == (pytest.approx(0.01), 0.0)
+    assert found[1] == found[2]  # as without any
+    assert found[1][0] > 0.0
 
 
 def test_links_that_come_too_near_the_load_cost_something():

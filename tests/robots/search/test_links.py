@@ -1,24 +1,21 @@
-"""Links as capsules: where they are, how much of a body they hold, and how far they are from everything."""
+"""Links as capsules: where they are, and how far they are from everything."""
 
 import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from comove.errors import ComoveWarning
 from comove.robots import Robot
+from comove.robots.search.capsules import PROUD, capsules_of
 from comove.robots.search.chains import chains_of
 from comove.robots.search.links import (
-    CELL,
     ENOUGH,
-    FINE,
-    MOST_PARTS,
     ROUGH,
     LinkSurroundings,
-    _capsules,
     links_clearance,
     links_of,
     near_enough,
@@ -30,91 +27,6 @@ from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import BUNDLED, RANDOM, robot, urdf, written
 
 POINT = arrays(float, 3, elements=st.one_of(st.integers(-2, 2).map(float), st.floats(-2, 2)))
-SIZE = st.floats(0.005, 0.6)
-CORNERS, ENDS = 0.23, 0.05  # shares of a radius by which bodies may stick out, see the module
-
-
-def from_axis(points, capsule):
-    """Distances of points from a capsule's axis, less its radius."""
-    a, b, radius = capsule
-    along = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-300), 0.0, 1.0)
-    return np.linalg.norm(points - a - along[:, None] * (b - a), axis=1) - radius
-
-
-def sticking_out(points, capsules):
-    """By how much points are outside all capsules, at most, and by which share of a radius."""
-    outside = np.array([from_axis(points, capsule) for capsule in capsules])
-    shares = outside / np.array([radius for *_, radius in capsules])[:, None]
-    return outside.min(axis=0).max(), shares.min(axis=0).max()
-
-
-def mesh(points, triangles):
-    """A mesh as Pinocchio loads it."""
-    model = coal.BVHModelOBBRSS()
-    model.beginModel(len(triangles), len(points))
-    for triangle in triangles:
-        model.addTriangle(*(np.array(points[i], dtype=float) for i in triangle))
-    model.endModel()
-    return model
-
-
-def on_triangles(points, triangles, rng, count=4000):
-    """Random points of a surface."""
-    a, b, c = points[triangles[rng.integers(len(triangles), size=count)]].swapaxes(0, 1)
-    u, v = rng.random((2, count, 1))
-    flip = (u + v) > 1
-    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
-    return a + u * (b - a) + v * (c - a)
-
-
-@given(SIZE, SIZE, SIZE)
-def test_corners_of_boxes_stick_out_by_less_than_a_quarter_of_a_radius(x, y, z):
-    corners = np.array(np.meshgrid(*[(-s / 2, s / 2) for s in (x, y, z)])).reshape(3, -1).T
-    inner = np.random.default_rng(0).uniform(-0.5, 0.5, (500, 3)) * (x, y, z)
-    faces = inner.copy()
-    faces[np.arange(500), np.arange(500) % 3] = (np.sign(faces) * 0.5 * (x, y, z))[
-        np.arange(500), np.arange(500) % 3
-    ]
-    capsules = _capsules(coal.Box(x, y, z), True)
-    assert sticking_out(np.concatenate([corners, faces, inner]), capsules)[1] < CORNERS
-
-
-@given(SIZE, SIZE)
-def test_rims_of_cylinders_stick_out_by_less_than_a_twentieth_of_the_radius(radius, length):
-    angle = np.linspace(0, 2 * np.pi, 24)
-    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(24, length / 2)])
-    (capsule,) = _capsules(coal.Cylinder(radius, length), True)
-    for points in (rim, rim * (1, 1, -1), rim * (1, 1, 0.5)):
-        assert sticking_out(points, [capsule])[1] < ENDS
-    assert capsule[2] == radius
-
-
-def test_balls_and_capsules_are_what_they_are():
-    assert _capsules(coal.Sphere(0.3), True)[0][2] == 0.3
-    a, b, radius = _capsules(coal.Capsule(0.1, 0.6), True)[0]
-    assert (radius, np.linalg.norm(b - a)) == (0.1, pytest.approx(0.6))
-
-
-@settings(max_examples=25)
-@given(st.integers(0, 10_000), st.integers(4, 40), arrays(float, 3, elements=st.floats(0.01, 1)))
-def test_meshes_that_move_stick_out_of_one_capsule_by_less_than_a_quarter_of_its_radius(seed, count, size):
-    rng = np.random.default_rng(seed)
-    points = rng.uniform(-1, 1, (count, 3)) * size + rng.normal(size=3)
-    triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
-    (capsule,) = _capsules(mesh(points, triangles), True)
-    assert sticking_out(on_triangles(points, triangles, rng), [capsule])[1] < CORNERS
-
-
-@settings(max_examples=25)
-@given(st.integers(0, 10_000), st.integers(3, 12), st.floats(0.01, 2.0))
-def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_triangles(seed, count, size):
-    rng = np.random.default_rng(seed)
-    points = rng.uniform(-size, size, (count, 3))
-    triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
-    balls = _capsules(mesh(points, triangles), False)
-    assert sticking_out(on_triangles(points, triangles, rng), balls)[0] <= 1e-12
-    spread = max(FINE, 2 * np.sqrt(3) * size / MOST_PARTS)
-    assert max(radius for *_, radius in balls) < 0.5 * np.sqrt(3) * CELL + spread
 
 
 def around(obstacles, edges, radii):
@@ -154,7 +66,7 @@ def test_capsules_go_along_with_their_bodies(name):
     capsules = [
         (item, *capsule)
         for item in machine.collision.geometryObjects
-        for capsule in _capsules(item.geometry, item.parentJoint > 0)
+        for capsule in capsules_of(item.geometry, item.parentJoint > 0)
     ]
     np.testing.assert_array_equal(links.radius, [radius for *_, radius in capsules])
     for q in rng.uniform(machine.lower, machine.upper, (5, len(machine.lower))):
@@ -268,14 +180,13 @@ def test_clearances_are_those_of_the_capsules_in_coal():
     assert min(told) < 0.0 < max(told) <= cap
 
 
-def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_their_corners():
+def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_what_sticks_out():
     machine, scene = robot("baxter"), surrounded()
     chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
     body, rng, (start, end) = scene.body, np.random.default_rng(6), start_and_end(links)
     columns = np.concatenate([arm.columns for arm in machine.arms])
     data, far = machine.model.createData(), np.full((scene.body.n_nodes, 3), 10.0)
     things, pairs = [obstacle(part) for part in scene.file.obstacles], links._replace(pairs=links.pairs[:0])
-    corner = CORNERS * links.radius[links.moving].max()
     for _ in range(60):
         q = machine.home + rng.uniform(-0.6, 0.6, len(machine.home))
         place_links(chains, links, q[columns], start, end)
@@ -289,7 +200,7 @@ def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_their_c
         )
         scenery = around(scene.obstacles, body.edges, body.radii)
         found = links_clearance(pairs, scenery, start, end, far, 0.1)
-        assert found <= max(exact, 0.0) + corner + ROUGH
+        assert found <= max(exact, 0.0) + PROUD + ROUGH
 
 
 def test_pairs_that_never_meet_are_forgotten_and_others_are_not():

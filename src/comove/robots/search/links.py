@@ -1,8 +1,6 @@
 """Links as capsules, the model of a robot's bodies in a search.
 
-Capsules are fast and slightly inexact: bodies stick out of them at the ends of cylinders, by less than a twentieth of
-the radius, and at the corners of boxes and the ends of meshes, by less than a quarter; nowhere else. Meshes that do
-not move are inside their balls. The verification works on the exact geometry.
+Capsules are fast, and wider than the bodies that they hold. The verification works on the exact geometry.
 """
 
 from __future__ import annotations
@@ -16,13 +14,11 @@ from numpy.typing import NDArray
 
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.robots.model import Arm, Robot, pin
+from comove.robots.search.capsules import Capsule, capsules_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
 
 Array = NDArray[np.float64]
 
-CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
-FINE, MOST_PARTS = 0.01, 100  # m, between points of meshes that do not move, and parts of an edge at most
-CAPPED = 0.3  # share of a cylinder's radius by which its capsule's axis is shorter at either end
 STATIC = -1
 ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
 ROUGH = 1e-3  # m, of distances to obstacles
@@ -111,11 +107,12 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     pin.forwardKinematics(model, data, robot.home)
     joints, holds, ends, radii = list[int](), list[bool](), list[list[Array]](), list[float]()
     of_geometry: list[range] = []
+    known: dict[object, list[Capsule]] = {}
     for item in collision.geometryObjects:
         column = model.idx_vs[item.parentJoint] if item.parentJoint else -1
         at = np.flatnonzero(columns == column)
         placement = item.placement if len(at) else data.oMi[item.parentJoint] * item.placement
-        capsules = _capsules(item.geometry, len(at) > 0)
+        capsules = _known(known, item.geometry, len(at) > 0)
         of_geometry.append(range(len(radii), len(radii) + len(capsules)))
         joints += [int(at[0]) if len(at) else STATIC] * len(capsules)
         holds += [int(column) in lasts] * len(capsules)
@@ -142,6 +139,16 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
         moving=np.concatenate([np.flatnonzero(arm_of == k) for k in range(len(arms))]),
     )
     return _worth_looking_at(links, chains_of(robot, arms), np.concatenate([arm.home for arm in arms]))
+
+
+def _known(known: dict[object, list[Capsule]], shape: Any, moves: bool) -> list[Capsule]:
+    """Return the capsules of a shape, computed once for equal meshes: two arms often are of one make."""
+    if not hasattr(shape, "vertices"):
+        return capsules_of(shape, moves)
+    key = moves, np.array(shape.vertices() if callable(shape.vertices) else shape.vertices).tobytes()
+    if key not in known:
+        known[key] = capsules_of(shape, moves)
+    return known[key]
 
 
 def _worth_looking_at(
@@ -171,76 +178,6 @@ def _pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
             if near_enough(start[i], end[i], start[j], end[j], ENOUGH + thick):
                 least[p] = min(least[p], segments_apart(start[i], end[i], start[j], end[j]) - thick)
     return least
-
-
-def _capsules(shape: Any, moves: bool) -> list[tuple[Array, Array, float]]:
-    """Return axis and radius of the capsules that stand for a shape, in its own frame."""
-    kind, z = type(shape).__name__, np.array([0.0, 0.0, 1.0])
-    if kind == "Sphere":
-        return [(0 * z, 0 * z, shape.radius)]
-    if kind == "Capsule":
-        return [(-shape.halfLength * z, shape.halfLength * z, shape.radius)]
-    if kind == "Cylinder":
-        half = max(shape.halfLength - CAPPED * shape.radius, 0.0)
-        return [(-half * z, half * z, shape.radius)]
-    if kind == "Box":
-        return _around_box(np.array(shape.halfSide))
-    points = np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
-    return [_around(points)] if moves else _balls_on(shape, points)
-
-
-def _around_box(half: Array) -> list[tuple[Array, Array, float]]:
-    """Return parallel capsules along the longest edge of a box."""
-    order = np.argsort(half)
-    _, wide, long = (np.eye(3)[axis] * half[axis] for axis in order)
-    count = max(1, round(half[order[1]] / max(half[order[0]], 1e-3)))
-    count = min(count, 8)
-    radius = float(np.hypot(half[order[0]], half[order[1]] / count))
-    axis = long * max(0.0, 1.0 - radius * (1 - CAPPED) / max(half[order[2]], 1e-9))
-    shares = (2 * np.arange(count) + 1) / count - 1
-    return [(share * wide - axis, share * wide + axis, radius) for share in shares]
-
-
-def _around(points: Array) -> tuple[Array, Array, float]:
-    """Return a capsule around points, along their principal axis."""
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    centred = points - middle
-    direction = np.linalg.svd(centred, full_matrices=False)[2][0]
-    along = centred @ direction
-    middle = middle + direction * 0.5 * (along.min() + along.max())
-    centred = points - middle
-    along = centred @ direction
-    across = np.linalg.norm(centred - np.outer(along, direction), axis=1)
-    radius = float(across.max())
-    half = max(0.0, float(np.abs(along).max()) - radius * (1 - CAPPED))
-    return middle - half * direction, middle + half * direction, radius
-
-
-def _balls_on(shape: Any, points: Array) -> list[tuple[Array, Array, float]]:
-    """Return balls that cover the surface of a mesh, one for each cell of a grid."""
-    triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
-    corners = points[np.array([(t[0], t[1], t[2]) for t in triangles])]
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    parts = np.clip(np.ceil(longest / FINE), 1, MOST_PARTS).astype(int)
-    spread = (longest / parts).max() / np.sqrt(3)  # no point of a triangle is further from all its corners
-    points = np.concatenate(
-        [(_shares(count) @ corners[parts == count]).reshape(-1, 3) for count in np.unique(parts)]
-    )
-    place = np.floor((points - points.min(axis=0)) / CELL).astype(int)
-    cell = np.ravel_multi_index(tuple(place.T), tuple(place.max(axis=0) + 1))
-    order = np.argsort(cell, kind="stable")
-    groups = np.split(points[order], np.flatnonzero(np.diff(cell[order])) + 1)
-    return [_ball(group, spread) for group in groups]
-
-
-def _shares(count: int) -> Array:
-    """Return barycentric coordinates of points on a triangle, `count` parts an edge; array, shape (n_points, 3)."""
-    return np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
-
-
-def _ball(points: Array, spread: float) -> tuple[Array, Array, float]:
-    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    return middle, middle, float(np.linalg.norm(points - middle, axis=1).max()) + spread
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -1,0 +1,223 @@
+"""Capsules that hold the bodies of a robot: the model of its links in a search.
+
+A capsule is the set of all points within a radius of a segment, its axis. Each body that moves is inside one capsule,
+or inside the union of a few where these take clearly less room, but for corners and rims that stick out a few
+millimetres: a capsule around all of a short cylinder would be much wider than the cylinder. Meshes that do not move,
+such as a table, may be hollow and large; their surface is inside balls, a cell of a grid each.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError
+
+Array = NDArray[np.float64]
+
+PROUD = 0.003  # m, by which bodies may stick out, less than the clearance that a search keeps to spare
+CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
+FINE, MOST_PARTS = 0.01, 100  # m, between points of a surface, and parts of an edge at most
+AROUND = 48  # corners of the polygons around a cylinder
+WIDER = (
+    1.0,
+    1.02,
+    1.05,
+    1.1,
+    1.16,
+    1.25,
+)  # radii to try, in units of the least: wider capsules may be shorter
+CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # shares of a body's extent at which it may be cut
+DEPTH = 2  # cuts one after another: up to four capsules
+SOME = 300  # points that are looked at to find a cut
+CLEARLY = (
+    0.99  # share of another below which a number is less: what is symmetric must not be decided by rounding
+)
+WORTHWHILE = 0.9  # volume of two capsules, in units of that of one, below which they are better
+
+
+class Capsule(NamedTuple):
+    """A capsule: the ends of its axis, arrays of shape (3,), and its radius [m]."""
+
+    start: Array
+    end: Array
+    radius: float
+
+    @property
+    def volume(self) -> float:
+        """Return the volume [m^3]."""
+        return np.pi * self.radius**2 * (self.length + 4.0 / 3.0 * self.radius)
+
+    @property
+    def length(self) -> float:
+        """Return the length of the axis [m]."""
+        return float(np.linalg.norm(self.end - self.start))
+
+    @property
+    def mean_width(self) -> float:
+        """Return the mean over all directions of the distance of two planes that hold it between them [m]."""
+        return 2.0 * self.radius + 0.5 * self.length
+
+
+def capsules_of(shape: Any, moves: bool) -> list[Capsule]:
+    """Return capsules that hold a shape of coal, in its own frame; of meshes that do not move, only the surface."""
+    kind, z = type(shape).__name__, np.array([0.0, 0.0, 1.0])
+    if kind == "Sphere":
+        return [Capsule(0 * z, 0 * z, shape.radius)]
+    if kind == "Capsule":
+        return [Capsule(-shape.halfLength * z, shape.halfLength * z, shape.radius)]
+    if kind == "Box":
+        return holding(*_on_box(np.array(shape.halfSide)))
+    if kind == "Cylinder":
+        return [around(_around_cylinder(shape.radius, shape.halfLength))]
+    points, spacing = _on_mesh(shape)
+    return holding(points, spacing) if moves else _balls(points, spacing)
+
+
+def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[Capsule]:
+    """Compute capsules whose union holds a body.
+
+    Parameters
+    ----------
+    points : array, shape (n_points, 3), corners of small parts of which a body's surface consists [m]
+    spacing : diameter of these parts, at most [m]
+    depth : number of times that the body may be cut in two
+    """
+    one = around(points)
+    if depth == 0 or (cut := _best_cut(points[:: 1 + len(points) // SOME])) is None:
+        return [one]
+    direction, at = cut
+    along = points @ direction
+    # What lies across the cut is in a part with all its corners, as parts overlap by its length.
+    parts = points[along <= at + spacing], points[along >= at - spacing]
+    if _volume([around(part) for part in parts]) > WORTHWHILE * one.volume:
+        return [one]
+    return [capsule for part in parts for capsule in holding(part, spacing, depth - 1)]
+
+
+def around(points: Array) -> Capsule:
+    """Compute a small capsule that holds points but for `PROUD`, its axis along one of their axes."""
+    corners = _hull(points)
+    return _smallest([_along(corners, axis) for axis in _axes(points)])
+
+
+def _along(points: Array, direction: Array) -> Capsule:
+    """Compute a small capsule in a direction, array of shape (3,), that holds points but for `PROUD`."""
+    across = np.linalg.svd(direction[None])[2][1:]
+    flat, height = points @ across.T, points @ direction
+    middle, least = _circle(flat)
+    square, base = ((flat - middle) ** 2).sum(axis=1), middle @ across
+    tried = []
+    for factor in WIDER:
+        radius = factor * max(least - PROUD, 0.0) + 1e-9  # of rounding
+        half = np.sqrt(
+            (radius + PROUD) ** 2 - square
+        )  # of the part of the axis one of whose points has to be there
+        low, high = (height + half).min(), (height - half).max()
+        if low > high:
+            low = high = 0.5 * (low + high)
+        tried.append(Capsule(base + low * direction, base + high * direction, radius))
+    return _smallest(tried)
+
+
+def _circle(points: Array, n_steps: int = 30) -> tuple[Array, float]:
+    """Compute centre and radius of a small circle that holds points (Badoiu and Clarkson, 2003)."""
+    centre = middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    least = np.inf
+    for k in range(n_steps):
+        square = ((points - centre) ** 2).sum(axis=1)
+        furthest = square.argmax()
+        if square[furthest] < CLEARLY * least:
+            least, middle = square[furthest], centre
+        centre = centre + (points[furthest] - centre) / (k + 2)
+    return middle, float(np.sqrt(((points - middle) ** 2).sum(axis=1).max()))
+
+
+def _best_cut(points: Array) -> tuple[Array, float] | None:
+    """Return direction and height of the cut after which two capsules around the points take the least room."""
+    least, best = np.inf, None
+    for axis in _axes(points):
+        along = points @ axis
+        for share in CUTS:
+            at = float(along.min() + share * np.ptp(along))
+            parts = points[along <= at], points[along >= at]
+            if min(map(len, parts)) < 3:
+                continue
+            room = _volume([_along(part, _axes(part)[-1]) for part in parts])
+            if room < CLEARLY * least:
+                least, best = room, (axis, at)
+    return best
+
+
+def _smallest(capsules: list[Capsule]) -> Capsule:
+    """Return the first capsule than which no later one has a clearly smaller mean width."""
+    best = capsules[0]
+    for capsule in capsules[1:]:
+        if capsule.mean_width < CLEARLY * best.mean_width:
+            best = capsule
+    return best
+
+
+def _volume(capsules: list[Capsule]) -> float:
+    """Return the sum of the volumes [m^3]."""
+    return sum(capsule.volume for capsule in capsules)
+
+
+def _axes(points: Array) -> list[Array]:
+    """Return directions that an axis may have: those of the frame, and the longest of the points where it is one."""
+    values, vectors = np.linalg.eigh(np.cov(points.T))
+    return [*np.eye(3), *([vectors[:, 2]] if values[1] < CLEARLY * values[2] else [])]
+
+
+def _hull(points: Array) -> Array:
+    """Return the corners of the convex hull, or all points where they are in a plane."""
+    try:
+        return points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):
+        return points
+
+
+def _on_box(half: Array) -> tuple[Array, float]:
+    """Return points on the faces of a box, and the diameter of the squares between them [m]."""
+    steps = [np.linspace(-h, h, 1 + int(np.clip(np.ceil(2 * h / FINE), 1, MOST_PARTS))) for h in half]
+    grid = np.stack(np.meshgrid(*steps, indexing="ij"), axis=-1)
+    on_face = (np.abs(grid) == half).any(axis=-1)
+    return grid[on_face], np.sqrt(2) * max(float(step[1] - step[0]) for step in steps)
+
+
+def _around_cylinder(radius: float, half: float) -> Array:
+    """Return the corners of a prism around a cylinder; array, shape (n_corners, 3) [m]."""
+    angle = 2 * np.pi * np.arange(AROUND) / AROUND
+    ring = radius / np.cos(np.pi / AROUND) * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.concatenate([np.column_stack([ring, np.full(AROUND, z)]) for z in (-half, half)])
+
+
+def _on_mesh(shape: Any) -> tuple[Array, float]:
+    """Return points on the triangles of a mesh, and the diameter of the triangles between them [m]."""
+    points = np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+    triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
+    corners = points[np.array([(t[0], t[1], t[2]) for t in triangles])]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    parts = np.clip(np.ceil(longest / FINE), 1, MOST_PARTS).astype(int)
+    dense = [(_shares(n) @ corners[parts == n]).reshape(-1, 3) for n in np.unique(parts) if n > 1]
+    return np.concatenate([points, *dense]), float((longest / parts).max())
+
+
+def _shares(count: int) -> Array:
+    """Return barycentric coordinates of points on a triangle, `count` parts an edge; array, shape (n_points, 3)."""
+    return np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
+
+
+def _balls(points: Array, spacing: float) -> list[Capsule]:
+    """Return balls that cover the surface of a mesh, one for each cell of a grid."""
+    place = np.floor((points - points.min(axis=0)) / CELL).astype(int)
+    cell = np.ravel_multi_index(tuple(place.T), tuple(place.max(axis=0) + 1))
+    order = np.argsort(cell, kind="stable")
+    groups = np.split(points[order], np.flatnonzero(np.diff(cell[order])) + 1)
+    spread = spacing / np.sqrt(3)  # no point of a triangle is further from all its corners
+    balls = []
+    for group in groups:
+        middle = 0.5 * (group.min(axis=0) + group.max(axis=0))
+        balls.append(Capsule(middle, middle, float(np.linalg.norm(group - middle, axis=1).max()) + spread))
+    return balls

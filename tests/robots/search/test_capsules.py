@@ -1,0 +1,142 @@
+"""Capsules around bodies: they hold them but for what may stick out, and take little more room."""
+
+import coal
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from comove.robots.search.capsules import CELL, FINE, MOST_PARTS, PROUD, around, capsules_of
+
+SIZE = st.floats(0.005, 0.6)
+
+
+def outside(points, capsules):
+    """By how much points are outside all capsules, at most [m]; negative if all are inside."""
+    apart = []
+    for a, b, radius in capsules:
+        along = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-300), 0.0, 1.0)
+        apart.append(np.linalg.norm(points - a - along[:, None] * (b - a), axis=1) - radius)
+    return np.min(apart, axis=0).max()
+
+
+def mesh(points, triangles):
+    """A mesh as Pinocchio loads it."""
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(triangles), len(points))
+    for triangle in triangles:
+        model.addTriangle(*(np.array(points[i], dtype=float) for i in triangle))
+    model.endModel()
+    return model
+
+
+def on_triangles(points, triangles, rng, count=4000):
+    """Random points of a surface."""
+    a, b, c = points[triangles[rng.integers(len(triangles), size=count)]].swapaxes(0, 1)
+    u, v = rng.random((2, count, 1))
+    flip = (u + v) > 1
+    u, v = np.where(flip, 1 - u, u), np.where(flip, 1 - v, v)
+    return a + u * (b - a) + v * (c - a)
+
+
+@given(SIZE, SIZE, SIZE)
+def test_boxes_are_but_for_their_corners_inside_their_capsules(x, y, z):
+    rng = np.random.default_rng(0)
+    inner = rng.uniform(-0.5, 0.5, (1500, 3))
+    inner[np.arange(1000), np.arange(1000) % 3] = np.sign(inner[:1000, 0]) / 2  # on faces
+    corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
+    assert (
+        outside(np.concatenate([corners, inner]) * (x, y, z), capsules_of(coal.Box(x, y, z), True))
+        <= PROUD + 1e-9
+    )
+
+
+@given(SIZE, SIZE)
+def test_cylinders_are_but_for_their_rims_inside_their_capsules(radius, length):
+    angle, share = 2 * np.pi * np.random.default_rng(0).random((2, 1000))
+    flat = np.column_stack([np.cos(angle), np.sin(angle)]) * radius
+    points = np.column_stack([flat, (share / (2 * np.pi) - 0.5) * length])
+    ends = np.column_stack([flat, np.sign(share - np.pi) * length / 2])
+    inner = ends * np.column_stack([np.sqrt(share / 7)] * 2 + [np.ones(1000)])
+    assert (
+        outside(np.concatenate([points, ends, inner]), capsules_of(coal.Cylinder(radius, length), True))
+        <= PROUD + 1e-9
+    )
+
+
+def test_balls_and_capsules_are_what_they_are():
+    assert capsules_of(coal.Sphere(0.3), True)[0].radius == 0.3
+    a, b, radius = capsules_of(coal.Capsule(0.1, 0.6), True)[0]
+    assert (radius, np.linalg.norm(b - a)) == (0.1, pytest.approx(0.6))
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000), st.integers(4, 40), arrays(float, 3, elements=st.floats(0.01, 1)))
+def test_meshes_that_move_are_but_for_corners_inside_their_capsules_however_large_their_triangles(
+    seed, count, size
+):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-1, 1, (count, 3)) * size + rng.normal(size=3)
+    triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
+    capsules = capsules_of(mesh(points, triangles), True)
+    assert outside(on_triangles(points, triangles, rng), capsules) <= PROUD + 1e-9
+
+
+@settings(max_examples=25)
+@given(st.integers(0, 10_000), st.integers(3, 12), st.floats(0.01, 2.0))
+def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_triangles(seed, count, size):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-size, size, (count, 3))
+    triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
+    balls = capsules_of(mesh(points, triangles), False)
+    assert outside(on_triangles(points, triangles, rng), balls) <= 1e-12
+    spread = max(FINE, 2 * np.sqrt(3) * size / MOST_PARTS)
+    assert max(ball.radius for ball in balls) < 0.5 * np.sqrt(3) * CELL + spread
+
+
+def test_a_flat_or_straight_mesh_has_capsules_too():
+    flat = np.array([(0, 0, 0), (0.3, 0, 0), (0, 0.2, 0.0)])
+    straight = np.array([(0, 0, 0), (0.1, 0, 0), (0.3, 0, 0.0)])
+    for points in (flat, straight):
+        capsules = capsules_of(mesh(points, np.array([(0, 1, 2)])), True)
+        assert outside(points, capsules) <= PROUD + 1e-9
+    assert capsules[0].radius < 1e-6
+
+
+@given(st.integers(0, 1000), st.floats(0.01, 0.2), st.floats(0.0, 0.5))
+def test_a_capsule_around_a_capsule_is_hardly_larger(seed, radius, length):
+    rng = np.random.default_rng(seed)
+    directions = rng.normal(size=(3000, 3))
+    directions *= radius / np.linalg.norm(directions, axis=1)[:, None]
+    turned = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    points = (directions + np.outer(rng.integers(2, size=3000), (length, 0, 0))) @ turned
+    assert around(points).volume < 1.25 * np.pi * radius**2 * (length + 4 / 3 * radius)
+
+
+def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
+    """Two bars that meet at a right angle, of 40 cm and 5 cm: one capsule would fill the angle."""
+    bars = [
+        np.array(np.meshgrid(*size)).reshape(3, -1).T
+        for size in (((0, 0.4), (0, 0.05), (0, 0.05)), ((0, 0.05), (0, 0.4), (0, 0.05)))
+    ]
+    points = np.concatenate(bars)
+    faces = [
+        (0, 1, 3),
+        (0, 3, 2),
+        (4, 5, 7),
+        (4, 7, 6),
+        (0, 1, 5),
+        (0, 5, 4),
+        (2, 3, 7),
+        (2, 7, 6),
+        (0, 2, 6),
+        (0, 6, 4),
+        (1, 3, 7),
+        (1, 7, 5),
+    ]
+    triangles = np.array(faces + [tuple(8 + i for i in face) for face in faces])
+    capsules = capsules_of(mesh(points, triangles), True)
+    assert outside(on_triangles(points, triangles, np.random.default_rng(1)), capsules) <= PROUD + 1e-9
+    assert len(capsules) > 1
+    assert sum(capsule.volume for capsule in capsules) < 0.4 * around(points).volume
