@@ -2,6 +2,7 @@
 
 import gc
 import os
+import signal
 
 import pytest
 from hypothesis import settings
@@ -13,6 +14,11 @@ MANY = 1000
 # Every core runs tests: helpers that compile would only compile the same twice, and threads of linear algebra wait.
 for variable in (ALONE, "OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
+
+# A shell starts background jobs, and so these tests perhaps, with interrupts ignored; the commands that tests start
+# would inherit it.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples every time; `pytest --hypothesis-profile=explore` looks for new ones.
 settings.register_profile("explore", deadline=None)

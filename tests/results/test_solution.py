@@ -591,12 +591,9 @@ def test_a_file_system_that_takes_no_folders():
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as Unix does")
 @pytest.mark.slow  # as of any folder, in tests/io/test_drafts.py
-@pytest.mark.parametrize("exchange", [True, False])
-def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_path, exchange, monkeypatch):
+def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_path):
     folder, step = written(tmp_path / "result", solved("narrow")), 0
     old = (folder / "solution.json").read_bytes()
-    if not exchange:
-        monkeypatch.setattr("comove.io.drafts.exchanged", lambda *_: False)
 
     def again():
         with whole_folder(folder, RESULT) as draft:
@@ -605,7 +602,7 @@ def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_pat
 
     watched = {str(path) for path in Path(comove.__file__).parent.rglob("*.py")}
     while killed_at(step := step + 1, watched, again):
-        assert folder.exists() or not exchange
+        assert folder.exists()
         with warnings.catch_warnings(record=True) as said:
             warnings.simplefilter("always")
             name = read_result(folder).summary["scene"]

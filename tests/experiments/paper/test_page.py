@@ -204,14 +204,19 @@ def test_ctrl_c_ends_it_at_once_and_leaves_nothing(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+SMALL = "comove reproduce --seeds 2 --out look"
+"""A reproduction as the paper's page tells it."""
+
+
 @pytest.mark.slow
-def test_a_small_reproduction(tmp_path):
-    result = reproduce("--seeds", 1, "--out", tmp_path / "small")
+def test_a_small_reproduction(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result, small = invoke(*SMALL.split()[1:]), tmp_path / "look"
     assert result.exit_code == 0, result.output
-    files = {p.relative_to(tmp_path / "small").as_posix() for p in (tmp_path / "small").rglob("*.*")}
+    files = {p.relative_to(small).as_posix() for p in small.rglob("*.*")}
     assert files | {f"paper/{name}" for name in FAILED.values()} == CONTENTS.names
-    page = (tmp_path / "small" / "paper.md").read_text(encoding="utf-8")
+    page = (small / "paper.md").read_text(encoding="utf-8")
     for target in re.findall(r"\]\((paper/.+?)\)", page):
-        assert 0 < (tmp_path / "small" / target).stat().st_size < 300_000
+        assert 0 < (small / target).stat().st_size < 300_000
     assert sum(page.count(f"**{verdict.value}**") for verdict in ClaimVerdict) >= 20
     assert page.count("verified") > 20

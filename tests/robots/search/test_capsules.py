@@ -8,6 +8,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from comove.robots.search.capsules import CELL, FINE, MOST_PARTS, PROUD, around, capsules_of
+from comove.robots.search.links import FAT
+from tests.robots.small_robots import BUNDLED, robot
 
 SIZE = st.floats(0.005, 0.6)
 
@@ -140,3 +142,19 @@ def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
     assert outside(on_triangles(points, triangles, np.random.default_rng(1)), capsules) <= PROUD + 1e-9
     assert len(capsules) > 1
     assert sum(capsule.volume for capsule in capsules) < 0.4 * around(points).volume
+
+
+@pytest.mark.parametrize("name", [name for name in BUNDLED if name != "baxter"])  # of boxes and cylinders
+def test_links_of_meshes_are_wider_as_capsules_by_less_than_what_plans_may_give_away(name):
+    """In the mean over all directions, in which a capsule and a body lie between two planes each."""
+    directions = np.random.default_rng(0).normal(size=(500, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    wider = []
+    for item in robot(name).collision.geometryObjects:
+        shape = item.geometry
+        if item.parentJoint and hasattr(shape, "vertices"):
+            points = np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+            ends = [np.maximum(directions @ a, directions @ b) + r for a, b, r in capsules_of(shape, True)]
+            wider.append((np.max(ends, axis=0) - (directions @ points.T).max(axis=1)).mean())
+    assert np.mean(wider) < FAT
+    assert max(wider) < 3 * FAT
