@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from comove.robots.search.capsules import CELL, FINE, MOST_PARTS, PROUD, around, capsules_of
+from comove.robots.search.capsules import CELL, FINE, MOST_PARTS, PROUDEST, around, capsules_of
 from comove.robots.search.links import FAT
 from tests.robots.small_robots import BUNDLED, robot
 
@@ -50,7 +50,7 @@ def test_boxes_are_but_for_their_corners_inside_their_capsules(x, y, z):
     corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
     assert (
         outside(np.concatenate([corners, inner]) * (x, y, z), capsules_of(coal.Box(x, y, z), True))
-        <= PROUD + 1e-9
+        <= PROUDEST + 1e-9
     )
 
 
@@ -63,7 +63,7 @@ def test_cylinders_are_but_for_their_rims_inside_their_capsules(radius, length):
     inner = ends * np.column_stack([np.sqrt(share / 7)] * 2 + [np.ones(1000)])
     assert (
         outside(np.concatenate([points, ends, inner]), capsules_of(coal.Cylinder(radius, length), True))
-        <= PROUD + 1e-9
+        <= PROUDEST + 1e-9
     )
 
 
@@ -82,7 +82,7 @@ def test_meshes_that_move_are_but_for_corners_inside_their_capsules_however_larg
     points = rng.uniform(-1, 1, (count, 3)) * size + rng.normal(size=3)
     triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
     capsules = capsules_of(mesh(points, triangles), True)
-    assert outside(on_triangles(points, triangles, rng), capsules) <= PROUD + 1e-9
+    assert outside(on_triangles(points, triangles, rng), capsules) <= PROUDEST + 1e-9
 
 
 @settings(max_examples=25)
@@ -102,7 +102,7 @@ def test_a_flat_or_straight_mesh_has_capsules_too():
     straight = np.array([(0, 0, 0), (0.1, 0, 0), (0.3, 0, 0.0)])
     for points in (flat, straight):
         capsules = capsules_of(mesh(points, np.array([(0, 1, 2)])), True)
-        assert outside(points, capsules) <= PROUD + 1e-9
+        assert outside(points, capsules) <= PROUDEST + 1e-9
     assert capsules[0].radius < 1e-6
 
 
@@ -139,7 +139,7 @@ def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
     ]
     triangles = np.array(faces + [tuple(8 + i for i in face) for face in faces])
     capsules = capsules_of(mesh(points, triangles), True)
-    assert outside(on_triangles(points, triangles, np.random.default_rng(1)), capsules) <= PROUD + 1e-9
+    assert outside(on_triangles(points, triangles, np.random.default_rng(1)), capsules) <= PROUDEST + 1e-9
     assert len(capsules) > 1
     assert sum(capsule.volume for capsule in capsules) < 0.4 * around(points).volume
 

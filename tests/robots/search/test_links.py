@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from comove.errors import ComoveWarning
 from comove.robots import Robot
-from comove.robots.search.capsules import PROUD, capsules_of
+from comove.robots.search.capsules import PROUDEST, capsules_of
 from comove.robots.search.chains import chains_of
 from comove.robots.search.links import (
     ENOUGH,
@@ -200,7 +200,7 @@ def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_what_st
         )
         scenery = around(scene.obstacles, body.edges, body.radii)
         found = links_clearance(pairs, scenery, start, end, far, 0.1)
-        assert found <= max(exact, 0.0) + PROUD + ROUGH
+        assert found <= max(exact, 0.0) + PROUDEST + ROUGH
 
 
 def test_pairs_that_never_meet_are_forgotten_and_others_are_not():

@@ -11,7 +11,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.planner import plan
 from comove.robots.carrying import RobotCarrier
-from comove.robots.search.capsules import PROUD
+from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.following import MET
 from comove.robots.search.links import FAT, ROUGH
 from comove.robots.search.planner import JUMP, LEADING, SPACING, _dense, _followed, follow_edge
@@ -114,7 +114,7 @@ def test_arms_follow_with_links_that_keep_clear(found):
     assert np.abs(np.diff(joints, axis=0)).max() < 2 * JUMP  # two sub-steps an edge
     things = [obstacle(part) for part in scene.file.obstacles]
     data, geometry = machine.model.createData(), machine.collision.createData()
-    corner = PROUD + ROUGH
+    corner = PROUDEST + ROUGH
     for q in position[1:]:
         pin.updateGeometryPlacements(machine.model, data, machine.collision, geometry, q)
         for item, pose in zip(machine.collision.geometryObjects, geometry.oMg, strict=True):

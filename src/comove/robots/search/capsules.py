@@ -16,24 +16,15 @@ from scipy.spatial import ConvexHull, QhullError
 
 Array = NDArray[np.float64]
 
-PROUD = 0.003  # m, by which bodies may stick out, less than the clearance that a search keeps to spare
+PROUD, PROUDEST = 0.04, 0.003  # by which bodies may stick out: share of the radius, and m, at most
 CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
 FINE, MOST_PARTS = 0.01, 100  # m, between points of a surface, and parts of an edge at most
 AROUND = 48  # corners of the polygons around a cylinder
-WIDER = (
-    1.0,
-    1.02,
-    1.05,
-    1.1,
-    1.16,
-    1.25,
-)  # radii to try, in units of the least: wider capsules may be shorter
+WIDER = (1.0, 1.02, 1.05, 1.1, 1.16, 1.25)  # radii in units of the least: a wider capsule may be shorter
 CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # shares of a body's extent at which it may be cut
 DEPTH = 2  # cuts one after another: up to four capsules
 SOME = 300  # points that are looked at to find a cut
-CLEARLY = (
-    0.99  # share of another below which a number is less: what is symmetric must not be decided by rounding
-)
+CLEARLY = 0.99  # share of another number below which one is less: rounding must not decide what is symmetric
 WORTHWHILE = 0.9  # volume of two capsules, in units of that of one, below which they are better
 
 
@@ -97,23 +88,22 @@ def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[Capsule]:
 
 
 def around(points: Array) -> Capsule:
-    """Compute a small capsule that holds points but for `PROUD`, its axis along one of their axes."""
+    """Compute a small capsule that holds points but for what may stick out, its axis along one of their axes."""
     corners = _hull(points)
     return _smallest([_along(corners, axis) for axis in _axes(points)])
 
 
 def _along(points: Array, direction: Array) -> Capsule:
-    """Compute a small capsule in a direction, array of shape (3,), that holds points but for `PROUD`."""
+    """Compute a small capsule in a direction, array of shape (3,), that holds points but for what may stick out."""
     across = np.linalg.svd(direction[None])[2][1:]
     flat, height = points @ across.T, points @ direction
     middle, least = _circle(flat)
+    proud = min(PROUD * least, PROUDEST)
     square, base = ((flat - middle) ** 2).sum(axis=1), middle @ across
     tried = []
     for factor in WIDER:
-        radius = factor * max(least - PROUD, 0.0) + 1e-9  # of rounding
-        half = np.sqrt(
-            (radius + PROUD) ** 2 - square
-        )  # of the part of the axis one of whose points has to be there
+        radius = factor * (least - proud) + 1e-9  # of rounding
+        half = np.sqrt((radius + proud) ** 2 - square)  # of the stretch in which the axis has to be
         low, high = (height + half).min(), (height - half).max()
         if low > high:
             low = high = 0.5 * (low + high)
