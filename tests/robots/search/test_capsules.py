@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from comove.robots.search.capsules import CELL, FINE, MOST_PARTS, PROUDEST, around, capsules_of
+from comove.robots.search.capsules import CELL, FINE, MOST_PARTS, PROUDEST, around, capsules_of, vertices_of
 from comove.robots.search.links import FAT
 from tests.robots.small_robots import BUNDLED, robot
 
@@ -153,7 +153,7 @@ def test_links_of_meshes_are_wider_as_capsules_by_less_than_what_plans_may_give_
     for item in robot(name).collision.geometryObjects:
         shape = item.geometry
         if item.parentJoint and hasattr(shape, "vertices"):
-            points = np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+            points = vertices_of(shape)
             ends = [np.maximum(directions @ a, directions @ b) + r for a, b, r in capsules_of(shape, True)]
             wider.append((np.max(ends, axis=0) - (directions @ points.T).max(axis=1)).mean())
     assert np.mean(wider) < FAT

@@ -66,6 +66,11 @@ def capsules_of(shape: Any, moves: bool) -> list[Capsule]:
     return holding(points, spacing) if moves else _balls(points, spacing)
 
 
+def vertices_of(shape: Any) -> Array:
+    """Return the vertices of a mesh of coal; array, shape (n_vertices, 3) [m]."""
+    return np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+
+
 def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[Capsule]:
     """Compute capsules whose union holds a body.
 
@@ -185,7 +190,7 @@ def _around_cylinder(radius: float, half: float) -> Array:
 
 def _on_mesh(shape: Any) -> tuple[Array, float]:
     """Return points on the triangles of a mesh, and the diameter of the triangles between them [m]."""
-    points = np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+    points = vertices_of(shape)
     triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
     corners = points[np.array([(t[0], t[1], t[2]) for t in triangles])]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.robots.model import Arm, Robot, pin
-from comove.robots.search.capsules import Capsule, capsules_of
+from comove.robots.search.capsules import Capsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
 
 Array = NDArray[np.float64]
@@ -145,7 +145,7 @@ def _known(known: dict[object, list[Capsule]], shape: Any, moves: bool) -> list[
     """Return the capsules of a shape, computed once for equal meshes: two arms often are of one make."""
     if not hasattr(shape, "vertices"):
         return capsules_of(shape, moves)
-    key = moves, np.array(shape.vertices() if callable(shape.vertices) else shape.vertices).tobytes()
+    key = moves, shape.num_tris, vertices_of(shape).tobytes()
     if key not in known:
         known[key] = capsules_of(shape, moves)
     return known[key]
