@@ -28,7 +28,7 @@ CLEARLY = 0.99  # share of another number below which one is less: rounding must
 WORTHWHILE = 0.9  # volume of two capsules, in units of that of one, below which they are better
 
 
-class Capsule(NamedTuple):
+class LinkCapsule(NamedTuple):
     """A capsule: the ends of its axis, arrays of shape (3,), and its radius [m]."""
 
     start: Array
@@ -51,13 +51,13 @@ class Capsule(NamedTuple):
         return 2.0 * self.radius + 0.5 * self.length
 
 
-def capsules_of(shape: Any, moves: bool) -> list[Capsule]:
+def capsules_of(shape: Any, moves: bool) -> list[LinkCapsule]:
     """Return capsules that hold a shape of coal, in its own frame; of meshes that do not move, only the surface."""
     kind, z = type(shape).__name__, np.array([0.0, 0.0, 1.0])
     if kind == "Sphere":
-        return [Capsule(0 * z, 0 * z, shape.radius)]
+        return [LinkCapsule(0 * z, 0 * z, shape.radius)]
     if kind == "Capsule":
-        return [Capsule(-shape.halfLength * z, shape.halfLength * z, shape.radius)]
+        return [LinkCapsule(-shape.halfLength * z, shape.halfLength * z, shape.radius)]
     if kind == "Box":
         return holding(*_on_box(np.array(shape.halfSide)))
     if kind == "Cylinder":
@@ -71,7 +71,7 @@ def vertices_of(shape: Any) -> Array:
     return np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
 
 
-def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[Capsule]:
+def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[LinkCapsule]:
     """Compute capsules whose union holds a body.
 
     Parameters
@@ -92,13 +92,13 @@ def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[Capsule]:
     return [capsule for part in parts for capsule in holding(part, spacing, depth - 1)]
 
 
-def around(points: Array) -> Capsule:
+def around(points: Array) -> LinkCapsule:
     """Compute a small capsule that holds points but for what may stick out, its axis along one of their axes."""
     corners = _hull(points)
     return _smallest([_along(corners, axis) for axis in _axes(points)])
 
 
-def _along(points: Array, direction: Array) -> Capsule:
+def _along(points: Array, direction: Array) -> LinkCapsule:
     """Compute a small capsule in a direction, array of shape (3,), that holds points but for what may stick out."""
     across = np.linalg.svd(direction[None])[2][1:]
     flat, height = points @ across.T, points @ direction
@@ -112,7 +112,7 @@ def _along(points: Array, direction: Array) -> Capsule:
         low, high = (height + half).min(), (height - half).max()
         if low > high:
             low = high = 0.5 * (low + high)
-        tried.append(Capsule(base + low * direction, base + high * direction, radius))
+        tried.append(LinkCapsule(base + low * direction, base + high * direction, radius))
     return _smallest(tried)
 
 
@@ -145,7 +145,7 @@ def _best_cut(points: Array) -> tuple[Array, float] | None:
     return best
 
 
-def _smallest(capsules: list[Capsule]) -> Capsule:
+def _smallest(capsules: list[LinkCapsule]) -> LinkCapsule:
     """Return the first capsule than which no later one has a clearly smaller mean width."""
     best = capsules[0]
     for capsule in capsules[1:]:
@@ -154,7 +154,7 @@ def _smallest(capsules: list[Capsule]) -> Capsule:
     return best
 
 
-def _volume(capsules: list[Capsule]) -> float:
+def _volume(capsules: list[LinkCapsule]) -> float:
     """Return the sum of the volumes [m^3]."""
     return sum(capsule.volume for capsule in capsules)
 
@@ -204,7 +204,7 @@ def _shares(count: int) -> Array:
     return np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
 
 
-def _balls(points: Array, spacing: float) -> list[Capsule]:
+def _balls(points: Array, spacing: float) -> list[LinkCapsule]:
     """Return balls that cover the surface of a mesh, one for each cell of a grid."""
     place = np.floor((points - points.min(axis=0)) / CELL).astype(int)
     cell = np.ravel_multi_index(tuple(place.T), tuple(place.max(axis=0) + 1))
@@ -214,5 +214,7 @@ def _balls(points: Array, spacing: float) -> list[Capsule]:
     balls = []
     for group in groups:
         middle = 0.5 * (group.min(axis=0) + group.max(axis=0))
-        balls.append(Capsule(middle, middle, float(np.linalg.norm(group - middle, axis=1).max()) + spread))
+        balls.append(
+            LinkCapsule(middle, middle, float(np.linalg.norm(group - middle, axis=1).max()) + spread)
+        )
     return balls

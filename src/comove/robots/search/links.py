@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.robots.model import Arm, Robot, pin
-from comove.robots.search.capsules import Capsule, capsules_of, vertices_of
+from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
 
 Array = NDArray[np.float64]
@@ -107,7 +107,7 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     pin.forwardKinematics(model, data, robot.home)
     joints, holds, ends, radii = list[int](), list[bool](), list[list[Array]](), list[float]()
     of_geometry: list[range] = []
-    known: dict[object, list[Capsule]] = {}
+    known: dict[object, list[LinkCapsule]] = {}
     for item in collision.geometryObjects:
         column = model.idx_vs[item.parentJoint] if item.parentJoint else -1
         at = np.flatnonzero(columns == column)
@@ -141,7 +141,7 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     return _worth_looking_at(links, chains_of(robot, arms), np.concatenate([arm.home for arm in arms]))
 
 
-def _known(known: dict[object, list[Capsule]], shape: Any, moves: bool) -> list[Capsule]:
+def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> list[LinkCapsule]:
     """Return the capsules of a shape, computed once for equal meshes: two arms often are of one make."""
     if not hasattr(shape, "vertices"):
         return capsules_of(shape, moves)
