@@ -7,7 +7,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from comove.robots.search.capsules import CELL, FINE, MOST_PARTS, PROUDEST, around, capsules_of, vertices_of
+from comove.robots.search.capsules import (
+    CELL,
+    FINE,
+    MOST_PARTS,
+    PROUD,
+    PROUDEST,
+    around,
+    capsules_of,
+    vertices_of,
+)
 from comove.robots.search.links import FAT
 from tests.robots.small_robots import BUNDLED, robot
 
@@ -21,6 +30,11 @@ def outside(points, capsules):
         along = np.clip((points - a) @ (b - a) / max((b - a) @ (b - a), 1e-300), 0.0, 1.0)
         apart.append(np.linalg.norm(points - a - along[:, None] * (b - a), axis=1) - radius)
     return np.min(apart, axis=0).max()
+
+
+def allowed(capsules):
+    """By how much a body may stick out of one of its capsules, at most [m]; a nanometre is of rounding."""
+    return max(min(PROUDEST, PROUD / (1 - PROUD) * capsule.radius) for capsule in capsules) + 1e-9
 
 
 def mesh(points, triangles):
@@ -48,10 +62,8 @@ def test_boxes_are_but_for_their_corners_inside_their_capsules(x, y, z):
     inner = rng.uniform(-0.5, 0.5, (1500, 3))
     inner[np.arange(1000), np.arange(1000) % 3] = np.sign(inner[:1000, 0]) / 2  # on faces
     corners = np.array(np.meshgrid(*[(-0.5, 0.5)] * 3)).reshape(3, -1).T
-    assert (
-        outside(np.concatenate([corners, inner]) * (x, y, z), capsules_of(coal.Box(x, y, z), True))
-        <= PROUDEST + 1e-9
-    )
+    capsules = capsules_of(coal.Box(x, y, z), True)
+    assert outside(np.concatenate([corners, inner]) * (x, y, z), capsules) <= allowed(capsules)
 
 
 @given(SIZE, SIZE)
@@ -61,10 +73,8 @@ def test_cylinders_are_but_for_their_rims_inside_their_capsules(radius, length):
     points = np.column_stack([flat, (share / (2 * np.pi) - 0.5) * length])
     ends = np.column_stack([flat, np.sign(share - np.pi) * length / 2])
     inner = ends * np.column_stack([np.sqrt(share / 7)] * 2 + [np.ones(1000)])
-    assert (
-        outside(np.concatenate([points, ends, inner]), capsules_of(coal.Cylinder(radius, length), True))
-        <= PROUDEST + 1e-9
-    )
+    capsules = capsules_of(coal.Cylinder(radius, length), True)
+    assert outside(np.concatenate([points, ends, inner]), capsules) <= allowed(capsules)
 
 
 def test_balls_and_capsules_are_what_they_are():
@@ -82,7 +92,7 @@ def test_meshes_that_move_are_but_for_corners_inside_their_capsules_however_larg
     points = rng.uniform(-1, 1, (count, 3)) * size + rng.normal(size=3)
     triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
     capsules = capsules_of(mesh(points, triangles), True)
-    assert outside(on_triangles(points, triangles, rng), capsules) <= PROUDEST + 1e-9
+    assert outside(on_triangles(points, triangles, rng), capsules) <= allowed(capsules)
 
 
 @settings(max_examples=25)
@@ -102,7 +112,7 @@ def test_a_flat_or_straight_mesh_has_capsules_too():
     straight = np.array([(0, 0, 0), (0.1, 0, 0), (0.3, 0, 0.0)])
     for points in (flat, straight):
         capsules = capsules_of(mesh(points, np.array([(0, 1, 2)])), True)
-        assert outside(points, capsules) <= PROUDEST + 1e-9
+        assert outside(points, capsules) <= allowed(capsules)
     assert capsules[0].radius < 1e-6
 
 
@@ -139,7 +149,7 @@ def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
     ]
     triangles = np.array(faces + [tuple(8 + i for i in face) for face in faces])
     capsules = capsules_of(mesh(points, triangles), True)
-    assert outside(on_triangles(points, triangles, np.random.default_rng(1)), capsules) <= PROUDEST + 1e-9
+    assert outside(on_triangles(points, triangles, np.random.default_rng(1)), capsules) <= allowed(capsules)
     assert len(capsules) > 1
     assert sum(capsule.volume for capsule in capsules) < 0.4 * around(points).volume
 
@@ -149,11 +159,14 @@ def test_links_of_meshes_are_wider_as_capsules_by_less_than_what_plans_may_give_
     """In the mean over all directions, in which a capsule and a body lie between two planes each."""
     directions = np.random.default_rng(0).normal(size=(500, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    wider = []
+    wider, seen = [], set()
     for item in robot(name).collision.geometryObjects:
         shape = item.geometry
         if item.parentJoint and hasattr(shape, "vertices"):
             points = vertices_of(shape)
+            if points.tobytes() in seen:  # of the other arm
+                continue
+            seen.add(points.tobytes())
             ends = [np.maximum(directions @ a, directions @ b) + r for a, b, r in capsules_of(shape, True)]
             wider.append((np.max(ends, axis=0) - (directions @ points.T).max(axis=1)).mean())
     assert np.mean(wider) < FAT
