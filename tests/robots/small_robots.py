@@ -35,7 +35,7 @@ FOOT = """<link name="base"><collision><origin xyz="0.1 0.2 0.3" rpy="1 2 3"/>
 AXES = np.array([[1, 0, 0], [0, -1, 0], [0, 0, 1], [1, 2, -2], [-3, 0, 4], [0.2, 0.1, 0.7]])
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=None)
 def robot(name: str) -> Robot:
     """A bundled robot, "gantry", or "random SEED"; loaded once."""
     if name in BUNDLED:

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -161,10 +162,12 @@ def assembled(description: RobotFile, file: Path) -> Robot:
 
 def _joined(sources: tuple[Source, ...]) -> tuple[Any, Any]:
     """Build all models as one, each on its base, and their collision geometry."""
-    model, collision = _built(sources[0])
+    with tempfile.TemporaryDirectory() as folder:
+        loader = coal.CachedMeshLoader(coal.BV_OBBRSS)
+        parts = [_built(source, Path(folder), loader) for source in sources]
+    model, collision = parts[0]
     _move_base(model, collision, _se3(sources[0].base))
-    for source in sources[1:]:
-        part, geometry = _built(source)
+    for source, (part, geometry) in zip(sources[1:], parts[1:], strict=True):
         if twice := _frame_names(model) & _frame_names(part):
             raise RobotError(
                 f"two models have a link or joint '{min(twice)}'",
@@ -179,14 +182,16 @@ def _frame_names(model: Any) -> set[str]:
     return {frame.name for frame in model.frames} - {"universe"}
 
 
-def _built(source: Source) -> tuple[Any, Any]:
-    """Build the model and the collision geometry, with the pairs that can collide."""
+def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
+    """Build the model and the collision geometry, with the pairs that can collide; meshes pass through a folder."""
     failure: Exception | None = None
-    with tempfile.TemporaryDirectory() as folder, errors_of_reader() as errors:
+    with errors_of_reader() as errors:
         try:
-            text = for_pinocchio(source, Path(folder))
+            text = for_pinocchio(source, folder)
             model = pin.buildModelFromXML(text)
-            geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+            geometry = pin.buildGeomFromUrdfString(
+                model, text, pin.GeometryType.COLLISION, mesh_loader=loader
+            )
             _compare_all_but_adjacent(model, geometry)
             if source.srdf is not None:
                 pin.removeCollisionPairsFromXML(model, geometry, source.srdf, False)

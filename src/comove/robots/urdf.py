@@ -9,6 +9,7 @@ damaged files: Pinocchio gets checked triangles.
 
 from __future__ import annotations
 
+import hashlib
 import math
 import os
 import re
@@ -158,7 +159,10 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
 
 
 def for_pinocchio(source: Source, folder: Path) -> str:
-    """Return the URDF reduced to what Pinocchio needs, and write the meshes of its bodies into a folder."""
+    """Return the URDF reduced to what Pinocchio needs, and write the meshes of its bodies into a folder.
+
+    Files are named by their contents, so that a loader that remembers files loads equal meshes once.
+    """
     tree = ET.fromstring(source.urdf)
     for part in [part for part in tree if part.tag not in ("link", "joint")]:
         tree.remove(part)
@@ -169,8 +173,9 @@ def for_pinocchio(source: Source, folder: Path) -> str:
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         name = mesh.get("filename", "")
         if name not in files:
-            files[name] = folder / f"{len(files)}.stl"
-            files[name].write_bytes(source.meshes[name])
+            files[name] = folder / f"{hashlib.sha256(source.meshes[name]).hexdigest()}.stl"
+            if not files[name].exists():
+                files[name].write_bytes(source.meshes[name])
         mesh.set("filename", f"file://{files[name]}")
     return ET.tostring(tree, encoding="unicode")
 
