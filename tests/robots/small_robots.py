@@ -2,7 +2,7 @@
 
 import tempfile
 import warnings
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ FOOT = """<link name="base"><collision><origin xyz="0.1 0.2 0.3" rpy="1 2 3"/>
 AXES = np.array([[1, 0, 0], [0, -1, 0], [0, 0, 1], [1, 2, -2], [-3, 0, 4], [0.2, 0.1, 0.7]])
 
 
-@lru_cache(maxsize=None)
+@cache
 def robot(name: str) -> Robot:
     """A bundled robot, "gantry", or "random SEED"; loaded once."""
     if name in BUNDLED:

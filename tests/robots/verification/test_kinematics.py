@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from comove.robots.verification.kinematics import joint_placements
+from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by
 from tests.robots.small_robots import BUNDLED, RANDOM, robot
 
 
@@ -19,3 +19,19 @@ def test_placements_are_those_of_pinocchio(name):
         for joint, pose in enumerate(data.oMi):
             np.testing.assert_allclose(turns[joint, step], pose.rotation, atol=1e-13)
             np.testing.assert_allclose(places[joint, step], pose.translation, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", ["baxter", *RANDOM, "gantry"])
+def test_twists_are_those_of_pinocchio(name):
+    """The world's Jacobian, column by column, and what its columns move."""
+    machine, rng = robot(name), np.random.default_rng(5)
+    q, rates = rng.uniform(machine.lower, machine.upper, (8, len(machine.lower))), rng.normal(size=(8, 1))
+    rates = rates * rng.normal(size=len(machine.lower))
+    model, data = machine.model, machine.model.createData()
+    twists, moves = joint_twists(machine, *joint_placements(machine, q), rates), moved_by(machine)
+    for step, joints in enumerate(q):
+        columns = pin.computeJointJacobians(model, data, joints)
+        np.testing.assert_allclose(twists[step], (columns * rates[step]).T, atol=1e-12)
+        for joint in range(model.njoints):
+            own = pin.getJointJacobian(model, data, joint, pin.LOCAL).any(axis=0)
+            np.testing.assert_array_equal(moves[joint], own)

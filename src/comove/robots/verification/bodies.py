@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import coal
@@ -28,6 +29,7 @@ from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.robots.model import Arm, Robot
 from comove.robots.verification.carried import Carried, leverage, load_shapes
+from comove.robots.verification.kinematics import moved_by
 from comove.robots.verification.reach import Bases
 from comove.scenes.model import ROBOT_CLEARANCE
 from comove.scenes.scene import Scene
@@ -77,6 +79,26 @@ class Bodies:
     exact: NDArray[np.int64]
     rods: tuple[tuple[int, ...], ...]
     surfaces: Surfaces
+
+    @cached_property
+    def ends(self) -> NDArray[np.int64]:
+        """Return the numbers of both bodies of every pair; array, shape (n_pairs, 2)."""
+        pairs = self.geometry.collisionPairs
+        return np.array([(p.first, p.second) for p in pairs], dtype=np.int64).reshape(-1, 2)
+
+    @cached_property
+    def joint(self) -> NDArray[np.int64]:
+        """Return the number of the joint that each body is on, 0 for the universe; array, shape (n_bodies,)."""
+        return _joints(self.geometry)
+
+    @cached_property
+    def balls(self) -> tuple[Array, Array]:
+        """Return the centre, in the frame of its joint, and the radius of a ball about each body; arrays, shape
+        (n_bodies, 3) and (n_bodies,) [m]; those of the load's shapes, which lie anywhere, are about their middles.
+        """
+        items = list(self.geometry.geometryObjects)
+        centers = [item.placement.act(np.array(item.geometry.aabb_center)) for item in items]
+        return np.array(centers), np.array([item.geometry.aabb_radius for item in items])
 
     def name(self, pair: int) -> str:
         """Return the names of both bodies of a pair, for messages."""
@@ -293,14 +315,10 @@ def _changes(robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64]
     -------
     array, shape (n_pairs, n_joints + 1)
     """
-    moved, (first, second, kind) = moved_by(robot, geometry), pairs.T
+    moved, (first, second, kind) = moved_by(robot)[_joints(geometry)], pairs.T
     change = np.where(moved[first] != moved[second], reach[first] + reach[second], 0.0)
     return np.column_stack([change, kind == LOAD])
 
 
-def moved_by(robot: Robot, geometry: Any) -> NDArray[np.bool_]:
-    """Return which joints move which bodies; array, shape (n_bodies, n_joints)."""
-    model, moved = robot.model, np.zeros((geometry.ngeoms, robot.model.nv), dtype=bool)
-    for body, item in enumerate(geometry.geometryObjects):
-        moved[body, [model.idx_vs[joint] for joint in model.supports[item.parentJoint] if joint > 0]] = True
-    return moved
+def _joints(geometry: Any) -> NDArray[np.int64]:
+    return np.array([item.parentJoint for item in geometry.geometryObjects], dtype=np.int64)

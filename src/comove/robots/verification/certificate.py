@@ -30,9 +30,7 @@ a hand that glides over a table comes no nearer to first order, however fast it 
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple
 
 import coal
@@ -42,9 +40,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.robots.motion import Ranges, fastest
-from comove.robots.verification.bodies import Bodies, moved_by
+from comove.robots.verification.bodies import Bodies
 from comove.robots.verification.carried import LoadMotion, placements
-from comove.robots.verification.kinematics import joint_placements
+from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by
 from comove.ties import first_least
 
 Array = NDArray[np.float64]
@@ -230,11 +228,6 @@ class _Distances:
         self.model, self.data = bodies.robot.model, bodies.robot.model.createData()
         self.placed = bodies.geometry.createData()
         self.rates = Ranges(curve.x, fastest(curve)[0])
-        items, pairs = bodies.geometry.geometryObjects, bodies.geometry.collisionPairs
-        self._pairs = np.array([(p.first, p.second) for p in pairs], dtype=np.int64).reshape(-1, 2)
-        self._joint = np.array([item.parentJoint for item in items], dtype=np.int64)
-        self._center = np.array([item.placement.act(np.array(item.geometry.aabb_center)) for item in items])
-        self._radius = np.array([item.geometry.aabb_radius for item in items])
 
     def __call__(self, cells: _Cells, width: float) -> Array:
         """Compute distances, less what is taken from them; array, shape (n_cells,) [m].
@@ -263,10 +256,10 @@ class _Distances:
         """
         stretches, of_cell = np.unique(cells.stretch, return_inverse=True)
         time = (stretches.astype(float) + 0.5) * width
-        centers = self._centers(time)
-        ends = self._pairs[cells.pair]
+        centers, (_, radii) = self._centers(time), self.bodies.balls
+        ends = self.bodies.ends[cells.pair]
         between = centers[of_cell, ends[:, 0]] - centers[of_cell, ends[:, 1]]
-        distance = np.sqrt((between**2).sum(axis=1)) - self._radius[ends].sum(axis=1)
+        distance = np.sqrt((between**2).sum(axis=1)) - radii[ends].sum(axis=1)
         return distance - self.bodies.taken[cells.pair]
 
     def changes(self, cells: _Cells, width: float) -> Array:
@@ -279,10 +272,11 @@ class _Distances:
     def _centers(self, time: Array) -> Array:
         """Compute the centres of the balls; array, shape (n_steps, n_bodies, 3) [m]."""
         turns, places = joint_placements(self.bodies.robot, self.curve(time))
-        centers = np.empty((len(time), len(self._joint), 3))
+        own_centers, _ = self.bodies.balls
+        centers = np.empty((len(time), len(own_centers), 3))
         for joint in range(self.model.njoints):
-            own = np.flatnonzero(self._joint == joint)
-            centers[:, own] = self._center[own] @ turns[joint].swapaxes(1, 2) + places[joint][:, None]
+            own = np.flatnonzero(self.bodies.joint == joint)
+            centers[:, own] = own_centers[own] @ turns[joint].swapaxes(1, 2) + places[joint][:, None]
         nodes = self.carried.nodes(time)
         for rod, *spanned in self.bodies.rods:
             centers[:, rod] = placements(nodes, tuple(spanned))[1]
@@ -303,20 +297,15 @@ class Nearing:
     """
 
     def __init__(self, bodies: Bodies, curve: PPoly):
-        self.bodies, self.curve, self.model = bodies, curve, bodies.robot.model
-        self.data, self.placed = self.model.createData(), bodies.geometry.createData()
-        items, pairs = bodies.geometry.geometryObjects, bodies.geometry.collisionPairs
-        self._pairs = np.array([(p.first, p.second) for p in pairs]).reshape(-1, 2)
-        first, second = moved_by(bodies.robot, bodies.geometry)[self._pairs].swapaxes(0, 1)
-        self._sides = np.stack([first & ~second, second & ~first])
-        self._centers = [np.array(item.geometry.aabb_center) for item in items]
-        self._radii = np.array([item.geometry.aabb_radius for item in items])
+        self.bodies, self.curve = bodies, curve
+        self._state = bodies.robot.model.createData(), bodies.geometry.createData()
+        items = list(bodies.geometry.geometryObjects)
+        moved = moved_by(bodies.robot)[bodies.joint[bodies.ends]].swapaxes(0, 1)
+        self._sides = moved & ~moved[::-1]
         loads = {rod for rod, *_ in bodies.rods}
-        self._support = cache(lambda body: support_function(items[body].geometry))  # few are ever asked for
-        plain = np.array(
-            [k not in loads and isinstance(item.geometry, CONVEX) for k, item in enumerate(items)]
-        )
-        self.applies = plain[self._pairs].all(axis=1)
+        plain = [k not in loads and isinstance(item.geometry, CONVEX) for k, item in enumerate(items)]
+        first, second = np.array(plain, dtype=bool)[bodies.ends.T]
+        self.applies = first & second
         bend = np.abs(curve(curve.x, 2))
         self._rates = Ranges(curve.x, np.hstack([fastest(curve)[0], np.maximum(bend[1:], bend[:-1])]))
 
@@ -359,53 +348,82 @@ class Nearing:
         -------
         arrays, shape (n,), [m] and [m/s]
         """
+        bodies, (centers, radii) = self.bodies, self.bodies.balls
         instants, of_instant = np.unique(time, return_inverse=True)
-        columns, lost = np.empty((len(instants), 6, self.model.nv)), np.empty(len(pair))
-        normals, centers, placed_for = np.empty((len(pair), 3)), np.empty((len(pair), 2, 3)), -1
-        positions, rates = self.curve(instants), self.curve(instants, 1)
-        for i, (number, k) in enumerate(zip(pair.tolist(), of_instant.tolist(), strict=True)):
-            if k != placed_for:
-                pin.computeJointJacobians(self.model, self.data, positions[k])
-                pin.updateGeometryPlacements(self.model, self.data, self.bodies.geometry, self.placed)
-                columns[k], placed_for = self.data.J * rates[k], k
-            lost[i], normals[i] = self._slab(number)
-            centers[i] = [
-                self.placed.oMg[body].act(self._centers[body]) for body in self._pairs[number].tolist()
-            ]
-        speed, turning = np.zeros(len(pair)), np.zeros(len(pair))
-        for side, sign in enumerate((1.0, -1.0)):
-            twist = np.einsum("nij,nj->ni", columns[of_instant], self._sides[side, pair])
-            velocity = twist[:, :3] + np.cross(twist[:, 3:], centers[:, side])
+        turns, places = joint_placements(bodies.robot, self.curve(instants))
+        twists = joint_twists(bodies.robot, turns, places, self.curve(instants, 1))
+        apart, normals = self._nearest(pair, of_instant, self.curve(instants))
+        lost, speed, turning = apart, np.zeros(len(pair)), np.zeros(len(pair))
+        for side, sign in enumerate((1.0, -1.0)):  # normals point from the first body to the second
+            body = bodies.ends[pair, side]
+            turn, place = turns[bodies.joint[body], of_instant], places[bodies.joint[body], of_instant]
+            lost = lost + sign * (normals * place).sum(axis=1)
+            lost += self._supports(body, sign * (normals[:, None] @ turn)[:, 0])
+            twist = np.einsum("nji,nj->ni", twists[of_instant], self._sides[side, pair])
+            center = place + (turn @ centers[body, :, None])[..., 0]
+            velocity = twist[:, :3] + np.cross(twist[:, 3:], center)
             speed = speed + sign * (normals * velocity).sum(axis=1)
             across = np.linalg.norm(np.cross(normals, twist[:, 3:]), axis=1)
-            turning = turning + across * self._radii[self._pairs[pair, side]]
+            turning = turning + across * radii[body]
         return lost, np.abs(speed) + turning
 
-    def _slab(self, pair: int) -> tuple[float, Array]:
-        """Compute the distance of two bodies minus the width of the slab between them [m], and the slab's normal."""
-        found = pin.computeDistance(self.bodies.geometry, self.placed, pair)
-        n = np.array(found.normal)  # from the first to the second
-        n /= math.sqrt(n @ n)
-        (a, first), (b, second) = ((body, self.placed.oMg[body]) for body in self._pairs[pair].tolist())
-        ends = self._support(a)(first.rotation.T @ n), self._support(b)(-second.rotation.T @ n)
-        slab = (second.translation - first.translation) @ n - ends[0] - ends[1]
-        return found.min_distance - slab, n
+    def _nearest(
+        self, pair: NDArray[np.int64], of_instant: NDArray[np.int64], positions: Array
+    ) -> tuple[Array, Array]:
+        """Compute the distances of pairs and unit vectors along them; arrays, shape (n,) [m] and (n, 3).
+
+        Parameters
+        ----------
+        of_instant : array, shape (n,), in ascending order, rows of `positions`, array of shape (n_steps, n_joints)
+        """
+        model, geometry, placed_for = self.bodies.robot.model, self.bodies.geometry, -1
+        data, placed = self._state
+        apart, normals = np.empty(len(pair)), np.empty((len(pair), 3))
+        for i, (number, k) in enumerate(zip(pair.tolist(), of_instant.tolist(), strict=True)):
+            if k != placed_for:
+                pin.updateGeometryPlacements(model, data, geometry, placed, positions[k])
+                placed_for = k
+            found = pin.computeDistance(geometry, placed, number)
+            apart[i], normals[i] = found.min_distance, found.normal
+        return apart, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+    def _supports(self, body: NDArray[np.int64], along: Array) -> Array:
+        """Compute how far bodies reach along unit vectors in the frames of their joints, from these frames' origins.
+
+        Parameters
+        ----------
+        body : array, shape (n,), numbers of bodies
+        along : array, shape (n, 3)
+
+        Returns
+        -------
+        array, shape (n,) [m]
+        """
+        reached, items = np.empty(len(body)), self.bodies.geometry.geometryObjects
+        for number in np.unique(body).tolist():
+            own, item = body == number, items[number]
+            support = support_function(item.geometry)
+            n = along[own]
+            reached[own] = n @ item.placement.translation + support(n @ item.placement.rotation)
+        return reached
 
 
 CONVEX = (coal.Sphere, coal.Box, coal.Capsule, coal.Cylinder, coal.Ellipsoid, coal.ConvexBase)
 
 
-def support_function(shape: Any) -> Callable[[Array], float]:
-    """Return the function that tells how far a shape of `CONVEX` reaches along a unit vector in its own frame [m]."""
+def support_function(shape: Any) -> Callable[[Array], Array]:
+    """Return the function that tells how far a shape of `CONVEX` reaches along unit vectors in its own frame [m];
+    arrays, shape (..., 3) -> (...,).
+    """
     if isinstance(shape, coal.Sphere):
-        return lambda n: shape.radius
+        return lambda n: np.full(n.shape[:-1], shape.radius)
     if isinstance(shape, coal.Box):
-        return lambda n: float(np.abs(n) @ shape.halfSide)
+        return lambda n: np.abs(n) @ shape.halfSide
     if isinstance(shape, coal.Capsule):
-        return lambda n: shape.radius + shape.halfLength * abs(n[2])
+        return lambda n: shape.radius + shape.halfLength * np.abs(n[..., 2])
     if isinstance(shape, coal.Cylinder):
-        return lambda n: shape.radius * float(np.hypot(n[0], n[1])) + shape.halfLength * abs(n[2])
+        return lambda n: shape.radius * np.hypot(n[..., 0], n[..., 1]) + shape.halfLength * np.abs(n[..., 2])
     if isinstance(shape, coal.Ellipsoid):
-        return lambda n: float(np.linalg.norm(n * shape.radii))
+        return lambda n: np.linalg.norm(n * shape.radii, axis=-1)
     points = np.array(shape.points())
-    return lambda n: float((points @ n).max())
+    return lambda n: (n @ points.T).max(axis=-1)

@@ -19,7 +19,7 @@ The grid is that of the samples, made finer where this is not tight enough. Kine
 from __future__ import annotations
 
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -29,7 +29,8 @@ from scipy.interpolate import PPoly
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import fastest, subdivided
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.reach import Reaches
+from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by
+from comove.robots.verification.reach import reaches_of
 
 Array = NDArray[np.float64]
 
@@ -116,7 +117,7 @@ def _third_derivatives(
     rate, _ = fastest(curve)
     bend = np.abs(curve(curve.x, 2))
     bend, jerk = np.maximum(bend[1:], bend[:-1]), 6 * np.abs(curve.c[0])
-    reaches = Reaches(robot)
+    reaches = reaches_of(robot)
     of_all, of_turning = np.empty((2, len(rate), len(arms)))
     for i, arm in enumerate(arms):
         turning = arm.columns[~reaches.slides[arm.columns]]
@@ -144,28 +145,18 @@ def _grasp_frames(
     """Compute positions, orientations, velocities and angular velocities of the grasp frames, in the scene's
     frame.
     """
-    model, frames = _with_tools(robot, arms)
-    data, shape = model.createData(), (len(positions), len(arms))
-    places, rotations = np.empty((*shape, 3)), np.empty((*shape, 3, 3))
-    motions = np.empty((*shape, 6))
-    for k, (q, v) in enumerate(zip(positions, rates, strict=True)):
-        pin.forwardKinematics(model, data, q, v)
-        for i, frame in enumerate(frames):
-            pose = pin.updateFramePlacement(model, data, frame)
-            places[k, i], rotations[k, i] = pose.translation, pose.rotation
-            motions[k, i] = pin.getFrameVelocity(model, data, frame, pin.LOCAL_WORLD_ALIGNED).vector
-    return places, rotations, motions[..., :3], motions[..., 3:]
-
-
-def _with_tools(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Any, list[int]]:
-    """Return a model that has the arms' grasp frames as frames, and their numbers."""
-    model, frames = robot.model.copy(), []
+    turns, origins = joint_placements(robot, positions)
+    twists, moves = joint_twists(robot, turns, origins, rates), moved_by(robot)
+    places, rotations, velocities, spins = [], [], [], []
     for arm in arms:
-        tip = model.getFrameId(arm.tip)
-        placement = model.frames[tip].placement * pin.SE3(arm.tool)
-        frame = pin.Frame(f"grasp of {arm.name}", model.frames[tip].parentJoint, tip, placement, pin.OP_FRAME)
-        frames.append(model.addFrame(frame, False))
-    return model, frames
+        tip = robot.model.frames[robot.model.getFrameId(arm.tip)]
+        grasp, joint = tip.placement * pin.SE3(arm.tool), tip.parentJoint
+        twist = twists[:, moves[joint]].sum(axis=1)
+        places.append(origins[joint] + turns[joint] @ grasp.translation)
+        rotations.append(turns[joint] @ grasp.rotation)
+        velocities.append(twist[:, :3] + np.cross(twist[:, 3:], places[-1]))
+        spins.append(twist[:, 3:])
+    return tuple(np.stack(arrays, axis=1) for arrays in (places, rotations, velocities, spins))  # type: ignore[return-value]
 
 
 def _sizes(vectors: Array) -> Array:

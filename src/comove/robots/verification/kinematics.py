@@ -1,4 +1,4 @@
-"""Placements of all joints at many configurations at once, from Pinocchio's model.
+"""Placements and twists of all joints at many configurations at once, from Pinocchio's model.
 
 Pinocchio places one configuration a call, and reading a result costs more than computing it. Where thousands are
 needed, the same product of placements is taken here for all of them; the tests compare both.
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.robots.model import Robot
-from comove.robots.verification.reach import joint_axes
+from comove.robots.verification.reach import reaches_of
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,8 @@ class _Tree(NamedTuple):
     turn, shift : arrays, shape (n_joints + 1, 3, 3) and (n_joints + 1, 3), of each joint in the one before it [m]
     cross, square : arrays, shape (n_joints + 1, 3, 3), the axis k as k x and k x (k x)
     axis, slides : arrays, shape (n_joints + 1, 3) and (n_joints + 1,)
+    columns : array, shape (n_joints,), column of each joint but the universe
+    moves : array, shape (n_joints + 1, n_joints), whether the joint of a column moves what is on a joint
     """
 
     parents: NDArray[np.int64]
@@ -36,14 +38,20 @@ class _Tree(NamedTuple):
     square: Array
     axis: Array
     slides: NDArray[np.bool_]
+    columns: NDArray[np.int64]
+    moves: NDArray[np.bool_]
 
 
 @lru_cache(maxsize=8)
 def _tree(robot: Robot) -> _Tree:
     model: Any = robot.model
-    axes, slides = joint_axes(model)
-    columns = [model.idx_vs[joint] for joint in range(1, model.njoints)]
-    axis = np.concatenate([np.zeros((1, 3)), axes[columns]])
+    reaches = reaches_of(robot)
+    columns = np.array([model.idx_vs[joint] for joint in range(1, model.njoints)], dtype=np.int64)
+    axis = np.concatenate([np.zeros((1, 3)), reaches.axes[columns]])
+    moves = np.zeros((model.njoints, model.nv), dtype=bool)
+    for joint in range(1, model.njoints):
+        moves[joint] = moves[model.parents[joint]]
+        moves[joint, columns[joint - 1]] = True
     cross = np.zeros((len(axis), 3, 3))
     cross[:, [2, 0, 1], [1, 2, 0]], cross[:, [1, 2, 0], [2, 0, 1]] = axis, -axis
     return _Tree(
@@ -53,8 +61,17 @@ def _tree(robot: Robot) -> _Tree:
         cross,
         cross @ cross,
         axis,
-        np.concatenate([[False], slides[columns]]),
+        np.concatenate([[False], reaches.slides[columns]]),
+        columns,
+        moves,
     )
+
+
+def moved_by(robot: Robot) -> NDArray[np.bool_]:
+    """Return whether the joint of a column moves what is on a joint; array, shape (n_joints + 1, n_joints), the
+    universe first.
+    """
+    return _tree(robot).moves
 
 
 def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
@@ -82,3 +99,24 @@ def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
         sine, versine = np.sin(value)[:, None, None], (1.0 - np.cos(value))[:, None, None]
         turns[joint] = turn @ (np.eye(3) + sine * tree.cross[joint] + versine * tree.square[joint])
     return turns, places
+
+
+def joint_twists(robot: Robot, turns: Array, places: Array, rates: Array) -> Array:
+    """Compute the twists that the joints give to what they move, at the scene's origin.
+
+    Parameters
+    ----------
+    turns, places : the joints' placements, as `joint_placements` returns them
+    rates : array, shape (n_steps, n_joints), rates of the joints [rad/s, m/s]
+
+    Returns
+    -------
+    array, shape (n_steps, n_joints, 6), linear velocities [m/s], then angular ones [rad/s]
+    """
+    tree = _tree(robot)
+    axes = (turns[1:] @ tree.axis[1:, None, :, None])[..., 0]
+    slides = tree.slides[1:, None, None]
+    linear, angular = np.where(slides, axes, np.cross(places[1:], axes)), np.where(slides, 0.0, axes)
+    twists = np.empty((*rates.shape, 6))
+    twists[:, tree.columns] = np.concatenate([linear, angular], axis=2).swapaxes(0, 1)
+    return twists * rates[:, :, None]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ class Reaches:
         self.robot = robot
         self.axes, self.slides = joint_axes(robot.model)
         self._furthest = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
+        self._known: dict[tuple[int, bytes, float], tuple[Array, Array, float]] = {}
 
     def of_ball(self, joint: int, point: Array, radius: float) -> tuple[Array, Array, float]:
         """Bound the distances of a ball from the axes of all joints that move it.
@@ -60,6 +61,15 @@ class Reaches:
         root : array, shape (3,), a point that does not move, in the scene's frame [m]
         length : largest distance of the ball's points from `root` [m]
         """
+        if joint == 0:
+            return np.zeros(self.robot.model.nv), point, radius
+        key = joint, point.tobytes(), radius  # a robot's bodies are always the same
+        if key not in self._known:
+            self._known[key] = self._along(joint, point, radius)
+        return self._known[key]
+
+    def _along(self, joint: int, point: Array, radius: float) -> tuple[Array, Array, float]:
+        """Compute `of_ball` from joint to joint."""
         model, length = self.robot.model, radius
         reach = np.zeros(model.nv)
         while joint > 0:
@@ -73,12 +83,19 @@ class Reaches:
                 reach[column] = np.sqrt(max(float(point @ point) - along**2, 0.0)) + length
             length += away
             point, joint = model.jointPlacements[joint].translation, model.parents[joint]
+        reach.setflags(write=False)
         return reach, point, length
 
     def of_hand(self, arm: Arm) -> tuple[Array, Array, float]:
         """Bound the distances of an arm's grasp from the axes, as `of_ball` does."""
         tip = self.robot.model.frames[self.robot.model.getFrameId(arm.tip)]
         return self.of_ball(tip.parentJoint, (tip.placement * pin.SE3(arm.tool)).translation, 0.0)
+
+
+@lru_cache(maxsize=8)
+def reaches_of(robot: Robot) -> Reaches:
+    """Return the reaches of a robot's joints, which all verifications share."""
+    return Reaches(robot)
 
 
 @lru_cache(maxsize=8)
@@ -101,10 +118,10 @@ class Bases:
     robot: Robot
     uncertainty: Uncertainty
 
-    @cached_property
+    @property
     def reaches(self) -> Reaches:
         """Return the reaches of the robot's joints."""
-        return Reaches(self.robot)
+        return reaches_of(self.robot)
 
     @property
     def numbers(self) -> dict[str, int]:
