@@ -168,7 +168,8 @@ class RobotCarrier:
             ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
         )
-        return Arms(*_of_robot(self.robot, self.holders), around)
+        chains, links, _ = _of_robot(self.robot, self.holders)
+        return Arms(chains, links, around)
 
     @cached_property
     def _busy(self) -> Arms:
@@ -408,7 +409,10 @@ class RobotCarrier:
         n_most = max(map(len, self.starts))
         nodes = np.ascontiguousarray(nodes[None, :: self.settings.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
-        if led is not None and (n_most == 1 or self._cost(nodes, led) == (False, 0.0)):
+        if led is not None and n_most == 1:
+            return led
+        cost = (True, np.inf) if led is None else self._cost(nodes, led)
+        if led is not None and cost == (False, 0.0):
             return led
         arms = list(zip(self.starts, self.goals, strict=True))
         tried = [
@@ -420,7 +424,7 @@ class RobotCarrier:
         penalties = np.array([self.strain(nodes, course).penalty[0] for course in tried])
         best, first = penalties.argmin(axis=0), self.arms.chains.first
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
-        return chosen if led is None else min((led, chosen), key=lambda course: self._cost(nodes, course))
+        return chosen if led is None or self._cost(nodes, chosen) < cost else led
 
     def _cost(self, nodes: Array, course: Array) -> tuple[bool, float]:
         """Return whether links come too near in one motion on a course, and its penalty.
@@ -474,7 +478,8 @@ class RobotCarrier:
         missing : array, shape (n_solutions,), residuals [m]
         """
         chains, posture = self.arms.chains, self.arms.around.posture
-        if (form := self._forms[i]) is not None:
+        *_, forms = _of_robot(self.robot, self.holders)
+        if (form := forms[i]) is not None:
             seeds = closed_seeds(form, chains, i, rotation, point, posture, self.settings.n_angles)
             if len(seeds):
                 joints, missing = solutions(chains, i, rotation, point, posture, seeds)
@@ -483,11 +488,6 @@ class RobotCarrier:
         rng = np.random.default_rng(0)
         draws = rng.uniform(chains.lower, chains.upper, (self.settings.n_seeds, len(posture)))
         return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
-
-    @cached_property
-    def _forms(self) -> tuple[ClosedForm | None, ...]:
-        """Return how the joints of each arm follow from a pose in closed form, None where they do not."""
-        return tuple(closed_form(self.arms.chains, i) for i in range(len(self.holders)))
 
     def _distinct(self, joints: Array, posture: Array) -> Array:
         """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
@@ -520,9 +520,12 @@ class RobotCarrier:
 
 
 @lru_cache(maxsize=8)
-def _of_robot(robot: Robot, holders: tuple[Arm, ...]) -> tuple[Chains, Links]:
-    """Return chains and links of some arms of a robot, which no scene changes."""
-    return chains_of(robot, holders), links_of(robot, holders)
+def _of_robot(robot: Robot, holders: tuple[Arm, ...]) -> tuple[Chains, Links, tuple[ClosedForm | None, ...]]:
+    """Return what no scene changes: chains and links of some arms of a robot, and how the joints of each arm follow
+    from a pose in closed form, None where they do not.
+    """
+    chains = chains_of(robot, holders)
+    return chains, links_of(robot, holders), tuple(closed_form(chains, i) for i in range(len(holders)))
 
 
 def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

@@ -88,9 +88,10 @@ def closed_form(chains: Chains, arm: int) -> ClosedForm | None:
     axis = np.einsum("kij,kj->ki", rotations[:n], chains.axis[part])
     tool = rotations[n].copy(), points[n].copy()
     for free, back in product(preferred if n == 7 else (-1,), (False, True)):
-        kinds = {_kind(axis, points[:n], free, angle, back) for angle in (0.4, 1.3, -2.1)}
-        kind = kinds.pop()
-        if kind is not None and not kinds:
+        kind = _kind(axis, points[:n], free, 0.4, back)
+        if kind is not None and all(
+            _kind(axis, points[:n], free, angle, back) == kind for angle in (1.3, -2.1)
+        ):
             return ClosedForm(kind, free, back, axis, points[:n].copy(), *tool)
     return None
 

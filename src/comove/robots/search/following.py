@@ -29,8 +29,10 @@ KEEP = 0.02  # rad, that a search stays inside the joints' limits
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
 SEARCHING = Iteration(gain=0.2, keep=KEEP, tolerance=MET, steady=0.05, most=6)
 """Iteration for a sample of a movement: redundancy need not have come to rest."""
-SETTLING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-9, steady=1e-4, most=100)
-"""Iteration from random joints; what has not come to rest by then, hardly ever does."""
+SETTLING = Iteration(gain=0.4, keep=KEEP, tolerance=1e-9, steady=1e-4, most=30)
+"""Iteration from random joints; what has not come to rest by then, swings between limits, and may."""
+PATIENT = SETTLING._replace(gain=0.2, most=70)
+"""Iteration that follows where no joints have the pose yet: it is at the end of an arm's reach, or beyond."""
 
 
 class Arms(NamedTuple):
@@ -72,6 +74,9 @@ def solutions(
     missing = np.empty(seeds.shape[0])
     for k in range(seeds.shape[0]):
         missing[k] = reach_pose(chains, arm, rotation, point, posture, SETTLING, seeds[k])
+    if missing.min() > SETTLING.tolerance:
+        for k in range(seeds.shape[0]):
+            missing[k] = reach_pose(chains, arm, rotation, point, posture, PATIENT, seeds[k])
     return seeds, missing
 
 
