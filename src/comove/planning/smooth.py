@@ -140,7 +140,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
     """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
 
     The smoothest motion is tried first; after each rejection, hands are drawn more strongly to their planned
-    positions.
+    positions. While there is no motion at all, though, the one nearest to the planned path comes before all others.
     """
     step = (len(reference) - 1) // (len(programme.coarse.base) - 1)
     _, anchor = programme.hands(reference[::step])
@@ -152,7 +152,8 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
     settings = replace(SETTINGS, wish=smooth.wish)
     along: Array | None = reference
-    for cost in costs:
+    hasty = search.best is None
+    for number, cost in enumerate([costs[-1], *costs[:-1]] if hasty else costs):
         search.check_time()
         outcome = optimise(programme, cost, z, settings, along, search.over)
         z, along = outcome.z, None
@@ -160,11 +161,11 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)
         verdict = search.judge(motion)
-        if verdict.verified is not None:
+        if verdict.verified is not None and (number > 0 or not hasty):
             return True
         if verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
-    return False
+    return hasty and search.best is not None
 
 
 def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
