@@ -18,14 +18,12 @@ from numpy.typing import NDArray
 from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.simulators.engine import engine, no_pictures, require_pictures
 from comove.simulators.execution import Execution
-from comove.simulators.pictures import LARGEST, View, front_of, furnish, in_sight, sight, stage
+from comove.simulators.pictures import View, front_of, furnish, in_sight, sight, stage
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 FINER = 2  # times as many pixels are drawn as are kept, in both directions
-MOST_PIXELS = LARGEST[0] // FINER, LARGEST[1] // FINER
-"""Height and width of the largest picture."""
 
 
 @dataclass(frozen=True)
