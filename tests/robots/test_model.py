@@ -618,6 +618,21 @@ def test_pinocchio_gets_the_triangles_that_were_read_and_metres(tmp_path):
     np.testing.assert_allclose(spans, [[1.0, 0.5, 0.25], [2.0, 1.0, 0.5]])
 
 
+def test_meshes_that_are_equal_are_read_once(tmp_path):
+    """Under two names, and in two models: the hull that one of them gets, all have, but not those of another size."""
+    for name in ("a.obj", "b.obj"):
+        (tmp_path / name).write_text(TETRAHEDRON, encoding="utf-8")
+    mesh = '<mesh filename="{}" scale="{}"/>'
+    body = MASS + "".join(
+        shape(mesh.format(*of)) for of in (("a.obj", "1 1 1"), ("b.obj", "1 1 1"), ("a.obj", "2 1 1"))
+    )
+    models = [{"urdf": "r.urdf"}, {"urdf": "r.urdf", "prefix": "other_", "base": {"position": [9, 0, 0]}}]
+    geometry = load(tmp_path, two_joints(body=body), models=models).collision
+    meshes = [x.geometry for x in geometry.geometryObjects if isinstance(x.geometry, coal.BVHModelBase)]
+    meshes[0].buildConvexHull(True, "Qt")
+    assert [mesh.convex is not None for mesh in meshes] == [True, True, False] * 2
+
+
 def test_names_that_are_many_are_not_all_told(tmp_path):
     text = find_description("baxter").read_text(encoding="utf-8")
     path = tmp_path / "robot.yaml"
