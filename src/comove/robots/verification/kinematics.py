@@ -88,16 +88,19 @@ def joint_placements(robot: Robot, q: Array) -> tuple[Array, Array]:
     tree, model = _tree(robot), robot.model
     turns, places = np.empty((model.njoints, len(q), 3, 3)), np.empty((model.njoints, len(q), 3))
     turns[0], places[0] = np.eye(3), 0.0
+    shape = len(q), 3, 3
     for joint in range(1, model.njoints):
         parent, value = tree.parents[joint], q[:, model.idx_qs[joint]]
-        places[joint] = places[parent] + turns[parent] @ tree.shift[joint]
-        turn = turns[parent] @ tree.turn[joint]
+        before = turns[parent].reshape(-1, 3)  # one large product is faster than many small ones
+        places[joint] = places[parent] + (before @ tree.shift[joint]).reshape(-1, 3)
+        turn = before @ tree.turn[joint]
+        turns[joint] = turn.reshape(shape)
         if tree.slides[joint]:
-            places[joint] += turn @ tree.axis[joint] * value[:, None]
-            turns[joint] = turn
+            places[joint] += (turn @ tree.axis[joint]).reshape(-1, 3) * value[:, None]
             continue
         sine, versine = np.sin(value)[:, None, None], (1.0 - np.cos(value))[:, None, None]
-        turns[joint] = turn @ (np.eye(3) + sine * tree.cross[joint] + versine * tree.square[joint])
+        turns[joint] += sine * (turn @ tree.cross[joint]).reshape(shape)
+        turns[joint] += versine * (turn @ tree.square[joint]).reshape(shape)
     return turns, places
 
 
@@ -114,7 +117,7 @@ def joint_twists(robot: Robot, turns: Array, places: Array, rates: Array) -> Arr
     array, shape (n_steps, n_joints, 6), linear velocities [m/s], then angular ones [rad/s]
     """
     tree = _tree(robot)
-    axes = (turns[1:] @ tree.axis[1:, None, :, None])[..., 0]
+    axes = np.einsum("jnik,jk->jni", turns[1:], tree.axis[1:])
     slides = tree.slides[1:, None, None]
     linear, angular = np.where(slides, axes, np.cross(places[1:], axes)), np.where(slides, 0.0, axes)
     twists = np.empty((*rates.shape, 6))
