@@ -152,7 +152,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
     settings = replace(SETTINGS, wish=smooth.wish)
     along: Array | None = reference
-    hasty = search.best is None
+    hasty, found = search.best is None, False
     for number, cost in enumerate([costs[-1], *costs[:-1]] if hasty else costs):
         search.check_time()
         outcome = optimise(programme, cost, z, settings, along, search.over)
@@ -161,11 +161,12 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)
         verdict = search.judge(motion)
+        found |= verdict.verified is not None
         if verdict.verified is not None and (number > 0 or not hasty):
             return True
         if verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
-    return hasty and search.best is not None
+    return found
 
 
 def cheaper(search: Search, dmp: CoordinatedDMP) -> None:

@@ -30,9 +30,9 @@ MET = 1e-4  # m, residual at which a pose counts as reached in a search
 SEARCHING = Iteration(gain=0.2, keep=KEEP, tolerance=MET, steady=0.05, most=6)
 """Iteration for a sample of a movement: redundancy need not have come to rest."""
 SETTLING = Iteration(gain=0.4, keep=KEEP, tolerance=1e-9, steady=1e-4, most=30)
-"""Iteration from random joints; what has not come to rest by then, swings between limits, and may."""
+"""Iteration from random joints; what has not come to rest by then hardly ever does."""
 PATIENT = SETTLING._replace(gain=0.2, most=70)
-"""Iteration that follows where no joints have the pose yet: it is at the end of an arm's reach, or beyond."""
+"""Iteration that goes on where no joints have the pose yet: it is at the end of an arm's reach, or beyond."""
 
 
 class Arms(NamedTuple):

@@ -156,7 +156,7 @@ def _grasp_frames(
         rotations.append(turns[joint] @ grasp.rotation)
         velocities.append(twist[:, :3] + np.cross(twist[:, 3:], places[-1]))
         spins.append(twist[:, 3:])
-    return tuple(np.stack(arrays, axis=1) for arrays in (places, rotations, velocities, spins))  # type: ignore[return-value]
+    return np.stack(places, 1), np.stack(rotations, 1), np.stack(velocities, 1), np.stack(spins, 1)
 
 
 def _sizes(vectors: Array) -> Array:
