@@ -101,8 +101,8 @@ def coco(suite: str, function: int, dimension: int, instance: int) -> Problem:
     import cocoex
 
     def fresh():
-        chosen = f"dimensions: {dimension} function_indices: {function} instance_indices: {instance}"
-        return cocoex.Suite(suite, "", chosen)[0]
+        chosen = f"dimensions: {dimension} function_indices: {function}"
+        return cocoex.Suite(suite, f"instances: {instance}", chosen)[0]
 
     os.chdir(tempfile.mkdtemp())  # where COCO leaves the optimum
     known = fresh()

@@ -31,7 +31,7 @@ TINY = 1e-150
 DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
 LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
 FAR = 100.0  # squared distance a dimension beyond which models are not trusted
-HELD = 2.0  # times the objective's slope: a larger force is held by other constraints
+AFAR = 60  # generations in which constraints may still be seen from afar
 INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
 
 
@@ -49,8 +49,8 @@ class AugmentedLagrangian:
     integral : share of rho h(mean) that is added to the multipliers, as in the classical rule
     adaptation : share of the logarithmic way to their target that the penalties go in a generation
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
-    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint;
-        disconnected feasible sets, seen from afar, have no slope
+    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint in
+        a run's first generations; disconnected feasible sets, seen from afar, have no slope
     """
 
     penalty: float = 0.5
@@ -113,11 +113,9 @@ class AugmentedLagrangianRun(OptimiserRun):
         )  # an optimum uses the tolerance of an equality
         length = np.sqrt((local.slope[:-1] ** 2).sum(axis=1))
         rough = 1.4826 * local.inflation * np.median(np.abs(local.residual[:, :-1]), axis=0)
-        self._length = np.where((length > UNKNOWN) & (length > settings.trust * rough), length, np.inf)
-        # A force beyond the objective's is held by other constraints: it must not drop in a generation.
-        force, objective = np.abs(self._multipliers) * length, np.sqrt(local.slope[-1] @ local.slope[-1])
-        held = np.isinf(self._length) & (force > HELD * objective)
-        gradient = local.slope[-1] + np.where(held, self._multipliers, 0.0) @ local.slope[:-1]
+        least = settings.trust * rough if self._es.generation < AFAR else 0.0
+        self._length = np.where(length > np.maximum(least, UNKNOWN), length, np.inf)
+        gradient = local.slope[-1]
         scale = np.sqrt(length**2 + rough**2)  # by which the values vary within the distribution
         scale = np.where(scale > UNKNOWN, scale, np.inf)
         rows = local.slope[:-1] / self._length[:, None]
@@ -137,7 +135,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         )
         stationary = gradient + forces @ self._rows
         self._step = -stationary / curvature
-        wanted = np.where(held, self._multipliers, forces[:m] / self._length)
+        wanted = forces[:m] / self._length
         self._remember_curvature(local, wanted, stationary)
         known = np.where(np.isfinite(self._length), self._length, 0.0)
         surprise = np.abs(wanted - self._multipliers) * known / (10 * self._curvature)

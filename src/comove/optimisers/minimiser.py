@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 EVALUATIONS = 10_000  # a dimension, unless the user says otherwise
 SIGN = "h <= 0 is feasible"
-GROWING = BIPOP(5.0, before=3, least=1)  # where a run of a Lagrangian fails, few samples help soon, or many
+GROWING = BIPOP(3.0, before=4, least=1)  # where a run of a Lagrangian fails, few samples help soon, or many
 SPREAD = 2.0  # step sizes around x0 in which restarts without bounds begin
 HUGE = 1e100  # finite values beyond are told to methods as this: products of them would overflow
 
@@ -205,7 +205,7 @@ class Minimiser:
     method : ConstrainedMethod
         By default an `AugmentedLagrangian` if there are constraints, otherwise `Plain`.
     restarts : Restarts
-        Rule of restarts; by default `BIPOP`, for an `AugmentedLagrangian` `BIPOP(5.0, before=3, least=1)`.
+        Rule of restarts; by default `BIPOP`, for an `AugmentedLagrangian` `BIPOP(3.0, before=4, least=1)`.
     population : int
         Samples per generation of the first run; by default the method's own number.
     covariance : array, shape (n, n), or (n,) for variances along the axes
