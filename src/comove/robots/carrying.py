@@ -231,8 +231,10 @@ class RobotCarrier:
         max_nodes: int = 1000,
     ) -> Array | None:
         """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
-        tally = self._tally  # Thompson sampling (1933) of what has led to plans so far
-        drawn = int(rng.beta(tally[0], tally[1]).argmax())
+        tally, drawn = self._tally, 0
+        if tally.any():  # what is likeliest first, then Thompson sampling (1933) of what has led to plans so far
+            against = self.settings.unlikely * np.arange(len(self._ends))
+            drawn = int(rng.beta(1.0 + tally[0], 1.0 + against + tally[1]).argmax())
         first, last = self._ends[drawn]
         ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
         lenient = next(self._leniency)
@@ -253,11 +255,8 @@ class RobotCarrier:
 
     @cached_property
     def _tally(self) -> Array:
-        """Return the counts of plans found and not found for every pair of ends, with a prior that favours likely
-        pairs; array, shape (2, n_pairs).
-        """
-        ranks = np.arange(len(self._ends))
-        return np.stack([np.ones(len(ranks)), 1.0 + self.settings.unlikely * ranks])
+        """Return the counts of plans found and not found for every pair of ends; array, shape (2, n_pairs)."""
+        return np.zeros((2, len(self._ends)))
 
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
