@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -45,6 +46,26 @@ def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
             assert all(np.abs(joints - other).max() > SETTINGS.same_branch for other in branches[:k])
         away = np.abs(branches - arm.home).max(axis=1)
         assert (np.diff(away) >= -1e-6).all()  # what mirrors each other is equally far
+
+
+@pytest.mark.parametrize("name", ["gap_30", "ur5_and_panda"])
+def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others(name, monkeypatch):
+    known = task(name)
+    carrying, drawn = RobotCarrier(known.robot, known.scene), []
+
+    def hopeless(space, arms, start, goal, *_, **__):
+        drawn.append(np.abs(goal[1] - start[1]).max())
+
+    monkeypatch.setattr("comove.robots.carrying.plan_with_arms", hopeless)
+    for seed in range(5):
+        begun, rng = RobotCarrier(known.robot, known.scene), np.random.default_rng(seed)
+        begun.plan(None, [], [], 0.0, rng)
+    pairs = product(*(product(*arms) for arms in (carrying.starts, carrying.goals)))
+    least = min(np.abs(np.concatenate(q) - np.concatenate(p)).max() for p, q in pairs)
+    assert drawn == pytest.approx([least] * 5, abs=2e-6)  # some are equally far
+    for _ in range(20):
+        begun.plan(None, [], [], 0.0, rng)
+    assert len(set(drawn)) > 3
 
 
 @pytest.mark.parametrize("name", ["gap_30", "two_pandas"])

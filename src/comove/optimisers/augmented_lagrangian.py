@@ -49,8 +49,8 @@ class AugmentedLagrangian:
     integral : share of rho h(mean) that is added to the multipliers, as in the classical rule
     adaptation : share of the logarithmic way to their target that the penalties go in a generation
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
-    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint in
-        a run's first generations; disconnected feasible sets, seen from afar, have no slope
+    trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint
+        in a run's first generations; disconnected feasible sets, seen from afar, have no slope
     """
 
     penalty: float = 0.5

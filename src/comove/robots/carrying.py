@@ -231,8 +231,8 @@ class RobotCarrier:
         max_nodes: int = 1000,
     ) -> Array | None:
         """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
-        tally, drawn = self._tally, 0
-        if tally.any():  # what is likeliest first, then Thompson sampling (1933) of what has led to plans so far
+        tally, drawn = self._tally, 0  # the likeliest pair first
+        if tally.any():  # then Thompson sampling (1933) of what has led to plans so far
             against = self.settings.unlikely * np.arange(len(self._ends))
             drawn = int(rng.beta(1.0 + tally[0], 1.0 + against + tally[1]).argmax())
         first, last = self._ends[drawn]
