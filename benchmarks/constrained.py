@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import tempfile
 import time
 import warnings
@@ -102,7 +103,11 @@ def coco(suite: str, function: int, dimension: int, instance: int) -> Problem:
 
     def fresh():
         chosen = f"dimensions: {dimension} function_indices: {function}"
-        return cocoex.Suite(suite, f"instances: {instance}", chosen)[0]
+        with suppress(cocoex.exceptions.NoSuchSuiteException):  # no such dimension
+            problem = cocoex.Suite(suite, f"instances: {instance}", chosen)[0]
+            if problem.id == f"{suite}_f{function:03d}_i{instance:02d}_d{dimension:02d}":
+                return problem
+        sys.exit(f"COCO's {suite} has no function {function}, instance {instance} in {dimension} dimensions")
 
     os.chdir(tempfile.mkdtemp())  # where COCO leaves the optimum
     known = fresh()

@@ -18,6 +18,7 @@ from comove.optimisers import (
     NoRestarts,
     Penalty,
     Reason,
+    Reduction,
     minimise,
 )
 from comove.optimisers.restarts import Ended, Setting
@@ -274,9 +275,21 @@ def test_bipop_may_begin_with_several_populations_that_grow_and_a_small_one_afte
         (BIPOP, {"before": 2.5}),
         (BIPOP, {"least": -1}),
         (BIPOP, {"limit": None}),
+        (AugmentedLagrangian, {"penalty": -1}),
+        (AugmentedLagrangian, {"growth": 0.5}),
+        (AugmentedLagrangian, {"learning": np.nan}),
+        (AugmentedLagrangian, {"adaptation": "fast"}),
+        (AugmentedLagrangian, {"repairs": -3}),
+        (AugmentedLagrangian, {"trust": np.inf}),
+        (CCMAES, {"passes": 0}),
+        (CCMAES, {"shrinkage": 1.5}),
+        (CCMAES, {"patience": 1j}),
+        (Reduction, {"size": -0.1}),
+        (EpsilonLevel, {"quantile": 2}),
+        (EpsilonLevel, {"horizon": True}),
     ],
 )
-def test_rules_that_cannot_be_followed_are_told(rule, wrong):
+def test_settings_that_cannot_be_followed_are_told(rule, wrong):
     with pytest.raises(OptionError, match=next(iter(wrong))):
         rule(**wrong)
 

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.optimisers.cmaes import check_number, check_whole
 from comove.optimisers.method import OptimiserRun, Reason, Request, Start
 from comove.optimisers.models import UNKNOWN, LinearModel, Local, bound_rows, nearest_feasible
 
@@ -51,6 +52,11 @@ class AugmentedLagrangian:
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
     trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint
         in a run's first generations; disconnected feasible sets, seen from afar, have no slope
+
+    Raises
+    ------
+    OptionError
+        If a number is out of range.
     """
 
     penalty: float = 0.5
@@ -60,6 +66,14 @@ class AugmentedLagrangian:
     adaptation: float = 0.1
     repairs: int = 8
     trust: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("penalty", "integral", "trust"):
+            check_number(name, getattr(self, name), 0.0)
+        for name in ("learning", "adaptation"):
+            check_number(name, getattr(self, name), 0.0, 1.0)
+        check_number("growth", self.growth, 1.0)
+        check_whole("repairs", self.repairs, 0)
 
     def start(self, start: Start) -> AugmentedLagrangianRun:
         """Return a new run of the method."""

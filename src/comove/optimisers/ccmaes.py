@@ -34,7 +34,15 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import CMAES, Covariance, FullCovariance, Parameters, TransformationMatrix
+from comove.optimisers.cmaes import (
+    CMAES,
+    Covariance,
+    FullCovariance,
+    Parameters,
+    TransformationMatrix,
+    check_number,
+    check_whole,
+)
 from comove.optimisers.method import OptimiserRun, Reason, Request, Start
 
 Array = NDArray[np.float64]
@@ -48,6 +56,10 @@ class Reduction:
 
     fading: float = 1.0
     size: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("fading", "size"):
+            check_number(name, getattr(self, name), 0.0)
 
 
 class ReducibleCovariance(Covariance, Protocol):
@@ -141,6 +153,11 @@ class CCMAES:
     patience : factor on the usual number of generations without progress after which a run has stagnated
     shrinkage : strongest factor on the bands of equalities in a generation; they do not shrink faster than the mean
         follows
+
+    Raises
+    ------
+    OptionError
+        If a number is out of range.
     """
 
     form: Callable[..., ReducibleCovariance] = MatrixForm
@@ -149,6 +166,12 @@ class CCMAES:
     stalls: int = 10
     patience: float = 1.0
     shrinkage: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("passes", "stalls"):
+            check_whole(name, getattr(self, name), 1)
+        check_number("patience", self.patience, 0.0)
+        check_number("shrinkage", self.shrinkage, 0.0, 1.0)
 
     def start(self, start: Start) -> CCMAESRun:
         """Return a new run of the method."""

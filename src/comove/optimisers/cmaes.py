@@ -394,6 +394,14 @@ def check_start(mean: object, sigma: object) -> tuple[Array, float]:
     return start, float(sigma)
 
 
+def check_number(key: str, value: object, least: float, most: float = np.inf) -> None:
+    """Raise an `OptionError` unless a value is a finite number between the least and the largest one."""
+    number = isinstance(value, (int, float, np.number)) and not isinstance(value, (bool, np.complexfloating))
+    if not number or not least <= value <= most or value == np.inf:  # type: ignore[operator]
+        allowed = f"{least:g} or more" if most == np.inf else f"between {least:g} and {most:g}"
+        raise OptionError(f"{key} = {value!r}", way_out=f"give a finite number, {allowed}")
+
+
 def check_whole(key: str, value: object, least: int) -> None:
     """Raise an `OptionError` unless a value is a whole number, and not below the least one."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.optimisers.cmaes import check_number, check_whole
 from comove.optimisers.method import OptimiserRun, Request, Start
 from comove.optimisers.models import LinearModel
 
@@ -29,12 +30,23 @@ class EpsilonLevel:
     horizon : generations after which epsilon is zero
     repaired : share of the infeasible samples that are repaired, in every generation
     repeats : number of Gauss-Newton steps of a repair
+
+    Raises
+    ------
+    OptionError
+        If a number is out of range.
     """
 
     quantile: float = 0.2
     horizon: int = 200
     repaired: float = 0.2
     repeats: int = 3
+
+    def __post_init__(self) -> None:
+        for name in ("quantile", "repaired"):
+            check_number(name, getattr(self, name), 0.0, 1.0)
+        check_whole("horizon", self.horizon, 1)
+        check_whole("repeats", self.repeats, 0)
 
     def start(self, start: Start) -> EpsilonLevelRun:
         """Return a new run of the method."""

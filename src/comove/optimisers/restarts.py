@@ -8,8 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from comove.errors import OptionError
-from comove.optimisers.cmaes import check_whole
+from comove.optimisers.cmaes import check_number, check_whole
 
 LARGEST = 10_000  # samples a generation
 
@@ -74,7 +73,7 @@ class IPOP:
     limit: int = 1000
 
     def __post_init__(self) -> None:
-        _check_factor(self.factor)
+        check_number("factor", self.factor, 1.0)
         check_whole("limit", self.limit, 0)
 
     def following(self, ended: Sequence[Ended], rng: np.random.Generator) -> Setting | None:
@@ -107,7 +106,7 @@ class BIPOP:
     limit: int = 1000
 
     def __post_init__(self) -> None:
-        _check_factor(self.factor)
+        check_number("factor", self.factor, 1.0)
         check_whole("before", self.before, 1)
         check_whole("least", self.least, 0)
         check_whole("limit", self.limit, 0)
@@ -125,10 +124,3 @@ class BIPOP:
         share = rng.random() ** 2
         population = int(first * (0.5 * large[-1].population / first) ** share)
         return Setting(max(4, population), 10.0 ** (-2 * rng.random()), local=True)
-
-
-def _check_factor(factor: object) -> None:
-    """Raise an `OptionError` unless populations do not shrink by a factor."""
-    number = isinstance(factor, (int, float, np.number)) and not isinstance(factor, bool)
-    if not number or not 1 <= factor < np.inf:  # type: ignore[operator]
-        raise OptionError(f"factor = {factor!r}", way_out="give a finite number, 1 or more")
