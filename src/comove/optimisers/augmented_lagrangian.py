@@ -32,7 +32,7 @@ TINY = 1e-150
 DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
 LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
 FAR = 100.0  # squared distance a dimension beyond which models are not trusted
-AFAR = 60  # generations in which constraints may still be seen from afar
+EARLY = 60  # generations in which constraints may still be seen from afar
 INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
 
 
@@ -127,7 +127,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         )  # an optimum uses the tolerance of an equality
         length = np.sqrt((local.slope[:-1] ** 2).sum(axis=1))
         rough = 1.4826 * local.inflation * np.median(np.abs(local.residual[:, :-1]), axis=0)
-        least = settings.trust * rough if self._es.generation < AFAR else 0.0
+        least = settings.trust * rough if self._es.generation < EARLY else 0.0
         self._length = np.where(length > np.maximum(least, UNKNOWN), length, np.inf)
         gradient = local.slope[-1]
         scale = np.sqrt(length**2 + rough**2)  # by which the values vary within the distribution
