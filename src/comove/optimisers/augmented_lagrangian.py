@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import check_number, check_whole
+from comove.optimisers.cmaes import check_number, check_positive, check_whole
 from comove.optimisers.method import OptimiserRun, Reason, Request, Start
 from comove.optimisers.models import UNKNOWN, LinearModel, Local, bound_rows, nearest_feasible
 
@@ -68,7 +68,8 @@ class AugmentedLagrangian:
     trust: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("penalty", "integral", "trust"):
+        check_positive("penalty", self.penalty)
+        for name in ("integral", "trust"):
             check_number(name, getattr(self, name), 0.0)
         for name in ("learning", "adaptation"):
             check_number(name, getattr(self, name), 0.0, 1.0)

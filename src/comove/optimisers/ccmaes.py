@@ -41,6 +41,7 @@ from comove.optimisers.cmaes import (
     Parameters,
     TransformationMatrix,
     check_number,
+    check_positive,
     check_whole,
 )
 from comove.optimisers.method import OptimiserRun, Reason, Request, Start
@@ -170,7 +171,7 @@ class CCMAES:
     def __post_init__(self) -> None:
         for name in ("passes", "stalls"):
             check_whole(name, getattr(self, name), 1)
-        check_number("patience", self.patience, 0.0)
+        check_positive("patience", self.patience)
         check_number("shrinkage", self.shrinkage, 0.0, 1.0)
 
     def start(self, start: Start) -> CCMAESRun:

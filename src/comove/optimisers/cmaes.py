@@ -396,10 +396,21 @@ def check_start(mean: object, sigma: object) -> tuple[Array, float]:
 
 def check_number(key: str, value: object, least: float, most: float = np.inf) -> None:
     """Raise an `OptionError` unless a value is a finite number between the least and the largest one."""
-    number = isinstance(value, (int, float, np.number)) and not isinstance(value, (bool, np.complexfloating))
-    if not number or not least <= value <= most or value == np.inf:  # type: ignore[operator]
+    if not _finite(value) or not least <= value <= most:  # type: ignore[operator]
         allowed = f"{least:g} or more" if most == np.inf else f"between {least:g} and {most:g}"
         raise OptionError(f"{key} = {value!r}", way_out=f"give a finite number, {allowed}")
+
+
+def check_positive(key: str, value: object) -> None:
+    """Raise an `OptionError` unless a value is a finite number above zero."""
+    if not _finite(value) or not value > 0:  # type: ignore[operator]
+        raise OptionError(f"{key} = {value!r}", way_out="give a finite number above 0")
+
+
+def _finite(value: object) -> bool:
+    """Return whether a value is a real number that is finite, not a truth value."""
+    number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+    return number and bool(np.isfinite(value))  # type: ignore[call-overload]
 
 
 def check_whole(key: str, value: object, least: int) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.optimisers.cmaes import DiagonalCovariance, Parameters
+from comove.optimisers.cmaes import DiagonalCovariance, Parameters, check_positive
 from comove.optimisers.method import OptimiserRun, Request, Start, spread
 
 Array = NDArray[np.float64]
@@ -43,14 +43,20 @@ class Penalty:
     Attributes
     ----------
     weight : weight of the squared violations
+
+    Raises
+    ------
+    OptionError
+        If the weight is not positive.
     """
 
     weight: float = 1e3
 
+    def __post_init__(self) -> None:
+        check_positive("weight", self.weight)
+
     def start(self, start: Start) -> PlainRun:
         """Return a new run of the method."""
-        if not 0 < self.weight < np.inf:
-            raise OptionError(f"weight = {self.weight}", way_out="give a positive weight of the penalty")
         return PlainRun(start, Plain(), None, self.weight)
 
 
