@@ -21,11 +21,11 @@ ablation: $(VENV)/dev.stamp  ## leave out each repair of the paper's method and 
 	$(BIN)/comove bench ablation --out ablated --workers 2
 	cp ablated/ablation.md docs/
 
-test: $(VENV)/dev.stamp  ## all tests but the slow ones
+test: $(VENV)/dev.stamp  ## all tests but the slow ones, with a quarter of the random examples
 	$(BIN)/python -m pytest $(PARALLEL)
 
 test-all: $(VENV)/dev.stamp  ## all tests
-	$(BIN)/python -m pytest $(PARALLEL) -m "slow or not slow"
+	$(BIN)/python -m pytest $(PARALLEL) -m "slow or not slow" --hypothesis-profile=thorough
 
 dist: $(VENV)/docs.stamp  ## wheel and source archive, built, checked, and used in an empty environment
 	rm -rf dist build/empty

@@ -1,6 +1,9 @@
-"""Cases of which a few are tried always, and all by `make test-all`."""
+"""Cases and examples of which a few are tried always, and all by `make test-all`."""
 
 import pytest
+from hypothesis import settings
+
+OFTEN = 100  # examples that hypothesis tries where a test does not say how many
 
 
 def spread(cases, n):
@@ -10,3 +13,8 @@ def spread(cases, n):
     return [
         case if i in always else pytest.param(case, marks=pytest.mark.slow) for i, case in enumerate(cases)
     ]
+
+
+def examples(n, **others):
+    """Return hypothesis's settings for a test that tries `n` examples, or the share of them that the profile has."""
+    return settings(max_examples=max(1, round(n * settings().max_examples / OFTEN)), **others)

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import settings
 
 from comove._compiled import ALONE
+from tests.cases import OFTEN
 
 MANY = 1000
 
@@ -21,9 +22,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # The same examples every time; `pytest --hypothesis-profile=explore` looks for new ones.
-settings.register_profile("explore", deadline=None)
-settings.register_profile("comove", deadline=None, derandomize=True)
-settings.load_profile("comove")
+settings.register_profile("explore", deadline=None, max_examples=OFTEN)
+settings.register_profile("thorough", deadline=None, max_examples=OFTEN, derandomize=True)
+settings.register_profile("quick", deadline=None, max_examples=OFTEN // 4, derandomize=True)
+settings.load_profile("quick")
 
 # What is imported and collected stays to the end: it is no garbage, and need not be searched for any.
 gc.disable()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.coordination import arms_coordinates, load_coordinates, projected_coordinates
@@ -10,6 +10,7 @@ from comove.coordination.blocks import ANGLE, POINT, QUATERNION, place_one, unit
 from comove.errors import OptionError
 from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.scenes import Scene
+from tests.cases import examples
 
 from .examples import (
     LEVEL,
@@ -36,7 +37,7 @@ def coordinates_of(name):
     return make(scene)
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(names, seeds, st.floats(0.01, 100))
 def test_distances_hold_whatever_the_configuration(name, seed, spread):
     """Between all points of a group, corners included, to rounding of the positions."""
@@ -55,7 +56,7 @@ def test_distances_hold_whatever_the_configuration(name, seed, spread):
         )
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(names, seeds)
 def test_no_group_is_mirrored(name, seed):
     coordinates = coordinates_of(name)
@@ -80,7 +81,7 @@ def test_a_tetrahedron_is_not_mirrored():
         assert volume == pytest.approx(np.linalg.det(held[1:] - held[0]), rel=1e-12)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(names, seeds)
 def test_motion_and_nodes_agree(name, seed):
     """The kernel and the array version are written apart: they place the nodes alike."""
@@ -94,7 +95,7 @@ def test_motion_and_nodes_agree(name, seed):
     assert np.array_equal(single, nodes[0])
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(names, seeds)
 def test_derivatives_along_a_parabola(name, seed):
     """q(t) = q0 + t q1 + t^2/2 q2: central differences of the nodes."""
@@ -114,7 +115,7 @@ def test_derivatives_along_a_parabola(name, seed):
     assert np.abs(second - acceleration).max() < 1e-5 * (1 + np.abs(acceleration).max())
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(names, seeds, st.floats(0.0, 1.5))
 def test_size_scales_the_groups_about_their_centres(name, seed, size):
     coordinates = coordinates_of(name)
@@ -123,7 +124,7 @@ def test_size_scales_the_groups_about_their_centres(name, seed, size):
     assert np.abs(coordinates.nodes(q, size) - point - size * (whole - point)).max() < 1e-14
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(names, seeds, st.integers(-3, 3))
 def test_hands_give_the_configuration_back(name, seed, turns):
     """Along a movement that turns several times: the same nodes, and no jump in q."""
@@ -151,7 +152,7 @@ def test_hands_give_the_configuration_back(name, seed, turns):
             assert np.abs(np.subtract(*own) - np.subtract(*own)[0]).max() < 1e-9
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seeds, st.sampled_from([PLANAR_BAR, SPATIAL_BAR]))
 def test_the_nearest_bar_to_free_hands(seed, scene):
     """Middle -/+ half the length along the line between them: nothing nearer holds the distance."""
@@ -169,7 +170,7 @@ def test_the_nearest_bar_to_free_hands(seed, scene):
         assert np.abs(nodes[:, :2, : scene.n_dims] - expected).max() < 1e-13
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_planar_projection_of_three_hands_is_least_squares(seed):
     """The linear driver leads to the rigid triangle nearest to three free hands, any number of groups."""
@@ -266,7 +267,7 @@ def test_free_hands_keep_a_level_load_level_whatever_the_configuration(seed, spr
     assert np.ptp(coordinates.nodes(q)[0, :, :n_hands, 0], axis=1).max() > 0
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     st.sampled_from(["upright", "upright bar", "planar upright", "planar upright projected"]),
     seeds,
@@ -283,7 +284,7 @@ def test_an_upright_load_keeps_its_tilt_whatever_the_configuration(name, seed, s
     assert np.abs((own - first)[..., kept]).max() <= 4e-15 * max(1.0, np.abs(nodes).max())
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.sampled_from(["level", "level projected", "planar level", "level arms"]), seeds)
 def test_hands_at_one_height_are_there_whatever_the_configuration(name, seed):
     """Exactly, and the others go where they like."""
@@ -297,7 +298,7 @@ def test_hands_at_one_height_are_there_whatever_the_configuration(name, seed):
     assert coordinates.n_columns == heights.shape[1] * scene.n_dims - len(level) + 1
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_projection_onto_one_height_is_least_squares(seed):
     """Hands driven from free ones keep their places and meet at the mean of their heights."""
@@ -323,7 +324,7 @@ def test_a_relative_pose_follows_hands_with_the_least_roll():
     assert turned.sum() == pytest.approx(np.pi / 2, abs=1e-3)
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seeds, st.sampled_from([2, 3, 4]))
 def test_unit_motion(seed, width):
     """|u| = 1, so u.u' = 0 and u.u'' = -|u'|^2; and it is blind to the length of v."""

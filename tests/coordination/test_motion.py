@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.coordination import (
@@ -22,6 +22,7 @@ from comove.geometry import rotations
 from comove.primitives import DMP, LinearPhase, Variant, motion_basis
 from comove.primitives.forcing import N_INTERVALS
 from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
+from tests.cases import examples
 
 from .examples import (
     MIXED,
@@ -48,7 +49,7 @@ def sampled(motion):
     return acceleration.reshape(N_INTERVALS, WITHIN + 1, -1, 3)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(names, seeds, sizes)
 def test_velocities_and_accelerations_are_those_of_the_curve(name, seed, size):
     motion = random_motion(name, seed, size)
@@ -67,7 +68,7 @@ def test_velocities_and_accelerations_are_those_of_the_curve(name, seed, size):
     assert np.abs((after[1] - before[1]) / (2 * h) - acceleration).max() < 1e-3 * scale[2]
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(names, seeds, sizes, metrics)
 def test_the_acceleration_bound_holds_at_every_instant(name, seed, size, metric):
     motion = random_motion(name, seed, size, metric=metric)
@@ -76,7 +77,7 @@ def test_the_acceleration_bound_holds_at_every_instant(name, seed, size, metric)
     assert (actual <= bound * (1 + 1e-9) + 1e-9).all()
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(names, seeds, sizes, metrics)
 def test_the_jerk_bound_holds_at_every_instant(name, seed, size, metric):
     """A difference quotient of the acceleration is the mean of the jerk: never above its bound."""
@@ -101,7 +102,7 @@ def test_the_jerk_bound_of_a_quaternion_on_a_parabola(rate, change):
     assert (change <= node_bounds(motion).jerk * (1 + 1e-6))[middle].all()
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, st.floats(0.05, 0.5))
 def test_the_acceleration_bound_is_nearly_tight(seed, size):
     """Within a factor 3 of the faster hand of a planar bar in the middle of its movement."""
@@ -112,7 +113,7 @@ def test_the_acceleration_bound_is_nearly_tight(seed, size):
     assert (bound / actual).max() < 3
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(names, seeds, sizes)
 def test_largest_speed_and_acceleration(name, seed, size):
     """Upper bounds of what dense samples show, in metres and seconds; tight where the limit is near."""
@@ -143,7 +144,7 @@ def test_a_direction_that_vanishes_has_no_bound():
     assert not np.isfinite(node_bounds(motion).jerk).all()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(names, seeds, sizes)
 def test_both_ends_and_all_distances_are_exact(name, seed, size):
     motion = random_motion(name, seed, size)
@@ -195,7 +196,7 @@ def similarity(path, image):
     return scale, rotation, np.abs(about[1] - scale * about[0] @ rotation.T).max()
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seeds, st.sampled_from([2, 3]))
 def test_modulation_is_a_similarity(seed, n_dims):
     """Of a movement that starts at rest: turned and scaled as its ends are, and never mirrored."""
@@ -252,7 +253,7 @@ def test_carried_straight_the_load_moves_as_was_shown(n_dims, make):
     assert np.abs(motion.hands(s)[0] - np.stack(shown, axis=1)).max() < 1e-9
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(names, seeds)
 def test_a_fit_finds_the_weights_that_made_the_movement(name, seed):
     """From its hands alone, at twice a hundred instants."""
@@ -296,7 +297,7 @@ def test_a_fit_keeps_the_way_round_of_a_quaternion(sign):
         assert np.abs(fitted - shown).max() < 2e-3
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(names, seeds, st.integers(2, 60))
 def test_a_population_is_a_loop_of_single_rollouts(name, seed, n_steps):
     motion = random_motion(name, seed, 1.0)

@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.constraints import SameHeightConstraint
 from comove.errors import OptionError
+from tests.cases import examples
 from tests.coordination.examples import PLANAR_BAR, SCENES, random_motion
 
 seeds = st.integers(0, 2**32 - 1)
@@ -30,7 +31,7 @@ def broken(scene, coordinates, hands):
 
 
 @each
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(seeds, st.integers(1, 30))
 def test_steps_of_any_length_are_exact(name, seed, n_steps):
     motion = random_motion(name, seed, 0.2)

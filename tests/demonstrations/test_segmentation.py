@@ -4,11 +4,12 @@ import re
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.demonstrations import Demonstration, segment
 from comove.errors import OptionError
+from tests.cases import examples
 
 SEEDS = st.integers(0, 2**32 - 1)
 DEFAULTS = {"min_pause": 0.2, "min_duration": 0.2, "cutoff_hz": 6.0}
@@ -77,7 +78,7 @@ def test_standing_still_holds_no_movement():
 
 
 @given(SEEDS, st.sampled_from([25, 100]), st.floats(0.0, 5e-3), st.sampled_from([None, 0.7]))
-@settings(max_examples=60)
+@examples(60)
 def test_movements_are_apart_in_order_and_within(seed, rate, noise, corner):
     demo, _ = reaches(seed, rate, noise)
     parts = segment(demo, corner=corner)
@@ -92,7 +93,7 @@ def test_movements_are_apart_in_order_and_within(seed, rate, noise, corner):
 
 
 @given(SEEDS, st.floats(0.1, 10.0), st.floats(0.1, 10.0))
-@settings(max_examples=40)
+@examples(40)
 def test_pace_place_and_size_do_not_matter(seed, pace, size):
     from scipy.spatial.transform import Rotation
 

@@ -4,7 +4,7 @@ import signal
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
@@ -14,6 +14,7 @@ from comove.execution import Executor, Functions, Pace
 from comove.reaction.twists import advanced, nodes_of, poses_of, twists_between
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
+from tests.cases import examples
 
 
 def crossing(*obstacles, **more):
@@ -91,7 +92,7 @@ def test_the_same_seed_gives_the_same_execution():
     np.testing.assert_allclose(first.center, second.center, rtol=0.0, atol=1e-9)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 2**32 - 1), n_dims=st.sampled_from([2, 3]), n_hands=st.sampled_from([2, 3]))
 def test_the_twist_between_poses_leads_from_one_to_the_other(seed, n_dims, n_hands):
     scene = moving_scene(n_dims - 2 + 2 * (n_hands - 2))

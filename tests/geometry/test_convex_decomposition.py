@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.geometry.convex_decomposition import SHARE, SHEET, decompose, left_out
 from comove.geometry.polytopes import hull_of
 from comove.geometry.topology import solids_and_sheets
+from tests.cases import examples
 
 from ..meshes import are_inside, box, distances, hull, l_profile, on_surface, ring, spoilt, star
 
@@ -48,7 +49,7 @@ def check(vertices, faces, rng, resolution=None):
     return decomposition
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seeds)
 def test_a_convex_mesh_is_one_polytope_without_overhang(seed):
     rng = np.random.default_rng(seed)
@@ -58,7 +59,7 @@ def test_a_convex_mesh_is_one_polytope_without_overhang(seed):
     assert decomposition.excess == 0.0
 
 
-@settings(max_examples=12, deadline=None)
+@examples(12)
 @given(seeds)
 def test_a_mesh_that_is_not_convex_is_held(seed):
     rng = np.random.default_rng(seed)
@@ -118,7 +119,7 @@ def test_parts_are_covered_one_by_one_and_a_cavity_is_part_of_what_is_around_it(
     assert held(decomposition, np.zeros((1, 3)))[0] > 0.02  # nothing is in the middle
 
 
-@settings(max_examples=5, deadline=None)
+@examples(5)
 @given(seeds)
 @pytest.mark.slow
 def test_a_sheet_is_held_and_what_it_leaves_open_stays_open(seed):
@@ -139,7 +140,7 @@ def test_a_sheet_is_held_and_what_it_leaves_open_stays_open(seed):
         assert held(decomposition, turn.apply([[-0.4, 0.1, 0.05]]) + shift)[0] > 0.05 - 2 * SHEET
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(seeds)
 def test_what_is_left_of_triangles_is_what_no_polytope_holds(seed):
     """By area: what random boxes hold of random triangles, by many points, and what is left make up all of them."""
@@ -170,7 +171,7 @@ def test_what_is_left_of_triangles_is_what_no_polytope_holds(seed):
 RUBBISH = st.sampled_from(["flip", "double", "drop", "sliver", "fin", "unwelded", "line", "crossing", "far"])
 
 
-@settings(max_examples=6, deadline=None)
+@examples(6)
 @given(seeds, st.lists(RUBBISH, max_size=4), st.booleans())
 @pytest.mark.slow
 def test_every_triangle_is_held_whatever_is_done_to_a_mesh(seed, done, few):

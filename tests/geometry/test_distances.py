@@ -5,13 +5,14 @@ Those are: a distance changes by no more than the way (Lipschitz), is convex, an
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from comove.geometry import distances as sd
 from comove.scenes.scene import Scene
+from tests.cases import examples
 
 KINDS = {
     "box": (sd.BOX, 3),
@@ -96,20 +97,20 @@ def on_ellipsoid(obstacle, p):
     return best if np.linalg.norm(local / radii) > 1 else -best
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(obstacles(kinds.filter(lambda n: n != "ellipsoid")), point)
 def test_point_distance(obstacle, p):
     assert sd.point_distance(table_of(obstacle), 0, *p) == pytest.approx(reference(obstacle, p), abs=1e-12)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(obstacles(st.just("ellipsoid")), point)
 def test_point_distance_to_an_ellipsoid(obstacle, p):
     distance = sd.point_distance(table_of(obstacle), 0, *p)
     assert distance == pytest.approx(on_ellipsoid(obstacle, p), abs=1e-5)
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(obstacles(st.just("ellipsoid")), st.tuples(*[st.floats(-1, 1)] * 3), st.floats(-0.9, 3))
 def test_ellipsoid_along_its_normals(obstacle, direction, away):
     """From a point of the surface along the normal; inwards short of the sharpest curvature."""
@@ -142,7 +143,7 @@ def test_the_middle_of_an_ellipsoid_is_its_least_radius_deep(radii):
     assert sd.point_distance(table, 0, 0.0, 0.0, 0.0) == pytest.approx(-min(radii), rel=1e-9)
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(obstacles(), point, point)
 def test_a_distance_changes_no_more_than_the_way(obstacle, p, q):
     table = table_of(obstacle)
@@ -150,7 +151,7 @@ def test_a_distance_changes_no_more_than_the_way(obstacle, p, q):
     assert change <= np.linalg.norm(p - q) + ROUNDING
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(obstacles(), point, st.floats(0.0, 1.0))
 def test_what_is_inflated_holds_all_that_is_as_near(obstacle, p, margin):
     """And no more than that of what has no edges."""
@@ -165,7 +166,7 @@ def test_what_is_inflated_holds_all_that_is_as_near(obstacle, p, margin):
     assert wider[0, sd.REACH] >= table[0, sd.REACH] + margin - 1e-12
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(obstacles(), point, point, st.floats(0, 1))
 def test_convex_along_every_segment(obstacle, p, q, share):
     table = table_of(obstacle)
@@ -174,7 +175,7 @@ def test_convex_along_every_segment(obstacle, p, q, share):
     assert between <= (1 - share) * ends[0] + share * ends[1] + ROUNDING
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(obstacles(), point, st.tuples(*[st.floats(-1, 1)] * 3).map(np.array))
 def test_tangents(obstacle, p, direction):
     """The value is the distance; the slope lies between the difference quotients backwards and forwards."""
@@ -185,7 +186,7 @@ def test_tangents(obstacle, p, direction):
     assert (here - before) / h - 1e-5 <= slope <= (after - here) / h + 1e-5
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(obstacles(), point, point)
 def test_tangents_lie_below_the_distance(obstacle, p, q):
     table = table_of(obstacle)
@@ -212,7 +213,7 @@ def least_along(table, p, q):
     return min(*values, distance(0.5 * (low + high)))
 
 
-@settings(max_examples=250)
+@examples(250)
 @given(obstacles(), point, point, st.sampled_from([1e-3, 1e-7, 1e-9]))
 def test_segment_distance(obstacle, p, q, tolerance):
     """Never below the least distance, and above it by the tolerance at most."""
@@ -221,7 +222,7 @@ def test_segment_distance(obstacle, p, q, tolerance):
     assert least - 1e-9 <= distance <= least + tolerance + 1e-9
 
 
-@settings(max_examples=250)
+@examples(250)
 @given(obstacles(), point, point, st.floats(-1, 3))
 def test_segment_distance_below_a_cutoff(obstacle, p, q, cutoff):
     """Below the cutoff it is the distance; above it, it is above the cutoff."""
@@ -238,7 +239,7 @@ def test_a_segment_of_no_length_is_a_point():
         assert sd.segment_distance(table, 0, *p, *p, np.inf, 1e-7) == sd.point_distance(table, 0, *p)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(st.integers(0, 2**32 - 1))
 def test_configuration_distance(seed):
     """The least over all edges, obstacles and the border, thickness off; and it says what is nearest."""
@@ -301,7 +302,7 @@ def test_planar_scenes_by_hand(obstacle, p, distance):
     assert sd.point_distance(table, 0, *p, 0.0) == pytest.approx(distance, abs=1e-9)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(length, length, st.floats(-180, 180), st.floats(-1, 3), st.floats(-1, 3))
 def test_a_planar_ellipse(a, b, degrees, x, y):
     """Against the nearest of many points of the curve."""

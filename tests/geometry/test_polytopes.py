@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.geometry import distances as sd
 from comove.geometry.polytopes import bevelled, coarser, hull_of, nearest_in_hull, rows_of, vertices_in
 from comove.geometry.solids import gap, hull_distance, solids_clearance
+from tests.cases import examples
 
 from ..meshes import as_coal, hull
 
@@ -76,7 +77,7 @@ def test_distances_of_hulls_are_those_of_coal():
     assert apart > 200
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(seeds)
 def test_planes_tell_no_more_than_the_distance_and_the_truth_about_inside(seed):
     rng = np.random.default_rng(seed)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.geometry import rotations
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -19,7 +20,7 @@ def wandering(rng, n_steps=400, most=5.5):
     return vectors * most / np.linalg.norm(vectors, axis=1).max()
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_products_matrices_and_exponentials_are_those_of_scipy(seed):
     rng = np.random.default_rng(seed)
@@ -30,7 +31,7 @@ def test_products_matrices_and_exponentials_are_those_of_scipy(seed):
     assert np.abs(product - (a * b.inv()).as_matrix()).max() < 1e-12
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.floats(0.1, 6.2))
 def test_the_logarithm_is_continuous_whatever_the_signs(seed, most):
     rng = np.random.default_rng(seed)
@@ -39,7 +40,7 @@ def test_the_logarithm_is_continuous_whatever_the_signs(seed, most):
     assert np.abs(rotations.continuous_logarithm(quaternions) - vectors).max() < 1e-9
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.floats(-9.0, 9.0))
 @example(0, 1e-180)
 @example(0, 1e-13)
@@ -51,7 +52,7 @@ def test_whole_turns_about_a_fixed_axis(seed, turns):
     assert np.abs(rotations.continuous_logarithm(quaternions) - vectors).max() < 1e-9
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_the_turn_between_orientations_leads_from_one_to_the_other(seed):
     a, b = (rotations.exponential(v) for v in np.random.default_rng(seed).standard_normal((2, 3)))
@@ -67,7 +68,7 @@ def test_standing_still_is_no_turn():
     assert not rotations.continuous_logarithm(np.tile([-1.0, 0, 0, 0], (5, 1))).any()
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_the_nearest_logarithm(seed):
     """It is the same orientation, and no other vector of it is nearer."""
@@ -91,7 +92,7 @@ def test_angular_velocities_against_differences(size):
     assert np.abs(found - expected).max() < 1e-8
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(seeds, st.floats(-9, 0))
 def test_the_least_rotation(seed, exponent):
     """A rotation that carries one direction onto the other, and the least: near opposite ones as well."""

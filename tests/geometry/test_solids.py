@@ -6,12 +6,13 @@ distance changes by no more than the way that the solid is moved.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.geometry import distances as sd
 from comove.geometry.solids import border_distance, gap, solid_at, solid_distance, solids_clearance, support
+from tests.cases import examples
 
 from .test_distances import KINDS, row
 
@@ -207,7 +208,7 @@ def test_corners_number_a_solid():
     assert (clearance, nearest) == (pytest.approx(border, abs=1e-14), -1)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_the_nearest_of_many_is_found(seed):
     rng = np.random.default_rng(seed)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.geometry.sphere_cover import covered, thinned
+from tests.cases import examples
 
 
 def beyond(points, cover):
@@ -27,7 +28,7 @@ def disc(n, radius=0.07, center=(0.5, 0.5)):
     return np.concatenate([flat, np.zeros((n, 1))], axis=1)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     n=st.integers(1, 400),

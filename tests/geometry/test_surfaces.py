@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.geometry.surfaces import Placed, holds, nearest, signed_distance, surface_distance, surfaces_of
 from comove.geometry.topology import solids_and_sheets
 from tests import brute_force
+from tests.cases import examples
 from tests.meshes import are_inside, as_coal, hull, l_profile, on_surface, ring, spoilt, star
 
 seeds = st.integers(0, 2**32 - 1)
@@ -20,7 +21,7 @@ def placed(vertices, faces):
     return surfaces_of([Placed(solids_and_sheets(vertices, faces), *UNTURNED)])
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(seeds, st.lists(st.sampled_from(BESIDE), max_size=3))
 def test_segments_are_as_far_as_brute_force_says(seed, done):
     rng = np.random.default_rng(seed)
@@ -34,7 +35,7 @@ def test_segments_are_as_far_as_brute_force_says(seed, done):
         assert surface_distance(surfaces, 0, segment, 0.05) == pytest.approx(min(found, 0.05), abs=1e-12)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds)
 def test_hulls_are_as_far_as_coal_says(seed):
     coal = pytest.importorskip("coal")
@@ -55,7 +56,7 @@ def test_hulls_are_as_far_as_coal_says(seed):
         assert found == pytest.approx(0.0 if within else max(truth, 0.0), abs=1e-6)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(seeds)
 def test_no_gap_is_wider_than_the_distance(seed):
     """Whatever GJK does: the direction that it hands back is a unit vector, and its gap a lower bound."""
@@ -74,7 +75,7 @@ def test_no_gap_is_wider_than_the_distance(seed):
     assert (triangle @ normal).min() - (points @ normal).max() == pytest.approx(gap, abs=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(seeds, st.lists(st.sampled_from(["flip", "double", "sliver", "unwelded", "line", "far"]), max_size=3))
 def test_what_is_within_stays_within_whatever_is_done_to_the_triangles(seed, done):
     """By the solid angle of the sound mesh; what is done leaves its surface closed, but for cracks."""

@@ -3,11 +3,12 @@
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import SceneError, readable
 from comove.io.yaml_reader import plain_value, read_yaml
+from tests.cases import examples
 
 
 @pytest.fixture
@@ -105,7 +106,7 @@ def test_every_float_survives_its_repr(number):
     assert plain_value(repr(number)) == number
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(st.text(alphabet="0123456789.+-eEinfaNx_,:~ ", max_size=8))
 def test_any_text_is_read_as_something(text):
     assert isinstance(plain_value(text), str | int | float | bool | None)

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import OptionError
@@ -29,6 +29,7 @@ from comove.optimisers import (
     minimise,
 )
 from comove.optimisers.method import Patience
+from tests.cases import examples
 
 
 def onto_half_space(x):
@@ -360,7 +361,7 @@ def test_the_printed_form_is_equation_6():
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30)
+@examples(30)
 def test_the_factor_form_scales_along_one_whitened_direction(seed):
     """A (I - s w w^T): eigenvalues of the bracket are 1 - s and 1, so that det A shrinks by exactly 1 - s."""
     rng = np.random.default_rng(seed)
@@ -374,7 +375,7 @@ def test_the_factor_form_scales_along_one_whitened_direction(seed):
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=30)
+@examples(30)
 def test_with_records_carried_along_the_factor_form_is_the_matrix_form(seed):
     """As long as nothing is learned of values, which they do differently: A z is violated, z is recorded."""
     rng = np.random.default_rng(seed)

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from comove.optimisers.models import LinearModel, bound_rows, nearest_feasible
+from tests.cases import examples
 
 
 def unit_rows(rng, m, n):
@@ -15,7 +16,7 @@ def unit_rows(rng, m, n):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 6), st.integers(2, 8), st.integers(0, 2))
-@settings(max_examples=150)
+@examples(150)
 def test_the_step_is_the_shortest_to_the_feasible_set(seed, m, n, n_equalities):
     """Karush, Kuhn and Tucker: feasible, multipliers of the right sign, no force from a constraint with slack."""
     rng = np.random.default_rng(seed)
@@ -32,7 +33,7 @@ def test_the_step_is_the_shortest_to_the_feasible_set(seed, m, n, n_equalities):
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 30), st.integers(2, 8))
-@settings(max_examples=100)
+@examples(100)
 def test_multipliers_agree_with_nonnegative_least_squares(seed, m, n):
     """The dual min 1/2 |G^T l|^2 - l c over l >= 0, solved by scipy where c = -G p says that p is feasible."""
     rng = np.random.default_rng(seed)

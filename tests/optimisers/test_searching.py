@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, OptionError
@@ -23,6 +23,7 @@ from comove.optimisers import (
     Reason,
     minimise,
 )
+from tests.cases import examples
 
 METHODS = {
     "plain": Plain(),
@@ -235,7 +236,7 @@ def test_a_start_outside_the_bounds_is_told():
         Minimiser([1.0, 3.0, 5.0], 0.5, bounds=([0, 0, 7], [3, 3, 7]))
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(sorted(METHODS)), st.integers(1, 6))
 def test_batches_without_any_value_are_survived(seed, name, lost):
     """A simulator that fails for a while: afterwards the search finds what it finds."""

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
@@ -14,6 +14,7 @@ from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.objective import ContactPenalty, Objective
 from comove.scenes import Scene
 from comove.views.motion import draw_motion
+from tests.cases import examples
 from tests.verification.random_boxes import box_near_contact, least_clearance, random_box_motion
 
 seeds = st.integers(0, 2**32 - 1)
@@ -102,7 +103,7 @@ def test_it_is_drawn():
     assert extent == pytest.approx([0.7 / np.sqrt(2)] * 2, abs=1e-3)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seeds)
 def test_search_planner_and_scene_agree_on_the_clearance(seed):
     """Of configurations along random motions, wherever they are not capped."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
@@ -16,7 +16,7 @@ from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import plan
 from comove.scenes import Scene
 from tests import brute_force
-from tests.cases import spread
+from tests.cases import examples, spread
 from tests.planning.test_planner import between as along_edges
 from tests.planning.test_solver import assert_verified, scene_of
 from tests.verification.random_motions import held_scene, motion_on, scene_data
@@ -232,7 +232,7 @@ def test_every_edge_keeps_the_separation_and_the_height(name, margin):
     assert brute_force.configuration_clearance(scene, hands).min() >= margin - 1e-6
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]))
 def test_the_search_feels_a_separation_as_it_feels_an_obstacle(seed, n_dims):
     """Nothing above its margin, a slope below, a step where it is broken; between the samples too."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.coordination import CoordinatedMotion, load_coordinates, rollouts
@@ -14,6 +14,7 @@ from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from tests import brute_force
+from tests.cases import examples
 from tests.solved import solved
 from tests.verification.random_motions import near_contact, on_scene, perturbed, scene_data
 
@@ -65,7 +66,7 @@ def crossing(n_dims, wall, *, speed=1.0, at=0.5):
 # --- Equation (4) ---
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.floats(0, 3), st.floats(0, 3), st.floats(0.01, 3))
 def test_the_terms_are_those_of_equation_4(seed, c_goal, c_vel, c_res):
     rng = np.random.default_rng(seed)
@@ -85,7 +86,7 @@ def test_the_terms_are_those_of_equation_4(seed, c_goal, c_vel, c_res):
     assert cost.total == cost.goal + cost.velocity + cost.obstacle + cost.resemblance
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_the_indicator_counts_obstacles_that_are_touched(seed):
     motion = near_contact(np.random.default_rng(seed))
@@ -144,7 +145,7 @@ def test_a_population_is_evaluated_one_by_one():
 # --- Penalty ---
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seeds, st.sampled_from([0.002, 0.01, 0.02]))
 def test_no_penalty_above_the_margin_and_some_below(seed, margin):
     """At the samples; `clearance` is what is seen, up to the margin."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
@@ -11,6 +11,7 @@ from comove.planning import solve
 from comove.planning.configurations import configuration_space, span
 from comove.planning.spacetime import _eased, plan_in_time, spacetime, targets_in_time
 from comove.scenes import Scene
+from tests.cases import examples
 
 
 def corridor(**disc):
@@ -30,7 +31,7 @@ def corridor(**disc):
     )
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(seed=st.integers(0, 200))
 def test_a_plan_keeps_its_margin_and_its_speed(seed):
     scene, speed = moving_scene(seed), 2.0

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -10,6 +10,7 @@ from comove.primitives.basis import motion_basis
 from comove.primitives.flow import ALPHA_Y
 from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.phase import ExponentialPhase, LinearPhase
+from tests.cases import examples
 
 KNOTS = np.linspace(0.0, 1.0, N_INTERVALS + 1)
 PHASES = [LinearPhase(), ExponentialPhase(), ExponentialPhase(alpha=4.0)]
@@ -75,7 +76,7 @@ def test_every_column_solves_the_transformed_system(phase, metric):
     assert np.abs(after - flow(knots[:2, -1], goal, 0 * force[-1], 0 * force[-1], 0.25)).max() < 1e-10
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     seeds,
     st.integers(1, 60),
@@ -94,7 +95,7 @@ def test_both_ends_are_exact_for_every_weight_vector(seed, n_basis, phase, metri
     assert np.abs(ends[:, 1] - expected[:, 1]).max() <= 1e-12 * max(1.0, size)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, st.sampled_from(PHASES), st.floats(1.0, 50.0, exclude_min=True))
 def test_at_rest_ever_after(seed, phase, s):
     rng = np.random.default_rng(seed)

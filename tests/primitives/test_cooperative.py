@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -22,7 +22,7 @@ from comove.primitives.projection import (
     Upright,
     project,
 )
-from tests.cases import spread
+from tests.cases import examples, spread
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -82,7 +82,7 @@ def test_a_rigid_load_whatever_happens(n_hands):
     assert (load.rotation * goal.rotation.inv()).magnitude() < 1e-9
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seeds, st.integers(1, 6))
 def test_rollouts_hold_the_load_too(seed, n_hands):
     dmp = carried(n_hands, seed)
@@ -202,7 +202,7 @@ def test_and_online_at_any_pace(constraints):
             assert np.abs(constraint(single)).max() < 1e-10
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds)
 def test_the_projection_is_the_nearest_point_for_a_distance(seed):
     """Both hands move by half of what is missing, along the line between them."""
@@ -348,7 +348,7 @@ def test_times_that_are_none(time, constraints):
             movement.at(time)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds, st.floats(0.0, 5.0), st.floats(0.1, 5.0))
 def test_who_is_twice_as_mobile_makes_way_twice_as_far(seed, one, other):
     """For a distance both move along the line between them, in the proportion of their mobilities; a leader stays."""

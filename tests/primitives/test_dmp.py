@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.demonstrations import lasa_names
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 phases = st.sampled_from([LinearPhase(), ExponentialPhase(), ExponentialPhase(alpha=3.0)])
@@ -42,7 +43,7 @@ def minimum_jerk(n_steps=201, duration=2.0):
     return Recorded(duration * s, np.stack([0.4 * bell, bell * (1 - 0.5 * bell)], axis=1), np.zeros(2))
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seeds, phases, st.integers(1, 40), st.integers(1, 4), st.floats(0, 100))
 def test_both_ends_are_exact(seed, phase, n_basis, n_dims, size):
     dmp = random_dmp(seed, phase, n_dims, n_basis)
@@ -56,7 +57,7 @@ def test_both_ends_are_exact(seed, phase, n_basis, n_dims, size):
     )
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, phases)
 def test_at_rest_ever_after(seed, phase):
     dmp = random_dmp(seed, phase)
@@ -65,7 +66,7 @@ def test_at_rest_ever_after(seed, phase):
     assert np.abs(after.velocity).max() * dmp.duration < 1e-11
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, phases)
 def test_linear_in_the_weights(seed, phase):
     one, other = random_dmp(seed, phase), random_dmp(seed + 1, phase)
@@ -75,7 +76,7 @@ def test_linear_in_the_weights(seed, phase):
     assert np.abs(mixed.rollout().position - mean).max() < 1e-12
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, phases, st.floats(0.1, 10))
 def test_time_scaling(seed, phase, ratio):
     """At another pace the path is the same and every velocity smaller by the ratio."""
@@ -86,7 +87,7 @@ def test_time_scaling(seed, phase, ratio):
     assert np.abs(slow.velocity * ratio - own.velocity).max() < 1e-10 * np.abs(own.velocity).max()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, phases)
 def test_shifted_ends_shift_the_path(seed, phase):
     dmp, shift = random_dmp(seed, phase), np.array([3.0, -2.0])
@@ -114,7 +115,7 @@ def test_a_given_goal_velocity_is_met_at_that_instant():
     assert np.abs(path.position[-1] - dmp.goal).max() < 1e-12
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, phases)
 def test_a_fit_finds_the_weights_that_made_the_movement(seed, phase):
     """From uneven samples, and wherever the clock starts."""

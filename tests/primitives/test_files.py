@@ -7,7 +7,7 @@ from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.demonstrations import Demonstration
@@ -26,6 +26,7 @@ from comove.primitives.files import (
 )
 from comove.primitives.poses import Pose, PoseDMP
 from comove.primitives.projection import HandDistance, RelativePose, SameHeight, Separation, Upright
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 finite = st.floats(-1e6, 1e6)
@@ -76,7 +77,7 @@ def same_bits(a, b):
 # --- What is written is read ---
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(
     seeds,
     st.sampled_from(list(Variant)),
@@ -201,7 +202,7 @@ def test_any_edited_digit_is_noticed_or_makes_no_difference(text):
     assert noticed > 0.95 * sum(c.isdigit() for c in text)
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(st.data())
 def test_any_edited_byte_is_noticed_or_makes_no_difference(text, data):
     i = data.draw(st.integers(0, len(text) - 1))

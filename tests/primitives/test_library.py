@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import procrustes
 from scipy.spatial.transform import Rotation
@@ -14,6 +14,7 @@ from comove.errors import LibraryError, OptionError
 from comove.primitives import operations as op
 from comove.primitives.files import Primitive, dumps, learn
 from comove.primitives.library import SUFFIX, Library, rank, shape_distance, shape_distances
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 SHAPES = ("Angle", "Sine", "Line", "GShape", "Worm")
@@ -152,7 +153,7 @@ def curves(seed, count, n_dims=2):
     return np.cumsum(rng.standard_normal((count, 40, n_dims)), axis=1)
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seeds, st.integers(2, 4))
 def test_a_metric_on_shapes(seed, n_dims):
     d = shape_distances(*[curves(seed, 5, n_dims)] * 2)
@@ -162,7 +163,7 @@ def test_a_metric_on_shapes(seed, n_dims):
     assert d.max() <= np.sqrt(2) + 1e-12
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seeds, st.sampled_from([2, 3]), st.floats(1e-3, 1e3))
 def test_similar_curves_have_one_shape_and_mirrored_ones_another(seed, n_dims, factor):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
@@ -12,6 +12,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.primitives import DMP, LinearPhase, Variant
 from comove.primitives.limits import ViaPoint, constrained, largest
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -23,7 +24,7 @@ def random_dmp(seed, n_basis=12, variant=Variant.CLOSED_FORM):
     return DMP(weights, start, goal, np.zeros(2), np.zeros(2), rng.uniform(0.5, 5), LinearPhase(), variant)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds)
 def test_the_largest_values_are_those_of_dense_samples(seed):
     """Never below a sample, and not above the densest by more than its step allows."""
@@ -37,7 +38,7 @@ def test_the_largest_values_are_those_of_dense_samples(seed):
     assert np.allclose(hardest, np.abs(acceleration).max(axis=0), rtol=1e-2)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.floats(0.5, 0.95), st.floats(0.6, 0.95))
 def test_limits_hold_at_every_instant_and_ends_stay(seed, slower, gentler):
     dmp = random_dmp(seed, n_basis=25)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -12,6 +12,7 @@ from comove.errors import OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant, rate_for_lag
 from comove.primitives.flow import ALPHA_Y
 from comove.primitives.forcing import N_INTERVALS
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 variants = st.sampled_from([variant for variant in Variant if variant is not Variant.RHYTHMIC])
@@ -34,7 +35,7 @@ def run(dmp, state, times, **options):
     return states
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(seeds, variants, st.integers(1, 60))
 def test_steps_of_any_length_are_exact(seed, variant, n_steps):
     """No order of convergence: a single step from start to end is as exact as thousands."""
@@ -48,7 +49,7 @@ def test_steps_of_any_length_are_exact(seed, variant, n_steps):
         assert state.progress == pytest.approx(times[k] / dmp.duration)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, variants, st.floats(0.01, 3))
 def test_the_goal_is_held_ever_after(seed, variant, after):
     dmp = random_dmp(seed, variant)
@@ -57,7 +58,7 @@ def test_the_goal_is_held_ever_after(seed, variant, after):
     assert np.abs(state.velocity).max() * dmp.duration < 1e-10
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds, st.lists(st.floats(-3, 3), min_size=5, max_size=40))
 def test_pace_changes_the_time_and_not_the_path(seed, rates):
     """Slower, faster, paused, backwards: the position is that of the phase."""
@@ -90,7 +91,7 @@ def test_backwards_returns_to_the_start_and_stays_there():
     assert np.abs(state.position - dmp.start).max() < 1e-11
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.floats(0.05, 0.9))
 def test_a_push_dies_out_as_the_system_says(seed, when):
     """Against the transformed system integrated from the pushed state by an independent method."""
@@ -118,7 +119,7 @@ def test_a_push_dies_out_as_the_system_says(seed, when):
     assert np.abs(later.position - dmp.goal).max() < 1e-11
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds, variants, st.floats(0.0, 0.8), st.integers(5, 200))
 def test_a_goal_that_moves_is_reached_in_time(seed, variant, when, n_steps):
     """Exactly at the end, without a jump in position or velocity."""
@@ -176,7 +177,7 @@ def test_a_goal_that_moves_all_the_time():
     assert np.abs(state.position - state.goal).max() < 1e-9
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.integers(1, 40))
 def test_a_coupling_acts_by_time_and_not_by_step(seed, n_steps):
     """An acceleration held over the same time moves as far, however many steps that time is cut into."""
@@ -297,7 +298,7 @@ def test_states_of_other_movements():
             random_dmp(13).step(random_dmp(13).initial_state(), **options)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.floats(0.05, 0.8), st.floats(0.3, 3.0), st.booleans())
 def test_couplings_act_as_the_equations_say(seed, when, rate, backwards):
     """``y' = z + u, z' = alpha (beta (g - y) - z) + f + c``, integrated by an independent method at any pace."""

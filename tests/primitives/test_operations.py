@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -11,6 +11,7 @@ from comove.errors import OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
 from comove.primitives import operations as op
 from comove.primitives.poses import PoseDMP
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 variants = st.sampled_from(list(Variant))
@@ -62,7 +63,7 @@ def matrix(rotation):
 # --- Maps of the plane and of space ---
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seeds, variants, dims, phases)
 def test_a_map_of_the_movement_maps_its_rollout(seed, variant, n_dims, phase):
     dmp, rotation = random_dmp(seed, variant, n_dims, phase=phase), turned(seed, n_dims)
@@ -81,7 +82,7 @@ def test_a_map_of_the_movement_maps_its_rollout(seed, variant, n_dims, phase):
         assert moved.duration == dmp.duration
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, variants, dims)
 def test_mapped_movements_go_to_mapped_goals_as_the_movement_does(seed, variant, n_dims):
     if variant is Variant.CLASSIC:
@@ -94,7 +95,7 @@ def test_mapped_movements_go_to_mapped_goals_as_the_movement_does(seed, variant,
     assert np.abs(moved - (fixed + (there - fixed) @ turn.T)).max() <= 1e-8 * max(1.0, np.abs(there).max())
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, variants, dims)
 def test_mirrored_twice_is_the_movement(seed, variant, n_dims):
     dmp = random_dmp(seed, variant, n_dims)
@@ -102,7 +103,7 @@ def test_mirrored_twice_is_the_movement(seed, variant, n_dims):
         same(path(op.mirror(op.mirror(dmp, normal), normal)), path(dmp))
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, variants, dims)
 def test_rotations_and_scales_compose(seed, variant, n_dims):
     dmp, first, second = random_dmp(seed, variant, n_dims), turned(seed, n_dims), turned(seed + 1, n_dims)
@@ -130,7 +131,7 @@ def test_half_a_turn_of_what_was_learned_is_turned_as_it_stands():
     )
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, variants, st.floats(0.1, 10))
 def test_retimed_movements_keep_their_path(seed, variant, duration):
     dmp = random_dmp(seed, variant, still=False)
@@ -151,7 +152,7 @@ def test_a_planar_movement_is_laid_into_space():
 # --- Between movements ---
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, variants, dims, st.floats(0, 1))
 def test_a_blend_is_between_at_equal_shares_of_the_durations(seed, variant, n_dims, share):
     a = random_dmp(seed, variant, n_dims, still=False)
@@ -186,7 +187,7 @@ def test_movements_in_different_bases_are_refitted_to_blend():
 # --- Backwards ---
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, ending, phases)
 def test_reversed_ends_are_exact(seed, variant, phase):
     dmp = random_dmp(seed, variant, phase=phase, still=False)
@@ -210,7 +211,7 @@ def test_reversed_handwriting_runs_backwards_and_twice_forwards(shape, variant):
 # --- One after the other ---
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, ending, dims, st.booleans())
 def test_a_sequence_is_continuous_in_position_and_velocity(seed, variant, n_dims, overlapping):
     parts = [random_dmp(seed + i, variant, n_dims, still=overlapping) for i in range(3)]

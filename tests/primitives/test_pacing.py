@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant, largest, slowed
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -30,7 +31,7 @@ def straight(way=1.0, direction=(3.0, 4.0)):
     return DMP(np.zeros((len(goal), 5)), still, goal, still, still, 2.0)
 
 
-@settings(max_examples=8, deadline=None)
+@examples(8)
 @given(seeds, st.integers(1, 4), st.floats(0.2, 1.5), st.floats(0.05, 1.5), st.sampled_from([1.0, np.inf]))
 def test_limits_hold_at_every_instant_on_the_same_path(seed, n_dims, fast, hard, pace):
     """Samples far denser than the knots; accelerations by the exact derivatives of path and progress."""
@@ -63,7 +64,7 @@ def test_along_a_line_it_is_the_trapezoid(way, phase):
     assert least * (1 - 1e-9) <= paced.duration <= 1.002 * least
 
 
-@settings(max_examples=6, deadline=None)
+@examples(6)
 @given(seeds)
 def test_no_progress_is_faster_by_a_linear_programme(seed):
     """The largest x everywhere, by an independent solver on a coarser grid of the same path, with its own slopes."""
@@ -96,7 +97,7 @@ def test_no_progress_is_faster_by_a_linear_programme(seed):
     assert paced.duration >= 0.98 * other
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seeds, st.floats(0.1, 1.0), st.floats(0.1, 1.0))
 def test_it_is_never_slower_than_one_pace_all_along(seed, fast, hard):
     dmp = random_dmp(seed)
@@ -107,7 +108,7 @@ def test_it_is_never_slower_than_one_pace_all_along(seed, fast, hard):
     assert free.duration <= slowed(dmp, velocity=velocity, acceleration=acceleration).duration * (1 + 1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seeds, st.floats(0.1, 8.0))
 def test_units_of_time_and_length_do_not_matter(seed, ratio):
     """The same path shown at another pace, and in another unit, takes the same least time."""

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -13,6 +13,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import DemonstrationError, OptionError
 from comove.primitives import Pose, PoseProMP, Primitive, ProMP
 from comove.primitives.files import dumps, learn_distribution, loads
+from tests.cases import examples
 
 REFERENCE = Rotation.from_rotvec([2.0, -1.0, 0.5])
 SPREAD = 0.2  # rad and 0.1 m, standard deviation in the middle of the way
@@ -86,7 +87,7 @@ def test_moving_and_turning_hang_together():
     assert turn[1] == pytest.approx(0.2, rel=0.3)  # 0.1 m aside, and twice as many radians
 
 
-@settings(max_examples=5, deadline=None)
+@examples(5)
 @given(st.integers(0, 2**32 - 1), st.floats(0.2, 0.8))
 def test_a_pose_is_passed_exactly_and_its_uncertainty_is_that_of_the_world(seed, share):
     rng = np.random.default_rng(seed)
@@ -115,7 +116,7 @@ def test_a_pose_is_passed_exactly_and_its_uncertainty_is_that_of_the_world(seed,
     assert (np.linalg.eigvalsh(known - jacobian @ left @ jacobian.T) > -1e-9).all()
 
 
-@settings(max_examples=5, deadline=None)
+@examples(5)
 @given(st.integers(0, 2**32 - 1))
 def test_samples_meet_given_poses(seed):
     promp = fitted(2, 16, 8)

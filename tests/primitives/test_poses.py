@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -12,6 +12,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP
 from comove.primitives.variants import Variant
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
@@ -50,7 +51,7 @@ def test_it_fits_what_it_is_shown(n_dims, variant):
     assert dmp.weights.shape == (3 if n_dims == 2 else 6, 40)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds)
 def test_signs_of_quaternions_do_not_matter(seed):
     shown = recording(seed)
@@ -63,7 +64,7 @@ def test_signs_of_quaternions_do_not_matter(seed):
     assert angle_between(one.at(shown.time).rotation, other.at(shown.time).rotation).max() < 1e-9
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds, st.sampled_from(ENDING))
 def test_both_ends_are_exact_and_held(seed, variant):
     dmp = PoseDMP.fit(recording(2), variant=variant)
@@ -125,7 +126,7 @@ def test_a_recorded_tilt_that_is_left_out_is_said():
         PoseDMP.fit(recording(6), axis=VERTICAL)
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.integers(2, 30))
 def test_online_equals_the_rollout(seed, n_steps):
     dmp = PoseDMP.fit(recording(7))
@@ -258,7 +259,7 @@ def test_moved_goals_are_reached_by_the_shortest_turn():
         assert travelled < missing + 1e-6
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.floats(0.05, 0.75), st.sampled_from([1.0, -1.0, 0.5]))
 def test_moved_goals_change_neither_pose_nor_twist(seed, when, rate):
     dmp, rng = PoseDMP.fit(recording(5)), np.random.default_rng(seed)
@@ -295,7 +296,7 @@ def test_a_level_body_that_was_tilted_takes_the_nearest_turn():
     assert angle_between(pushed.rotation, Rotation.from_rotvec([0, 0, 0.6])) < 0.01
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.sampled_from(ENDING))
 def test_end_velocities_are_met_as_twists(seed, variant):
     """Velocity and angular velocity in the world's axes at both ends; the poses there stay."""

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
@@ -23,6 +23,7 @@ from comove.primitives import (
 )
 from comove.primitives.alignment import Alignment, aligned
 from comove.primitives.estimation import regression, widening
+from tests.cases import examples
 
 DEMOS = [Demonstration.from_lasa("Sine", k) for k in range(7)]
 PROMP = ProMP.fit(DEMOS)
@@ -92,7 +93,7 @@ def test_conditioning_is_that_of_the_textbook(with_velocity):
     assert np.abs(found.covariance_at(s) - expected).max() < 1e-6
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.floats(0.05, 0.95), st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=2), st.integers(0, 99))
 def test_all_that_is_drawn_passes_an_exact_via_point(share, off, seed):
     time = share * PROMP.duration
@@ -106,7 +107,7 @@ def test_all_that_is_drawn_passes_an_exact_via_point(share, off, seed):
     assert (passing.std_at([0.3, 0.5]) <= PROMP.std_at([0.3, 0.5]) * (1 + 1e-9)).all()
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(st.integers(0, 999), st.floats(-3, 3), st.floats(-3, 3))
 def test_samples_between_given_ends_meet_them_to_the_last_bit(seed, x, y):
     start, goal = TWO.mean.start + 1e-3 * x, TWO.mean.goal + 1e-3 * y

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -14,6 +14,7 @@ from comove.primitives import DMP
 from comove.primitives.flow import ALPHA_Y
 from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.rhythm import estimated_period, rhythmic_basis
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -32,7 +33,7 @@ def random_cycle(seed, n_basis=12):
                rng.uniform(0.5, 5), variant="rhythmic")  # fmt: skip
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds, st.integers(1, 40))
 def test_the_cycle_is_a_solution_and_periodic(seed, n_basis):
     dmp = random_cycle(seed, n_basis)
@@ -44,7 +45,7 @@ def test_the_cycle_is_a_solution_and_periodic(seed, n_basis):
         assert np.abs(curve.at(s) - curve.at(0.3)).max() < 1e-9 * np.abs(curve.knots).max()
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds)
 def test_the_goal_is_the_centre(seed):
     dmp = random_cycle(seed)
@@ -91,7 +92,7 @@ def test_online_equals_the_rollout_and_a_push_returns_to_the_cycle():
     assert np.abs(centred.position - dmp.curve.at(centred.progress)[0] - 1.0).max() < 1e-11
 
 
-@settings(max_examples=15, deadline=None)
+@examples(15)
 @given(seeds, st.floats(0.3, 2.0))
 def test_recordings_of_many_periods_are_learned(seed, period):
     time = np.sort(np.append(np.random.default_rng(seed).uniform(0, 7.3, 1500), [0, 7.3]))

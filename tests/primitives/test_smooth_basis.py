@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from comove.primitives.basis import motion_basis
 from comove.primitives.flow import ALPHA_Y
 from comove.primitives.phase import ExponentialPhase
+from tests.cases import examples
 
 S = np.linspace(0.0, 1.0, 4001)
 seeds = st.integers(0, 2**32 - 1)
@@ -32,7 +33,7 @@ def squared_jerk(basis, ends, weights):
     return (np.diff(acceleration) ** 2).sum() * (len(S) - 1)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, counts)
 def test_ends_are_met_without_acceleration(seed, n_basis):
     ends, weights = drawn(seed, n_basis)
@@ -43,7 +44,7 @@ def test_ends_are_met_without_acceleration(seed, n_basis):
     np.testing.assert_allclose(a, 0.0, atol=1e-7 * size)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds, counts)
 def test_it_is_a_movement_primitive(seed, n_basis):
     """An adaptive integrator of equation (1a), driven by the stored forcing term, arrives at the same curve."""
@@ -63,7 +64,7 @@ def test_it_is_a_movement_primitive(seed, n_basis):
     np.testing.assert_allclose(found.y, motion_of(basis, ends, weights, places)[:2], atol=1e-6)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, st.integers(1, 40))
 def test_jerk_is_that_of_the_ends_and_the_square_of_the_weights(seed, n_basis):
     """Pythagoras: shape weights are orthogonal in jerk to the motion of least jerk, and to each other."""

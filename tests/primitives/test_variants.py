@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
@@ -16,6 +16,7 @@ from comove.geometry.rotations import similarity
 from comove.primitives import DMP, ExponentialPhase, Variant
 from comove.primitives.flow import ALPHA_Y
 from comove.primitives.forcing import N_INTERVALS
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
@@ -34,7 +35,7 @@ def fitted(variant, n_dims=2, n_basis=15, seed=0, phase=None):
 
 
 @each_ending
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(seeds)
 def test_both_ends_are_exact_and_held(variant, seed):
     rng = np.random.default_rng(seed)
@@ -124,7 +125,7 @@ def test_the_classic_form_learns_nothing_where_the_ends_coincide():
     assert np.isfinite(dmp.rollout(goal=[2.0, 1.0]).position).all()
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seeds, st.sampled_from([1, 2, 3, 7]))
 def test_dmp_plus_plus_is_similar_to_the_taught_movement(seed, n_dims):
     """Ginesi et al. (2021): turn and scale the ends, and the whole movement turns and scales."""
@@ -156,7 +157,7 @@ def test_pastor_starts_gently():
     assert np.linalg.norm(dmp.curve.at(0.0)[2]) < 0.05 * pull
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seeds, st.integers(2, 7))
 def test_a_similarity_carries_one_vector_to_the_other(seed, n):
     rng = np.random.default_rng(seed)

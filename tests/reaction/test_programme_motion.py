@@ -5,12 +5,12 @@ Clearances are those of plain NumPy along the whole load, from the scene's file.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.reaction.twist_qp import TwistProgramme
 from comove.reaction.twists import nodes_of, poses_of
-from tests.cases import spread
+from tests.cases import examples, spread
 
 from .moving import World, run, scene_of
 
@@ -111,7 +111,7 @@ def test_other_loads_driven_about_touch_nothing(load, spatial, more, acceleratio
         assert found.acceleration <= acceleration * (1 + ROUND)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seeds, st.sampled_from([None, 1.0, 4.0]))
 def test_random_drives_among_random_obstacles(seed, acceleration):
     """Whatever is wanted: no touch, limits kept."""

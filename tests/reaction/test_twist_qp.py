@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from comove.errors import OptionError
 from comove.reaction.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
 from comove.reaction.twists import hand_velocities, nodes_of, poses_of
+from tests.cases import examples
 
 from ..brute_force import obstacle_distance
 from .moving import World, run, scene_of
@@ -109,7 +110,7 @@ def reference(scene, wanted, constraints):
     return None if best is None else (matrix @ full(best.x), best.fun)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.booleans())
 def test_the_best_of_what_is_allowed(seed, spatial):
     """With the rows that plain distances give, SLSQP finds the same velocities of the hands.
@@ -137,7 +138,7 @@ def test_the_best_of_what_is_allowed(seed, spatial):
     np.testing.assert_allclose(found, expected[0], atol=5e-3)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.booleans(), st.sampled_from(["bar", "frame"]))
 def test_the_best_within_the_limits(seed, spatial, load):
     """Inside the balls, and no further from the best than tangents that lie 2 % inside would be."""

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -23,6 +23,7 @@ from comove.results import RESULT, read_result, verify_result, write_solution
 from comove.results.sealed import checksum
 from comove.results.solution import SOLUTION, rebuild
 from comove.scenes import Scene
+from tests.cases import examples
 from tests.killing import killed_at
 from tests.solved import example, solved
 from tests.verification.random_motions import scene_data
@@ -174,7 +175,7 @@ def test_an_attempt_is_labelled_so(tmp_path):
 # --- Edits ---
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.data())
 def test_an_edited_number_is_rejected_however_small_the_edit(tmp_path_factory, data):
     """The next representable number suffices."""
@@ -431,7 +432,7 @@ def test_truncated_files(folder, name, share):
     refused(folder, name)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.data())
 def test_flipped_bytes_are_refused_or_rejected(tmp_path_factory, data):
     folder = written(tmp_path_factory.mktemp("flip") / "result", solved("narrow"))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import ResultError
@@ -23,7 +23,7 @@ from comove.robots.description import Uncertainty
 from comove.robots.files import JOINTS, read_joints, verify_stored, write_joints
 from comove.scenes import Scene
 from comove.verification.verify import verify
-from tests.cases import spread
+from tests.cases import examples, spread
 from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data
 
 KEYS = {"time", "joint_names", "position", "velocity", "acceleration"}
@@ -194,7 +194,7 @@ def test_an_edited_sample_is_named_even_where_checksums_were_brought_along(folde
     assert not any("checksum" in reason for reason in verdict.reasons)
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(
     st.sampled_from(["time", "position", "velocity", "acceleration"]),
     st.integers(0, 1000),

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from comove.robots import JointMotion
 from comove.robots.motion import places
+from tests.cases import examples
 
 NAMES = ("one", "two", "three")
 STEPS = st.integers(2, 12)
@@ -58,7 +59,7 @@ def extremes(motion):
     return position.min(axis=0), position.max(axis=0)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(motions())
 @pytest.mark.filterwarnings("error")
 def test_extremes_are_those_of_dense_samples_and_no_wider(motion):

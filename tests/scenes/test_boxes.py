@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.coordination.coordinates import ANGLE, QUATERNION, load_coordinates
+from tests.cases import examples
 
 from .test_scene import quiet, refused, scene_of
 
@@ -46,7 +47,7 @@ def two_hands(first, last, *, center=(0.3, 0.2, 0.4), goal=(1.0, 0.2, 0.6), **mo
     return scene_of(placed(GRASPS, center, yaw(first)), placed(GRASPS, goal, yaw(last)), load=load, **more)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(angles, angles)
 def test_two_hands_and_upright_place_the_box(first, last):
     for scene in (
@@ -92,7 +93,7 @@ def test_a_relative_pose_says_it_too():
     assert np.allclose(corners_of(scene, "goal"), expected((1.0, 0, 0.4), pitch), atol=1e-12)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(st.integers(0, 10**6))
 def test_three_hands_place_it_in_any_orientation(seed):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,6 +20,7 @@ from comove.geometry.rotations import levelling
 from comove.scenes import Scene
 from comove.scenes.groups import tilt_between
 from tests import brute_force
+from tests.cases import examples
 
 from .test_scene import BAR, FRAME, TRIANGLE, apart, quiet, refused, scene_of
 
@@ -63,7 +64,7 @@ def test_a_relative_pose_in_space_is_a_full_orientation():
     assert np.abs(pose.goal - goal).max() < 1e-15
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.integers(0, 2**32 - 1))
 def test_from_start_to_goal_a_relative_pose_turns_least(seed):
     """No roll about the line on top of the turn of the line."""
@@ -314,7 +315,7 @@ def test_what_cannot_be_kept_level_is_refused():
 # --- Turns ---
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.integers(0, 2**32 - 1))
 def test_tilts_know_nothing_of_turns_about_the_vertical(seed):
     rng = np.random.default_rng(seed)
@@ -332,7 +333,7 @@ def test_tilts_know_nothing_of_turns_about_the_vertical(seed):
     assert tilt_between("plane", spin.as_matrix(), np.eye(3)) == pytest.approx(spin.magnitude(), abs=1e-12)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 2))
 def test_levelling_is_the_least_rotation(seed, count):
     rng = np.random.default_rng(seed)

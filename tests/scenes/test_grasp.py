@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -12,6 +12,7 @@ from comove.constraints import UprightConstraint
 from comove.coordination.coordinates import ANGLE, load_coordinates
 from comove.errors import ComoveWarning
 from comove.scenes import Scene
+from tests.cases import examples
 
 from .test_scene import BAR, quiet, refused, scene_of
 
@@ -112,7 +113,7 @@ def test_many_instants_at_once():
     assert np.allclose(np.linalg.det(all_at_once), 1.0)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 10**6))
 def test_hands_are_one_rigid_body_with_the_load(seed):
     """Between any two configurations all hands turn by what the load's block turns by."""

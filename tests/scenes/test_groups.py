@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -14,6 +14,7 @@ from comove.geometry.rotations import (
     rotation_in_plane,
 )
 from comove.scenes.groups import GroupPose, RigidGroup, fit_pose, nearest_distances, orientation_of
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 X = np.array([1.0, 0.0, 0.0])
@@ -39,7 +40,7 @@ def grasps(rng, orientation):
     return held * ([1, 1, 0] if orientation == "plane" else [1, 0, 0])
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(seeds, st.sampled_from(["none", "plane", "axis", "space"]))
 def test_random_poses_are_recovered(seed, orientation):
     """Every hand is where it was; the rotation too, but for the roll about an axis."""
@@ -52,7 +53,7 @@ def test_random_poses_are_recovered(seed, orientation):
     assert np.abs(found.rotation @ found.rotation.T - np.eye(3)).max() < 1e-12
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(seeds, st.sampled_from(["plane", "space"]))
 def test_never_a_mirror_image(seed, orientation):
     """Even where the hands are one: the best proper rotation, as scipy finds it."""
@@ -71,7 +72,7 @@ def test_never_a_mirror_image(seed, orientation):
         assert misses[0] <= misses[1] + 1e-12
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seeds)
 def test_the_angle_is_best_in_least_squares(seed):
     rng = np.random.default_rng(seed)
@@ -98,7 +99,7 @@ def test_a_bar_that_points_back(off):
     assert np.abs(fit_pose(held, hands, "axis").place(held) - hands).max() < 1e-12
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(seeds, st.integers(0, 3))
 def test_quaternions_and_matrices(seed, zeros):
     """There and back, and both agree with scipy; half turns included."""
@@ -112,7 +113,7 @@ def test_quaternions_and_matrices(seed, zeros):
     assert min(np.abs(back - q).max(), np.abs(back + q).max()) < 1e-14
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(seeds, st.floats(0.05, 2.0))
 def test_a_pair_moves_least_onto_its_distance(seed, distance):
     """Along the line between them, both by half: nothing shorter meets the distance."""
@@ -125,7 +126,7 @@ def test_a_pair_moves_least_onto_its_distance(seed, distance):
     assert np.linalg.norm(moved[1] - moved[0]) == pytest.approx(distance, abs=1e-15)
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(seeds)
 def test_a_triangle_meets_its_distances_and_hardly_moves(seed):
     rng = np.random.default_rng(seed)

@@ -6,13 +6,14 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, example, given, settings
+from hypothesis import HealthCheck, example, given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, SceneError
 from comove.scenes import model
 from comove.scenes.model import canonical
 from comove.scenes.reading import load_scene_file, parse_scene
+from tests.cases import examples
 
 EXAMPLE = """\
 version: 1                 # optional; required: name, workspace, manipulators
@@ -807,7 +808,7 @@ def mutated(draw):
     return data
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@examples(200, suppress_health_check=[HealthCheck.too_slow])
 @given(data=mutated())
 @example(data=edited(SPATIAL, ("obstacles", 0, "box"), 3))
 @example(data=SPATIAL | {"constraints": [{"type": "distance", "distance": -1, "tolerance": -1}]})

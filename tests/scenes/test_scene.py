@@ -8,11 +8,12 @@ import warnings
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, SceneError
 from comove.scenes.scene import Scene
+from tests.cases import examples
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.15, 0.0]])
 FRAME = {"shape": "frame", "edges": [["a", "b"], ["b", "c"], ["c", "a"]], "radius": 0.01}
@@ -91,7 +92,7 @@ def test_a_small_miss_is_moved_onto_the_constraint_with_a_warning(end, tie):
     assert np.array_equal(scene.nodes_at(end)[:, :2], getattr(scene, end))
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 3]))
 def test_triangles_land_on_all_their_distances(seed, n_dims):
     rng = np.random.default_rng(seed)

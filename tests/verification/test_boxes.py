@@ -7,7 +7,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.coordination import CoordinatedMotion, load_coordinates
@@ -15,7 +15,7 @@ from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
 from comove.verification.certificate import certify
-from tests.cases import spread
+from tests.cases import examples, spread
 
 from .random_boxes import box_near_contact, least_by_coal, least_clearance
 from .random_motions import WIDE, on_scene, scene_data
@@ -131,7 +131,7 @@ def test_a_thin_wall_between_two_knots_is_seen(thickness):
     assert 0.0018 < certify(on_scene(motion, data | {"obstacles": [wall]})).lower <= 0.002
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seeds)
 def test_fewer_obstacles_and_smaller_boxes_have_more_clearance(seed):
     motion = box_near_contact(np.random.default_rng(seed))

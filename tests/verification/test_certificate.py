@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -19,7 +19,7 @@ from comove.verification import verify
 from comove.verification.bounds import node_bounds
 from comove.verification.certificate import certify
 from tests import brute_force
-from tests.cases import spread
+from tests.cases import examples, spread
 from tests.solved import solved
 from tests.verification.random_motions import near_contact, on_scene, perturbed, random_motion, scene_data
 
@@ -131,7 +131,7 @@ def test_a_thin_wall_between_two_samples_is_seen(n_dims, thickness):
         assert 0.9e-3 < certify(on_scene(free, data | {"obstacles": [wall]})).lower <= 1e-3
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.sampled_from([2, 3]))
 def test_a_contact_between_two_knots_is_seen(seed, n_dims):
     """A plate on the outer side of a bend: the curve dips into it between two knots, their chord does not."""
@@ -163,7 +163,7 @@ def test_a_contact_between_two_knots_is_seen(seed, n_dims):
     assert verify(touching).verified is None
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_more_obstacles_and_thicker_loads_have_less_clearance(seed):
     rng = np.random.default_rng(seed)
@@ -181,7 +181,7 @@ def test_more_obstacles_and_thicker_loads_have_less_clearance(seed):
         assert thick == pytest.approx(0.5 * whole, abs=2e-4)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_the_bulge_holds_the_curve(seed):
     """Nodes accelerate by no more than the bound, so they stay within h^2/8 of it of their chords."""
@@ -206,7 +206,7 @@ def test_what_is_not_finite_is_not_certified(bad):
         assert certify(replace(motion, weights=weights)).lower == -np.inf
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_brute_force_knows_the_curve(seed):
     """The judge of these tests maps configurations to hands by itself, and as the motion does."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, example, given, settings
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from comove.constraints import (
@@ -23,6 +23,7 @@ from comove.primitives import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
 from tests import brute_force
+from tests.cases import examples
 from tests.verification.random_motions import (
     BAR,
     TRIANGLE,
@@ -101,7 +102,7 @@ def nearly_apart(rng, n_dims, name, make=load_coordinates):
     return on_scene(motion, data), met, distance
 
 
-@settings(max_examples=80)
+@examples(80)
 @given(seeds, dims, st.sampled_from(sorted(GROUPS)))
 def test_a_separation_is_certified_below_what_is_there(seed, n_dims, name):
     motion, met, least = nearly_apart(np.random.default_rng(seed), n_dims, name)
@@ -115,7 +116,7 @@ def test_a_separation_is_certified_below_what_is_there(seed, n_dims, name):
         assert told
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, dims, st.sampled_from(sorted(GROUPS)))
 @example(4294967294, 2, "two bars")  # swings round between two knots
 def test_a_separation_of_other_coordinates(seed, n_dims, name):
@@ -191,7 +192,7 @@ TRAYS = {
 UPRIGHT = [{"type": "upright", "tolerance_deg": 1.0}]
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, st.sampled_from(sorted(TRAYS)))
 def test_an_upright_load_keeps_its_tilt_at_every_instant(seed, tray):
     rng = np.random.default_rng(seed)
@@ -204,7 +205,7 @@ def test_an_upright_load_keeps_its_tilt_at_every_instant(seed, tray):
     assert brute_force.tilts(brute_force.hands_at(motion, DENSE)).max() < 1e-11
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds, st.sampled_from(sorted(TRAYS)))
 def test_a_load_that_may_tilt_is_not_upright_whatever_its_coordinates_are_called(seed, tray):
     """A motion in coordinates of the same load without the demand."""
@@ -223,7 +224,7 @@ def test_a_load_that_may_tilt_is_not_upright_whatever_its_coordinates_are_called
         assert reasons(verify(renamed), "coordinates are not those of the scene")
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seeds)
 def test_free_hands_keep_a_load_level_by_one_height_for_all(seed):
     """Hands that share the column of their heights; those that have one each may tilt it."""
@@ -264,7 +265,7 @@ def test_a_block_that_leans_is_caught_at_its_ends():
 # --- Same height ---
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds, dims, st.sampled_from([load_coordinates, projected_coordinates, arms_coordinates]))
 def test_free_hands_at_one_height(seed, n_dims, make):
     rng = np.random.default_rng(seed)
@@ -279,7 +280,7 @@ def test_free_hands_at_one_height(seed, n_dims, make):
     assert brute_force.height_differences(hands, 0, 1).max() > 0.0
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seeds, dims, st.sampled_from(["hands", "bar", "frame", "bar and hand"]))
 def test_heights_that_no_block_holds_are_bounded_by_derivatives(seed, n_dims, name):
     """Motions in coordinates that know of no height: the bound is above dense samples, by next to nothing."""
@@ -389,7 +390,7 @@ def mixed_scene(rng):
     return Scene.from_dict(data)
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(seeds)
 def test_nothing_verified_breaks_what_was_asked(seed):
     """Scenes of all constraints at once: refused in words, or every random motion in them is judged rightly."""

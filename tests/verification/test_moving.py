@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.coordination import CoordinatedMotion, load_coordinates
@@ -11,6 +11,7 @@ from comove.scenes import Scene
 from comove.verification import verify
 from comove.verification.certificate import certify
 from comove.verification.clearance_kernels import Around, CurveArrays, Need, Paths, certified_clearance
+from tests.cases import examples
 
 ROUNDING = 1e-9  # m
 DURATION = 4.0  # s
@@ -73,7 +74,7 @@ def sampled_clearance(motion, n_samples=3001):
         (3, {"shape": "box", "size": [0.1, 0.3, 0.05], "grasps": {"a": [0, -0.1, 0], "b": [0, 0.1, 0]}}),
     ],
 )
-@settings(max_examples=12)
+@examples(12)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_nothing_is_certified_above_the_truth_and_hardly_below(n_dims, load, seed):
     rng = np.random.default_rng(seed)
@@ -129,7 +130,7 @@ def test_the_end_of_the_movement_counts():
     assert "obstacles[0] (sphere) at 4.00 s" in reason
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 2**32 - 1), since=st.floats(0.01, 0.97))
 def test_of_the_rest_of_a_motion_only_the_rest_counts(seed, since):
     rng = np.random.default_rng(seed)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.coordination import load_coordinates
@@ -13,6 +13,7 @@ from comove.scenes import Scene
 from comove.verification import VerifiedMotion, verify
 from comove.verification.bounds import node_bounds
 from tests import brute_force
+from tests.cases import examples
 from tests.solved import solved
 from tests.verification.random_motions import on_scene, random_motion, scene_data
 
@@ -264,7 +265,7 @@ def test_bounds_of_solutions_are_true_and_tight(name):
     assert acceleration <= solution.report.acceleration_max
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_bounds_are_true_and_tight_where_a_limit_asks(seed):
     motion = random_motion(np.random.default_rng(seed))
@@ -277,7 +278,7 @@ def test_bounds_are_true_and_tight_where_a_limit_asks(seed):
     assert tight.acceleration_max <= 1.05 * acceleration
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seeds)
 def test_the_jerk_is_bounded(seed):
     """Third derivatives of all nodes, from differences of exact accelerations within every interval."""
@@ -289,7 +290,7 @@ def test_the_jerk_is_bounded(seed):
     assert (change <= bound * (1 + 1e-6) + 1e-6).all()
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seeds)
 def test_distances_and_ends_are_exact(seed):
     """Whatever the weights: constraints hold to rounding at knots and between, ends to 1e-9 m."""
@@ -307,7 +308,7 @@ def test_distances_and_ends_are_exact(seed):
 # --- Free hands ---
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seeds, st.sampled_from([2, 3]))
 def test_the_distance_of_free_hands_is_bounded_at_every_instant(seed, n_dims):
     """Above what dense samples show, by next to nothing unless the hands nearly meet."""
@@ -324,7 +325,7 @@ def test_the_distance_of_free_hands_is_bounded_at_every_instant(seed, n_dims):
     assert rejected == (verdict.report.distance_error_max > min(c.tolerance for c in motion.scene.distances))
 
 
-@settings(max_examples=6)
+@examples(6)
 @given(seeds, st.sampled_from([2, 3]))
 def test_the_clearance_of_free_hands_is_certified_below_what_is_there(seed, n_dims):
     rng = np.random.default_rng(seed)

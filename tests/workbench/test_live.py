@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
@@ -15,6 +15,7 @@ from comove.workbench import live
 from comove.workbench.edits import contents_of
 from comove.workbench.live import Led, LedObstacles, LiveSettings, run_live, save_run
 from comove.workbench.playback import playback_of
+from tests.cases import examples
 from tests.solved import example
 
 places = st.lists(
@@ -22,7 +23,7 @@ places = st.lists(
 )
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(places, st.integers(0, 50))
 def test_what_is_led_goes_no_faster_than_it_may_and_ends_where_it_is_led(targets, since):
     led = Led(np.array([0.5, 0.5, 0.0]), 0.01 * since, 0.4)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from comove.demonstrations import Demonstration, read_npz, write_npz
 from comove.errors import DemonstrationError
+from tests.cases import examples
 
 TIME = np.array([0.0, 0.1, 0.3])
 PAIR = np.arange(12.0).reshape(3, 2, 2) / 7.0
@@ -172,7 +173,7 @@ def test_what_is_no_archive_is_refused(path, refused, content):
     refused(read_npz, path, key=None, says="no whole archive", way_out=r"numpy\.savez")
 
 
-@settings(SHARED_FOLDER, max_examples=200)
+@examples(200, suppress_health_check=SHARED_FOLDER.suppress_health_check)
 @given(st.floats(0, 1, exclude_max=True), st.binary(max_size=4), st.booleans())
 def test_any_damage_is_read_or_told(path, place, damage, cut):
     archive(path, {"time": TIME, "position": PAIR, "manipulators": NAMES})

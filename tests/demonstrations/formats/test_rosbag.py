@@ -7,7 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from comove.demonstrations import Demonstration, read_rosbag, rosbag_topics, write_rosbag
@@ -18,11 +18,11 @@ pytest.importorskip("rosbags")
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from tests.cases import spread
+from tests.cases import examples, spread
 
 KINDS = ["one.bag", "one.mcap", "one.db3", "folder", "sqlite"]
 FILES = KINDS[:3]
-SHARED_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=20)
+SHARED_FOLDER = examples(20, suppress_health_check=[HealthCheck.function_scoped_fixture])
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TYPES = STORE.types
 

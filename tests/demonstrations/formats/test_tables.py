@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.cli import learn  # noqa: F401  registers the verb
@@ -13,6 +13,7 @@ from comove.demonstrations import Demonstration, resampling
 from comove.demonstrations.cleaning import LENGTHS
 from comove.demonstrations.formats import tables
 from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
+from tests.cases import examples
 from tests.cli.test_cli import assert_refused
 from tests.commands import invoke
 
@@ -69,7 +70,7 @@ def test_columns_have_numbers_where_they_have_no_names(tmp_path):
     np.testing.assert_allclose(at_rate.time, TIME, atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(
     st.lists(st.floats(-1e3, 1e3, width=32), min_size=4, max_size=20), st.sampled_from(";,\t "), st.booleans()
 )

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, OptionError
@@ -22,6 +22,7 @@ from comove.experiments.modulation import (
 )
 from comove.geometry.distances import point_distance
 from comove.scenes.scene import Scene
+from tests.cases import examples
 from tests.experiments.modulation.bodies import bodies, cases, on_surface, rotations, vectors
 
 
@@ -35,7 +36,7 @@ def test_levels_of_spheres_and_ellipsoids_are_those_of_the_paper():
     np.testing.assert_allclose(level(quadric, points)[0], (np.abs(points / [0.2, 0.4]) ** [4, 6]).sum(1))
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(cases())
 def test_the_gradient_is_that_of_finite_differences(case):
     (obstacle,), point, _ = case
@@ -47,7 +48,7 @@ def test_the_gradient_is_that_of_finite_differences(case):
     np.testing.assert_allclose(gradient, differences, rtol=1e-3, atol=1e-3 * np.linalg.norm(gradient))
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(cases())
 def test_levels_grow_on_rays_from_inside(case):
     (obstacle,), point, direction = case
@@ -61,7 +62,7 @@ def test_levels_grow_on_rays_from_inside(case):
         assert outside[1] @ (point - obstacle.center) > 0
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(st.sampled_from([2, 3]).flatmap(lambda n: st.tuples(bodies(n), vectors(n))))
 def test_the_margin_is_kept(drawn):
     """Where the level is 1, the bare obstacle is at least the margin away; exactly where it is made of distances."""
@@ -154,7 +155,7 @@ def test_levels_of_far_points_and_of_the_middle_are_numbers():
         assert level(obstacle, (1e30, 1.0))[1][0] > 0
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(st.sampled_from([2, 3]).flatmap(lambda n: st.tuples(bodies(n), vectors(n))), st.floats(-1, 1))
 def test_a_moved_obstacle_has_moved_as_its_velocities_say(drawn, dt):
     """A point that goes along with the obstacle sees the same level."""
@@ -219,7 +220,7 @@ def test_obstacles_of_a_scene_stand_where_the_scene_says(obstacles):
         level_obstacle(scene, 9)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.data())
 def test_united_obstacles_share_a_point_inside_both(data):
     n_dims = data.draw(st.sampled_from([2, 3]))

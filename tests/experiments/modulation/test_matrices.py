@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from comove.errors import OptionError
@@ -20,7 +20,7 @@ from comove.experiments.modulation import (
     modulated,
     united,
 )
-from tests.cases import spread
+from tests.cases import examples, spread
 from tests.experiments.modulation.bodies import bodies, cases, on_surface, vectors, velocity_of
 
 modulations = st.builds(
@@ -63,7 +63,7 @@ def reference(obstacles, point, velocity, modulation):
     return matrix, obstacle_velocity
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(cases(most=4), modulations)
 def test_fields_are_those_of_the_papers(case, modulation):
     obstacles, point, velocity = case
@@ -84,7 +84,7 @@ def test_fields_are_those_of_the_papers(case, modulation):
     np.testing.assert_allclose(at(velocity), expected, atol=1e-8 * scale)
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(cases(), st.floats(0.3, 4.0), st.sampled_from(Directions))
 def test_eigenvalues_are_those_of_the_formula(case, rho, directions):
     obstacles, point, velocity = case
@@ -100,7 +100,7 @@ def test_eigenvalues_are_those_of_the_formula(case, rho, directions):
     assert np.linalg.matrix_rank(across, tol=1e-9 * scale) <= 1
 
 
-@settings(max_examples=400)
+@examples(400)
 @given(st.sampled_from([2, 3]).flatmap(lambda n: st.tuples(bodies(n), *[vectors(n)] * 2)), modulations)
 def test_no_velocity_leads_through_a_surface(drawn, modulation):
     """n xdot >= n xdot_o where Gamma = 1, whatever is wanted and whatever moves."""
@@ -118,7 +118,7 @@ def test_no_velocity_leads_through_a_surface(drawn, modulation):
         assert normal @ relative == pytest.approx(0, abs=1e-8 * scale)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(st.sampled_from([2, 3]).flatmap(lambda n: st.tuples(*[bodies(n)] * 3, *[vectors(n)] * 2)), modulations)
 def test_on_the_surface_of_one_obstacle_others_have_no_say(drawn, modulation):
     *obstacles, direction, velocity = drawn
@@ -131,7 +131,7 @@ def test_on_the_surface_of_one_obstacle_others_have_no_say(drawn, modulation):
     np.testing.assert_allclose(among(velocity), alone(velocity), atol=1e-6 * scale)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(cases(most=3), st.floats(0.3, 2.0))
 def test_far_away_nothing_is_modulated(case, reactivity):
     obstacles, direction, velocity = case
@@ -255,7 +255,7 @@ def test_obstacles_that_run_into_each_other_are_united_on_the_way():
     assert least > 0.99
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(
     st.sampled_from([2, 3]).flatmap(lambda n: st.tuples(bodies(n), bodies(n), *[vectors(n)] * 3)), modulations
 )
@@ -276,7 +276,7 @@ def test_no_velocity_leads_through_the_surface_of_a_union(drawn, modulation):
     assert normal @ (at(velocity) - velocity_of(pair[outer], point)) >= -1e-7 * scale
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(st.sampled_from([2, 3]).flatmap(lambda n: st.tuples(bodies(n), *[vectors(n)] * 2)), modulations)
 def test_inside_nothing_leads_further_in(drawn, modulation):
     """The formula alone would give a negative eigenvalue without bound; ours lets out and does not let in."""

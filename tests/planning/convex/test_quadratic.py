@@ -2,18 +2,19 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from comove.planning.convex.limits import LinearLimits
 from comove.planning.convex.quadratic import Prices, Rows, Trust, minimum
+from tests.cases import examples
 
 N = 5
 NO_LIMITS = LinearLimits(np.zeros((0, 2)), np.zeros((0, 2, N)), np.zeros(0), np.zeros(0))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(seed=st.integers(0, 10_000), n_rows=st.integers(1, 120))
 def test_the_solution_is_that_of_all_rows(seed, n_rows):
     """SLSQP, which is told all rows, finds none that is cheaper."""

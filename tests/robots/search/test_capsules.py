@@ -3,7 +3,7 @@
 import coal
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -18,6 +18,7 @@ from comove.robots.search.capsules import (
     vertices_of,
 )
 from comove.robots.search.links import FAT
+from tests.cases import examples
 from tests.robots.small_robots import BUNDLED, robot
 
 SIZE = st.floats(0.005, 0.6)
@@ -83,7 +84,7 @@ def test_balls_and_capsules_are_what_they_are():
     assert (radius, np.linalg.norm(b - a)) == (0.1, pytest.approx(0.6))
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(st.integers(0, 10_000), st.integers(4, 40), arrays(float, 3, elements=st.floats(0.01, 1)))
 def test_meshes_that_move_are_but_for_corners_inside_their_capsules_however_large_their_triangles(
     seed, count, size
@@ -95,7 +96,7 @@ def test_meshes_that_move_are_but_for_corners_inside_their_capsules_however_larg
     assert outside(on_triangles(points, triangles, rng), capsules) <= allowed(capsules)
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(st.integers(0, 10_000), st.integers(3, 12), st.floats(0.01, 2.0))
 def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_triangles(seed, count, size):
     rng = np.random.default_rng(seed)

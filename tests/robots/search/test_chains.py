@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -18,7 +18,7 @@ from comove.robots.search.chains import (
     reach_pose,
     torques,
 )
-from tests.cases import spread
+from tests.cases import examples, spread
 from tests.robots.small_robots import BUNDLED, RANDOM, columns, robot
 
 EXACT = Iteration(gain=0.0, keep=0.0, tolerance=1e-9, steady=1e-6, most=100)
@@ -150,7 +150,7 @@ def test_half_a_turn_has_a_way_out():
 
 
 @pytest.mark.parametrize("name", spread(ALL, 4))
-@settings(max_examples=40)
+@examples(40)
 @given(goal=SHARES, away=SIGNED, arm=st.integers(0, 2))
 def test_poses_near_a_configuration_are_reached(name, goal, away, arm):
     machine = robot(name)
@@ -176,7 +176,7 @@ def test_a_pose_with_all_joints_at_their_limits_is_reached():
 
 
 @pytest.mark.parametrize("name", spread(ALL, 4))
-@settings(max_examples=40)
+@examples(40)
 @given(
     seed=SHARES,
     pull=SHARES,

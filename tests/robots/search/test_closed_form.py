@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.robots import Robot
@@ -23,6 +23,7 @@ from comove.robots.search.closed_form import (
     nearest_turns,
     solve_in_closed_form,
 )
+from tests.cases import examples
 from tests.robots.small_robots import robot, urdf, written
 
 X, Y, Z = "1 0 0", "0 1 0", "0 0 1"
@@ -127,7 +128,7 @@ def test_arms_without_a_closed_form_are_told_apart():
 
 @pytest.mark.parametrize("name", KNOWN)
 @given(shares=SHARES)
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_all_solutions_have_the_pose_and_the_joints_it_came_from_are_among_them(name, shares):
     machine, _, form = arm_of(name)
     columns = machine.arms[0].columns

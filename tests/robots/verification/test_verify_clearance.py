@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.robots import JointMotion, verify_joints
@@ -17,6 +17,7 @@ from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import TIGHT, certify
 from comove.robots.verification.reach import Bases, Reaches
 from comove.scenes import Scene
+from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
 TAKEN = (
@@ -134,7 +135,7 @@ def test_clearances_of_the_known_path_are_those_of_dense_sampling():
     assert load.lower == pytest.approx(0.1738, abs=1.1e-3)
 
 
-@settings(max_examples=3)
+@examples(3)
 @given(st.integers(0, 2**32 - 1))
 @pytest.mark.slow
 def test_clearances_of_other_motions_are_those_of_dense_sampling(seed):
@@ -202,7 +203,7 @@ def test_a_box_between_the_hands_is_kept_clear_of():
 
 
 @pytest.mark.slow
-@settings(max_examples=2)
+@examples(2)
 @given(st.integers(0, 2**32 - 1))
 def test_obstacles_anywhere_are_kept_clear_of_as_sampling_says(seed):
     rng = np.random.default_rng(seed)
@@ -255,7 +256,7 @@ def test_every_obstacle_shape_is_where_the_scene_has_it():
     assert both[0] == pytest.approx(both[1], abs=TIGHT)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.integers(0, 2**32 - 1))
 def test_no_joint_moves_a_link_faster_than_its_reach(seed):
     """Points of a link, moved a little by one joint, go no further than the joint's reach says."""

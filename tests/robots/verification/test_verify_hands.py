@@ -4,11 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pinocchio as pin
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.holding import holding_errors
+from tests.cases import examples
 from tests.robots.known_carry import baxter, grasp_frames, known_carry
 
 
@@ -43,7 +44,7 @@ def assert_bounded(motion, joints, time):
     return errors, position, turn
 
 
-@settings(max_examples=5)
+@examples(5)
 @given(st.integers(0, 2**32 - 1))
 def test_hands_are_never_further_off_than_bound(seed):
     """Also where joints miss by a lot, and between samples that are far apart."""

@@ -6,7 +6,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.robots import JointMotion
@@ -16,6 +16,7 @@ from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import CONVEX, Nearing, support_function
 from comove.robots.verification.reach import Bases
 from comove.scenes import Scene
+from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
 BALL = {"shape": "ellipsoid", "center": [0.7, 0.6, 0.7], "radii": [0.1, 0.2, 0.05]}
@@ -69,7 +70,7 @@ def test_the_hull_of_a_mesh_ends_where_its_outermost_point_is():
     assert support_function(mesh.convex)(n) == pytest.approx((points @ n).max())
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.integers(0, 2**32 - 1))
 def test_slabs_are_nearly_as_wide_as_distances(seed):
     """Coal's normals and distances, and support functions written down by hand, fit together."""
@@ -84,7 +85,7 @@ def test_slabs_are_nearly_as_wide_as_distances(seed):
     assert (np.abs(lost[(apart > 1e-3) & (apart < 0.05)]) < 0.2 * COAL_ERROR).all()
 
 
-@settings(max_examples=10)
+@examples(10)
 @given(st.integers(0, 2**32 - 1))
 def test_no_pair_comes_nearer_than_bound(seed):
     """Distances at many instants about another one, for stretches that are short and long."""
