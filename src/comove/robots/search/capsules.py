@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
@@ -102,7 +103,7 @@ def _along(points: Array, direction: Array) -> LinkCapsule:
     """Compute a small capsule in a direction, array of shape (3,), that holds points but for what may stick out."""
     across = np.linalg.svd(direction[None])[2][1:]
     flat, height = points @ across.T, points @ direction
-    middle, least = _circle(flat)
+    middle, least = _circle(flat, 0.5 * (flat.min(axis=0) + flat.max(axis=0)))
     proud = min(PROUD * least, PROUDEST)
     square, base = ((flat - middle) ** 2).sum(axis=1), middle @ across
     tried = []
@@ -116,17 +117,22 @@ def _along(points: Array, direction: Array) -> LinkCapsule:
     return _smallest(tried)
 
 
-def _circle(points: Array, n_steps: int = 30) -> tuple[Array, float]:
-    """Compute centre and radius of a small circle that holds points (Badoiu and Clarkson, 2003)."""
-    centre = middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
-    least = np.inf
+@numba.njit(cache=True, error_model="numpy")
+def _circle(points: Array, centre: Array, n_steps: int = 30) -> tuple[Array, float]:
+    """Compute centre and radius of a small circle that holds points, from the first centre; arrays, shapes
+    (n_points, 2) and (2,), and a number (Badoiu and Clarkson, 2003).
+    """
+    middle, least = centre.copy(), np.inf
     for k in range(n_steps):
-        square = ((points - centre) ** 2).sum(axis=1)
-        furthest = square.argmax()
-        if square[furthest] < CLEARLY * least:
-            least, middle = square[furthest], centre
+        furthest, square = 0, -1.0
+        for i in range(points.shape[0]):
+            away = (points[i, 0] - centre[0]) ** 2 + (points[i, 1] - centre[1]) ** 2
+            if away > square:
+                furthest, square = i, away
+        if square < CLEARLY * least:
+            least, middle = square, centre.copy()
         centre = centre + (points[furthest] - centre) / (k + 2)
-    return middle, float(np.sqrt(((points - middle) ** 2).sum(axis=1).max()))
+    return middle, np.sqrt(least)
 
 
 def _best_cut(points: Array) -> tuple[Array, float] | None:
