@@ -6,13 +6,23 @@ from hypothesis import settings
 OFTEN = 100  # examples that hypothesis tries where a test does not say how many
 
 
-def spread(cases, n):
-    """Return all cases for `parametrize`; but for `n` of them, spread evenly over the list, they are slow."""
-    cases = list(cases)
-    always = {round(i * (len(cases) - 1) / max(n - 1, 1)) for i in range(n)}
-    return [
-        case if i in always else pytest.param(case, marks=pytest.mark.slow) for i, case in enumerate(cases)
-    ]
+def leave_few(items):
+    """Make the cases of tests marked `few(n)` slow, but for `n` of each, spread evenly over all of them.
+
+    Parameters
+    ----------
+    items : the collected tests of pytest
+    """
+    cases = {}
+    for item in items:
+        if item.get_closest_marker("few"):
+            cases.setdefault((item.path, item.originalname), []).append(item)
+    for some in cases.values():
+        (n,) = some[0].get_closest_marker("few").args
+        always = {round(i * (len(some) - 1) / max(n - 1, 1)) for i in range(n)}
+        for i, item in enumerate(some):
+            if i not in always:
+                item.add_marker(pytest.mark.slow)
 
 
 def examples(n, **others):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import settings
 
 from comove._compiled import ALONE
-from tests.cases import OFTEN
+from tests.cases import OFTEN, leave_few
 
 MANY = 1000
 
@@ -38,6 +38,12 @@ def budgets_of_work():
 
     with processor_time():
         yield
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Mark slow tests before pytest looks for marks."""
+    leave_few(items)
 
 
 def pytest_collection_finish(session):

@@ -13,7 +13,6 @@ import pytest
 
 import comove._compiled
 from comove.errors import ComoveWarning
-from tests.cases import spread
 
 numba = pytest.importorskip("numba")
 caching = sys.modules[comove._compiled.CACHING]
@@ -58,6 +57,7 @@ def test_what_is_whole_is_loaded(kernel):
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.few(1)
 def test_files_that_are_damaged_are_made_anew(kernel, tmp_path, suffix):
     assert kernel()(4) == 8
     file = kept(tmp_path, suffix)
@@ -148,7 +148,7 @@ def test_importing_comove_imports_no_numba():
     assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
-@pytest.mark.parametrize("turns", spread([1, 5], 1))
+@pytest.mark.parametrize("turns", [1, 5])
 def test_two_processes_compile_into_one_empty_folder(tmp_path, turns):
     """Both compute the same, every time; the third process finds what they have left whole."""
     (tmp_path / "kernel.py").write_text(KERNEL)

@@ -145,6 +145,7 @@ def test_json_prints_nothing_else_with_warnings_either(tmp_path):
         ("--seed", 7, "--budget", "2e1"),
     ],
 )
+@pytest.mark.few(2)
 def test_options(scene, tmp_path, options):
     outcome = invoke("solve", scene, "--out", tmp_path / "out", "--json", *options)
     assert outcome.exit_code == 0, outcome.stderr
@@ -264,6 +265,7 @@ def test_show(result):
 # --- Not verified: 1; interrupted: 130 ---
 
 
+@pytest.mark.slow
 def test_a_scene_without_solution(result, tmp_path):
     """`result` comes first, so that kernels are compiled and the budget is the search's."""
     path = tmp_path / "closed.yaml"

@@ -38,6 +38,7 @@ def summary_of(folder):
 
 
 @pytest.mark.parametrize("name", FAILING)
+@pytest.mark.few(1)
 def test_what_cannot_be_held_is_saved_drawn_and_told(outcomes, name):
     outcome, folder = outcomes[name]
     assert outcome.exit_code == 1
@@ -82,6 +83,7 @@ def test_one_hand_is_judged_on_the_scene_of_one(outcomes, narrow):
     assert invoke("verify", narrow, folder).exit_code == 1
 
 
+@pytest.mark.slow
 def test_a_library_serves_one_hand(tmp_path, narrow):
     library = Library(tmp_path / "lib")
     for shape in ("Angle", "Sine"):

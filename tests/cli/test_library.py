@@ -11,7 +11,6 @@ import pytest
 
 from comove.demonstrations import Demonstration, write_csv
 from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
-from tests.cases import spread
 from tests.cli.test_cli import SCENE, SWING
 from tests.commands import invoke
 
@@ -202,6 +201,7 @@ def test_json(filled):
     assert json.loads(good("library", "list", "--json", "--folder", "none").stdout) == []
 
 
+@pytest.mark.slow
 def test_pictures(filled):
     for arguments in (("list",), ("show", "Sine-0"), ("show", "swing")):
         for name in ("p.png", "p.svg"):
@@ -307,9 +307,8 @@ def test_solve_with_an_unfit_library(filled):
 # --- Help ---
 
 
-@pytest.mark.parametrize(
-    "arguments", spread([("learn",), ("library",), *(("library", verb) for verb in VERBS)], 3)
-)
+@pytest.mark.parametrize("arguments", [("learn",), ("library",), *(("library", verb) for verb in VERBS)])
+@pytest.mark.few(3)
 def test_help_is_there_and_quick(arguments):
     code = (
         "import sys; from comove.cli import main; sys.argv = ['comove', *sys.argv[1:]]\n"

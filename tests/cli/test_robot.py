@@ -196,6 +196,7 @@ def test_simulate_delivers(copy):
 
 
 @pytest.mark.parametrize("name", ["joints.npz", "robot.json", "scene.json", "solution.npz"])
+@pytest.mark.few(2)
 def test_an_edited_folder_is_refused_everywhere(copy, name):
     path = copy / name
     if name.endswith("npz"):
@@ -232,6 +233,7 @@ def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
     assert exported.exit_code == 2 and "not verified" in text_of(exported)
 
 
+@pytest.mark.slow
 def test_a_duration_left_out_is_as_short_as_joints_and_hands_allow(tmp_path):
     scene = scene_with(tmp_path, duration=None, limits={"speed": 5.0, "acceleration": 20.0, "jerk": 500.0})
     result = invoke("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 10)
@@ -340,6 +342,7 @@ def test_a_description_from_a_model_is_written_checked_and_drawn(tmp_path):
     assert file.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_bases_that_stand_in_each_other_are_no_sound_robot(tmp_path):
     made = invoke("robot", "new", XARM, XARM, "--apart", "0.02", "--out", tmp_path / "robot.yaml")
     assert made.exit_code == 1

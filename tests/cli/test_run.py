@@ -35,6 +35,7 @@ def invoke(tmp_path):
     return call
 
 
+@pytest.mark.slow
 def test_a_run_that_arrives(invoke, tmp_path):
     result = invoke()
     assert result.exit_code == 0, result.output

@@ -11,7 +11,6 @@ import time
 import pytest
 import yaml
 
-from tests.cases import spread
 from tests.cli.test_cli import SCENE
 from tests.cli.test_run import SCENE as RUN
 
@@ -77,7 +76,8 @@ def is_whole(folder, made):
     return set(os.listdir(folder / "out")) == set(os.listdir(first / "out"))
 
 
-@pytest.mark.parametrize("name", spread(["SIGTERM", "SIGINT", "SIGHUP"], 1))
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP"])
+@pytest.mark.few(1)
 def test_what_ends_a_command_leaves_nothing_behind(made, folder, name):
     number = getattr(signal, name)
     assert ended_while_writing(folder, made[1], number) in (0, 130 if name == "SIGINT" else 128 + number)

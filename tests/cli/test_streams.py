@@ -7,7 +7,6 @@ import sys
 import pytest
 
 from comove.cli.progress import ONCE
-from tests.cases import spread
 from tests.cli.test_cli import SCENE
 from tests.commands import invoke
 
@@ -54,6 +53,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+@pytest.mark.few(2)
 def test_help_into_a_closed_pipe_ends_quietly(verb):
     outcome = into_a_closed_pipe(*verb, "--help")
     assert (outcome.returncode, outcome.stderr) == (141, "")
@@ -61,6 +61,7 @@ def test_help_into_a_closed_pipe_ends_quietly(verb):
 
 @needs_full
 @pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+@pytest.mark.few(2)
 def test_help_onto_a_full_disk_says_so(verb):
     outcome = into_a_full_disk(*verb, "--help")
     assert outcome.returncode == 74
@@ -110,7 +111,8 @@ def test_a_result_is_there_before_the_pipe_is_found_closed(folder):
     ],
     ids=lambda x: "_".join(x) if isinstance(x, tuple) else str(x),
 )
-@pytest.mark.parametrize("closing", spread(["<&- >&- 2>&-", ">&-", "2>/dev/full"], 1))
+@pytest.mark.parametrize("closing", ["<&- >&- 2>&-", ">&-", "2>/dev/full"])
+@pytest.mark.few(1)
 def test_streams_that_are_closed_do_not_change_the_verdict(folder, command, code, closing):
     shell = f'"$0" -m comove "$@" {closing}'
     outcome = subprocess.run(
@@ -148,6 +150,7 @@ ENVIRONMENTS = {
         for name, environment in ENVIRONMENTS.items()
     ],
 )
+@pytest.mark.slow
 def test_any_environment_will_do(folder, environment):
     environment = {key: value for key, value in os.environ.items() if key != "TERM"} | environment
     options = {"cwd": folder, "env": environment, "stdout": subprocess.PIPE, "errors": "replace"}

@@ -83,6 +83,7 @@ def test_workers_and_parts_give_the_same_rows_bit_by_bit(tmp_path):
     assert report["variety"]["paths"] > 0.01
 
 
+@pytest.mark.slow
 def test_episodes_are_what_the_study_draws_and_solve_finds(tmp_path):
     """A row's motion is verified on its scene, and is the one that `solve` finds for it."""
     file = study(tmp_path, episodes=1)
@@ -102,6 +103,7 @@ def test_episodes_are_what_the_study_draws_and_solve_finds(tmp_path):
     assert alone.cost.total == run.cost
 
 
+@pytest.mark.slow
 def test_episodes_that_are_not_verified_are_kept_apart_with_their_reason(tmp_path):
     """Too fast for any motion: nothing is verified, and every row says why."""
     draws = [{"key": "duration", "choice": [0.2]}]

@@ -13,7 +13,6 @@ from comove.cli import bench, demo, learn, library, reproduce, robot, run, show,
 from comove.errors import ResultError
 from comove.io.folders import check_target
 from comove.results import RESULT
-from tests.cases import spread
 from tests.cli.test_cli import SCENE, SWING
 from tests.cli.test_cli import run as started
 from tests.commands import invoke
@@ -90,6 +89,7 @@ BAD_FOLDERS = {
 
 @pytest.mark.parametrize("out", BAD_FOLDERS)
 @pytest.mark.parametrize("verb", FOLDERS)
+@pytest.mark.few(23)
 def test_folders_that_results_cannot_go_to(place, verb, out):
     if verb == "demo" and out in ("", "thesis"):
         pytest.skip("its results go into folders of their own there")
@@ -112,6 +112,7 @@ BAD_FILES = {
 
 @pytest.mark.parametrize("out", BAD_FILES)
 @pytest.mark.parametrize("verb", FILES)
+@pytest.mark.few(9)
 def test_files_that_results_cannot_go_to(place, verb, out):
     said = refused(place, *FILES[verb], "--out", out)
     assert BAD_FILES[out] in said or "is no picture's name" in said
@@ -208,10 +209,9 @@ def test_a_folder_to_work_in_that_may_only_be_read(tmp_path, disk):
 
 @pytest.mark.parametrize(
     "arguments",
-    spread(
-        [("solve", "s.yaml", "--out", "o"), ("show", "o"), ("learn", "a.csv", "--out", "b"), ("demo",)], 1
-    ),
+    [("solve", "s.yaml", "--out", "o"), ("show", "o"), ("learn", "a.csv", "--out", "b"), ("demo",)],
 )
+@pytest.mark.few(1)
 def test_a_folder_to_work_in_that_is_gone(tmp_path, arguments):
     shell = 'cd "$1" && rmdir "$1" && shift && exec "$0" -m comove "$@"'
     (tmp_path / "gone").mkdir()

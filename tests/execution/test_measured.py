@@ -36,6 +36,7 @@ def tracked(sensor, seed, scene=STEADY, until=2.0):
 @pytest.mark.parametrize(
     "sensor", [Sensor(), Sensor(dropout=0.3), Sensor(delay=0.2), Sensor(noise=0.05, delay=0.0)]
 )
+@pytest.mark.few(1)
 def test_margins_cover_what_is_not_known(sensor):
     both = [tracked(sensor, seed) for seed in range(10)]
     errors, margins = (np.concatenate(x) for x in zip(*both, strict=True))
@@ -108,6 +109,7 @@ def test_sensors_that_are_none(wrong):
 
 
 @pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.few(1)
 def test_a_load_is_carried_by_measurements_alone(seed):
     scene = moving_scene(seed)
     observer = Measured(Known(scene), scene, Sensor(dropout=0.1), np.random.default_rng(seed))

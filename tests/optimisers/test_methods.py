@@ -76,6 +76,7 @@ def drive(search, f, h, n_tells):
 
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.few(6)
 def test_a_wall_before_the_optimum(name, seed):
     """min |x|^2 over x_1 >= 1 is 1, in 8 dimensions."""
     result = minimise(
@@ -228,6 +229,7 @@ def test_infeasible_problems_end_with_the_least_violated_point(name):
 
 
 @pytest.mark.parametrize("name", ["lagrangian", "matrix", "epsilon", "penalty"])
+@pytest.mark.few(2)
 def test_values_beyond_all_bounds_are_survived(name):
     """exp(100 |x|) overflows in most of the first samples; the optimum is ordinary."""
 
@@ -261,6 +263,7 @@ def circle(x):
     ("name", "tolerance", "precision"),
     [("lagrangian", 1e-4, 1e-9), ("epsilon", 1e-4, 1e-4), ("matrix", 1e-2, 1e-4)],
 )
+@pytest.mark.few(1)
 def test_an_equality(name, tolerance, precision):
     """min x_1 + x_2 + |rest|^2 on the unit circle is -sqrt 2, and with a tolerance t -sqrt(2 + 2 t)."""
     result = minimise(
@@ -318,6 +321,7 @@ def test_linear_equalities_may_be_lists():
 
 @pytest.mark.parametrize("n", [10, 40, pytest.param(400, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("form", [MatrixForm, FactorForm])
+@pytest.mark.few(2)
 def test_ten_thousand_reductions_leave_the_distribution_regular(form, n):
     """Every reduction multiplies the determinant by 1 - share or so; singular it never gets."""
     passes = 10_000 if form is MatrixForm or n == 10 else 10_000 // (n // 4)
@@ -475,6 +479,7 @@ def balls(x):
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.few(2)
 def test_disconnected_feasible_sets_are_crossed(seed):
     """The best ball is found from any other, with few evaluations: from afar the constraint has no slope."""
     start = np.random.default_rng(seed).uniform(0, 10, 3)
@@ -493,6 +498,7 @@ def wrinkled(x):
 
 
 @pytest.mark.parametrize("seed", [1, 6, 7])
+@pytest.mark.few(1)
 def test_two_wrinkled_constraints_that_nearly_oppose_each_other(seed):
     """Their forces are a hundred times the slope that they hold; where no model fits, multipliers must not fall."""
     rng, n = np.random.default_rng(seed), 10

@@ -13,12 +13,12 @@ from comove.planning.objective import N_STEPS
 from comove.primitives import DMP, motion_basis
 from comove.scenes import Scene
 from comove.verification.verify import verify
-from tests.cases import spread
 from tests.planning.two_gaps import bump, bumps, two_gaps
 
 
-@pytest.mark.parametrize("seed", spread(range(10), 3))
+@pytest.mark.parametrize("seed", range(10))
 @pytest.mark.parametrize("bar", [None, 0.1])
+@pytest.mark.few(2)
 def test_a_combination_passes_where_no_movement_does(seed, bar):
     scene = two_gaps(gap=0.16 if bar is None else 0.2, bar=bar)
     assert not any(c.passes for c in best_movement(bumps(), scene).ranking)
@@ -29,6 +29,7 @@ def test_a_combination_passes_where_no_movement_does(seed, bar):
     assert found.evaluations < 100_000
 
 
+@pytest.mark.slow
 def test_handwriting_combines_as_well():
     movements = {name: DMP.fit(Demonstration.from_lasa(name)) for name in ("Sine", "Worm", "NShape", "Snake")}
     assert not any(c.passes for c in best_movement(movements, two_gaps()).ranking)
@@ -93,6 +94,7 @@ def test_a_movement_that_passes_is_kept_or_improved():
     assert found.cost <= best.cost + 1e-3
 
 
+@pytest.mark.slow
 def test_the_result_seeds_the_solver():
     scene = two_gaps(gap=0.2, bar=0.1)
     found = combine(bumps(), scene)
@@ -128,6 +130,7 @@ def test_progress_and_interruption():
     assert "3 movements" in told[0].stage
 
 
+@pytest.mark.slow
 def test_further_checks_count():
     found = combine(bumps(), two_gaps(), budget=2.0, checks=[lambda motion: ["never"]])
     assert not found.verified and "never" in found.reasons

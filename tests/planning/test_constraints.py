@@ -16,7 +16,7 @@ from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import plan
 from comove.scenes import Scene
 from tests import brute_force
-from tests.cases import examples, spread
+from tests.cases import examples
 from tests.planning.test_planner import between as along_edges
 from tests.planning.test_solver import assert_verified, scene_of
 from tests.verification.random_motions import held_scene, motion_on, scene_data
@@ -138,6 +138,7 @@ def assert_kept(solution):
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("name", SCENES)
+@pytest.mark.few(13)
 def test_a_motion_is_found(name, seed):
     solution = comove.solve(SCENES[name](), seed=seed)
     assert_kept(solution)
@@ -146,15 +147,15 @@ def test_a_motion_is_found(name, seed):
 
 @pytest.mark.parametrize(
     "name",
-    spread(["swap round a disc", "tray of three", "planar tray", "level hands", "pose through a slit"], 2),
+    ["swap round a disc", "tray of three", "planar tray", "level hands", "pose through a slit"],
 )
+@pytest.mark.few(1)
 def test_a_motion_is_found_without_the_planner(name):
     assert_kept(comove.solve(SCENES[name](), seed=0, planner=False))
 
 
-@pytest.mark.parametrize(
-    "name", spread(["swap", "bar and hand", "planar tray", "level hands in space", "level bar"], 2)
-)
+@pytest.mark.parametrize("name", ["swap", "bar and hand", "planar tray", "level hands in space", "level bar"])
+@pytest.mark.few(2)
 def test_a_motion_is_found_by_projection(name):
     assert_kept(comove.solve(SCENES[name](), seed=0, method=Projection()))
 
@@ -186,6 +187,7 @@ def test_what_a_method_does_not_hold_it_refuses(name, method, word):
 
 
 @pytest.mark.parametrize("name", ["planar tray", "level hands", "swap"])
+@pytest.mark.few(1)
 def test_a_demonstration_is_followed_where_the_constraints_allow(name):
     taught = comove.DMP.fit(comove.Demonstration.from_lasa("Sine"))
     scene = SCENES[name]()

@@ -45,6 +45,7 @@ def s_curve(length, speed, acceleration, jerk):
     ("name", "known"),
     [("narrow", 2.2), ("complex", 3.45), pytest.param("window", 2.4, marks=pytest.mark.slow)],
 )
+@pytest.mark.few(1)
 def test_durations_are_those_known(name, known):
     solution = comove.solve(hasty(name))
     assert solution.verified
@@ -115,6 +116,7 @@ def test_a_duration_that_is_too_short_is_answered_by_one_that_does(name, limits,
 
 
 @pytest.mark.parametrize("duration", [2.1, 2.4])
+@pytest.mark.few(1)
 def test_where_a_search_in_time_finds_nothing_the_fastest_motion_decides(monkeypatch, duration):
     """A search that fails although a longer duration is known is not the last word: a faster motion may do."""
     search, fastest = solver._searched, comove.solve(hasty("narrow"))

@@ -13,6 +13,7 @@ SCALES = (1e-3, 10.0, 1e3)
 
 @pytest.mark.parametrize("name", ["narrow", "window"])
 @pytest.mark.parametrize("scale", SCALES)
+@pytest.mark.few(2)
 def test_the_same_scene_is_solved_alike_at_any_scale(name, scale):
     scene = example(name)
     here, there = comove.solve(scene, seed=0), comove.solve(scene.scaled(scale), seed=0)

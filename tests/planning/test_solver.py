@@ -17,7 +17,6 @@ from comove.planning import carried_demonstration
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene
 from tests import brute_force
-from tests.cases import spread
 from tests.solved import example, random_scene, solved
 from tests.verification.random_motions import scene_data
 
@@ -91,11 +90,13 @@ def assert_verified(solution):
 
 @pytest.mark.parametrize("seed", [0, 1])
 @pytest.mark.parametrize("name", ["wide", "narrow", "complex", "window", "triangle"])
+@pytest.mark.few(4)
 def test_examples(name, seed):
     assert_verified(solved(name, seed))
 
 
 @pytest.mark.parametrize("name", ["wide", "narrow"])
+@pytest.mark.few(1)
 def test_examples_without_planner(name):
     solution = solved(name, planner=False)
     assert_verified(solution)
@@ -123,6 +124,7 @@ def test_many_random_planar_scenes(planner):
 
 
 @pytest.mark.parametrize("options", [{}, {"planner": False}, {"method": Projection()}])
+@pytest.mark.few(1)
 def test_the_same_seed_gives_the_same_motion(options):
     first, second, other = (comove.solve(example("narrow"), seed=seed, **options) for seed in (3, 3, 4))
     assert np.array_equal(first.attempt.weights, second.attempt.weights)
@@ -144,8 +146,9 @@ def test_global_random_state_does_not_matter():
 # --- Budget and interruption ---
 
 
-@pytest.mark.parametrize("budget", spread([0.3, 2.0], 1))
+@pytest.mark.parametrize("budget", [0.3, 2.0])
 @pytest.mark.parametrize("options", [{}, {"planner": False}, {"obstacles": "cost"}])
+@pytest.mark.few(3)
 def test_the_budget_is_kept_where_there_is_no_solution(budget, options):
     begun = time.perf_counter()
     solution = comove.solve(closed(), budget=budget, **options)
@@ -244,6 +247,7 @@ def test_progress_tells_what_is_done():
 
 
 @pytest.mark.parametrize("name", ["wide", "narrow", "complex", "window"])
+@pytest.mark.few(1)
 def test_projection(name):
     solution = solved(name, method=Projection())
     assert_verified(solution)
@@ -294,6 +298,7 @@ def test_what_is_free_to_touch_is_not_dearer_than_what_is_not():
         ("complex", {"speed": 0.4}),
     ],
 )
+@pytest.mark.few(3)
 def test_limits_are_kept(name, limits):
     assert_verified(comove.solve(limited(name, **limits), seed=0))
 
@@ -409,6 +414,7 @@ def test_scenes_of_all_kinds(name):
 
 
 @pytest.mark.parametrize("name", ["one hand in space", "a distance without a load", "a frame", "two groups"])
+@pytest.mark.few(1)
 def test_scenes_without_planner(name):
     assert_verified(comove.solve(SCENES[name](), seed=0, planner=False))
 
@@ -441,6 +447,7 @@ def away_from(solution, dmp):
 
 
 @pytest.mark.parametrize("name", ["wide", "narrow", "window"])
+@pytest.mark.few(1)
 def test_resemblance_keeps_the_taught_shape(name):
     dmp, scene = taught(example(name).n_dims), example(name)
     solutions = [
@@ -498,6 +505,7 @@ def test_cost_weights_out_of_range():
         PaperCost(goal=float("nan"))
 
 
+@pytest.mark.slow
 def test_without_the_planner_nothing_is_planned(monkeypatch):
     """Not even as a last resort: on a scene without solution the restarts go on until time is up."""
 

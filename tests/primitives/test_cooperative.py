@@ -22,7 +22,7 @@ from comove.primitives.projection import (
     Upright,
     project,
 )
-from tests.cases import examples, spread
+from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
 
@@ -61,7 +61,8 @@ def relative_error(poses, grasps):
     return worst
 
 
-@pytest.mark.parametrize("n_hands", spread([2, 3, 4, 5, 6], 2))
+@pytest.mark.parametrize("n_hands", [2, 3, 4, 5, 6])
+@pytest.mark.few(1)
 def test_a_rigid_load_whatever_happens(n_hands):
     """Double and half speed, a stop, backwards, a goal that jumps, a push of the load."""
     dmp = carried(n_hands)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from comove.reaction.twist_qp import TwistProgramme
 from comove.reaction.twists import nodes_of, poses_of
-from tests.cases import examples, spread
+from tests.cases import examples
 
 from .moving import World, run, scene_of
 
@@ -47,8 +47,9 @@ def towards(target, turning=0.0):
 
 
 @pytest.mark.parametrize("shape", STILL)
-@pytest.mark.parametrize("acceleration", spread([2.0, None], 1))
+@pytest.mark.parametrize("acceleration", [2.0, None])
 @pytest.mark.parametrize("turning", [0.0, 4.0])
+@pytest.mark.few(5)
 def test_a_bar_driven_at_an_obstacle_never_touches_it(shape, acceleration, turning):
     scene = scene_of([STILL[shape] | {"center": [3.0, 2.05]}], limits={"acceleration": acceleration})
     found = run(World(scene), towards([3.0, 2.05, 0.0], turning), 1500)
@@ -61,8 +62,9 @@ def test_a_bar_driven_at_an_obstacle_never_touches_it(shape, acceleration, turni
         assert World(scene).clearance(nodes_of(scene, found.poses)) < 0.02
 
 
-@pytest.mark.parametrize("acceleration", spread([2.0, None], 1))
+@pytest.mark.parametrize("acceleration", [2.0, None])
 @pytest.mark.parametrize("shape", SOLID)
+@pytest.mark.few(3)
 def test_nor_in_space(shape, acceleration):
     scene = scene_of(
         [SOLID[shape] | {"center": [3.0, 2.05, 2.1]}], spatial=True, limits={"acceleration": acceleration}
@@ -85,7 +87,8 @@ def test_nor_in_space(shape, acceleration):
         ("box", True, {"constraints": [{"type": "upright"}]}),
     ],
 )
-@pytest.mark.parametrize("acceleration", spread([2.0, None], 1))
+@pytest.mark.parametrize("acceleration", [2.0, None])
+@pytest.mark.few(3)
 def test_other_loads_driven_about_touch_nothing(load, spatial, more, acceleration):
     """Wanted velocities that no load could have, changing every second, among obstacles."""
     z = [2.1] if spatial else []
@@ -135,9 +138,10 @@ def test_random_drives_among_random_obstacles(seed, acceleration):
         assert found.acceleration <= acceleration * (1 + ROUND)
 
 
-@pytest.mark.parametrize("acceleration", spread([None, 5.0, 2.0], 2))
+@pytest.mark.parametrize("acceleration", [None, 5.0, 2.0])
 @pytest.mark.parametrize("spatial", [False, True])
 @pytest.mark.parametrize("turn", [0.0, 0.6])
+@pytest.mark.few(4)
 def test_what_comes_at_nine_tenths_of_the_speed_limit_is_met(acceleration, spatial, turn):
     """At a bar at rest in the open, that wants to stay where it is."""
     z = [10.0] if spatial else []
@@ -176,7 +180,8 @@ def test_what_closes_in_from_both_sides_and_stops_does_not_touch(acceleration):
 
 
 @pytest.mark.parametrize("spatial", [False, True])
-@pytest.mark.parametrize("rate", spread([-2.0, 1.0, 3.0], 2))
+@pytest.mark.parametrize("rate", [-2.0, 1.0, 3.0])
+@pytest.mark.few(2)
 def test_a_spinning_box_pushes_the_bar_away(spatial, rate):
     """A long blade sweeps over where the bar wants to be."""
     z = [2.0] if spatial else []
@@ -241,6 +246,7 @@ def test_other_periods(period):
 
 
 @pytest.mark.parametrize("load", ["bar", "box"])
+@pytest.mark.few(1)
 def test_points_looked_at_before_a_step_alone_would_not_do(load):
     """A load sweeps over a needle's tip at high speed: what bends within a step is seen."""
     solid = load == "box"

@@ -99,6 +99,7 @@ def reasons(folder, scene=None):
         ("triangle", {}),
     ],
 )
+@pytest.mark.few(2)
 def test_round_trip(tmp_path, name, options):
     solution = solved(name, **options)
     stored = read_result(written(tmp_path / "result", solution))

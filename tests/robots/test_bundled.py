@@ -57,6 +57,7 @@ def test_the_fr3_is_where_its_makers_parameters_say():
         np.testing.assert_allclose(machine.tool_pose(whole, arm), pose @ hand, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_hands_of_five_joints_point_down_with_any_heading_and_nobody_is_told_that_they_turn_every_way():
     scene = example("two_so101")
     for angle in (100.0, 180.0, 270.0):

@@ -28,6 +28,7 @@ NAMES = ("gantry", "gap_30", "two_pandas", "ur5_and_panda")
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("end", ["start", "goal"])
+@pytest.mark.few(3)
 def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
     carrying = task(name)
     nodes = carrying.scene.nodes_at(end)
@@ -225,6 +226,7 @@ def test_the_distance_told_is_what_is_missing():
     sorted([*EXAMPLES.glob("baxter/*.yaml"), *EXAMPLES.glob("robots/*.yaml")]),
     ids=lambda path: path.stem,
 )
+@pytest.mark.few(5)
 def test_ends_of_the_examples_are_reached_without_contact_by_some_grasp(path):
     carrying, clear = task(path.stem), 0
     for scene in carrying.scene.alternatives:

@@ -23,7 +23,7 @@ from comove.robots.description import Uncertainty
 from comove.robots.files import JOINTS, read_joints, verify_stored, write_joints
 from comove.scenes import Scene
 from comove.verification.verify import verify
-from tests.cases import examples, spread
+from tests.cases import examples
 from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data
 
 KEYS = {"time", "joint_names", "position", "velocity", "acceleration"}
@@ -182,7 +182,8 @@ def test_measures_that_are_not_there_are_null(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["position", "velocity", "acceleration"])
-@pytest.mark.parametrize("at", spread([(500, 3), (0, 0), (1, 6), (1000, 13)], 2))
+@pytest.mark.parametrize("at", [(500, 3), (0, 0), (1, 6), (1000, 13)])
+@pytest.mark.few(2)
 def test_an_edited_sample_is_named_even_where_checksums_were_brought_along(folder, name, at):
     edit_sample(folder, name, at, 1e-4)
     sign(folder)
@@ -223,6 +224,7 @@ def test_the_least_edit_of_any_sample_breaks_a_checksum(written, name, step, joi
         ("load_mass", 0.2),
     ],
 )
+@pytest.mark.few(3)
 def test_an_edited_measure_is_named(folder, name, value):
     edit_summary(folder, **{name: value})
     sign(folder)
@@ -247,6 +249,7 @@ def test_an_edited_measure_is_named(folder, name, value):
         ({"joint_margin_min": True}, "robot.json says joint_margin_min"),
     ],
 )
+@pytest.mark.few(4)
 def test_an_edited_field_is_named(folder, edit, told):
     edit_summary(folder, **edit)
     sign(folder)
@@ -276,6 +279,7 @@ LOOSER = [
 
 
 @pytest.mark.parametrize("edit", LOOSER, ids=str)
+@pytest.mark.few(4)
 def test_nothing_that_the_folder_says_loosens_the_check(folder, edit):
     """The folder was judged on bases that are known exactly, and says so; the description knows better."""
     assert any("clearance" in reason for reason in verify_joints(unsure(), *known_carry()).reasons)
@@ -346,6 +350,7 @@ def test_an_edited_motion_of_the_hands_is_told_once(folder):
         ({"position": np.full((1001, 14), 1e200)}, "position[0, 0] is 1e+200"),
     ],
 )
+@pytest.mark.few(4)
 def test_arrays_that_are_no_joint_motion_are_told_in_words(folder, changes, told):
     edit_arrays(folder, **changes)
     verdict = verify_stored(folder)

@@ -133,6 +133,7 @@ def test_bodies_stand_where_their_models_put_them(tmp_path):
 
 
 @pytest.mark.parametrize("name", BUNDLED)
+@pytest.mark.few(3)
 def test_bodies_of_all_models_are_kept_apart_from_each_other(name):
     machine = robot(name)
     bodies = machine.collision.geometryObjects
@@ -437,6 +438,7 @@ def places(part, path=()):
 
 @pytest.mark.parametrize("path", list(places(FULL))[1:], ids=lambda path: ".".join(map(str, path)))
 @pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
+@pytest.mark.few(16)
 def test_every_place_of_a_description_may_hold_junk(path, tmp_path):
     text = two_joints(more=link("finger") + joint("grip", "hand", "finger"))
     (tmp_path / "r.urdf").write_text(text, encoding="utf-8")

@@ -115,6 +115,7 @@ def test_two_of_a_kind_stand_apart_and_are_ready(tmp_path):
     assert 0.5 < found.arms[0].reach < 1.2
 
 
+@pytest.mark.slow
 def test_the_hands_share_less_where_bases_are_further_apart_and_nothing_beyond_their_reach(tmp_path):
     panda = f"{ROBOTS}/panda_description/urdf/panda.urdf"
     shares = []

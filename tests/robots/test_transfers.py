@@ -76,6 +76,7 @@ def geometry_of(scene, end):
 
 
 @pytest.mark.parametrize(("part", "end"), PARTS)
+@pytest.mark.few(2)
 def test_nothing_comes_too_near(transfers, part, end):
     motion, robot, scene = getattr(transfers, part), baxter(), transfers.carry.scene
     geometry, of_hands = geometry_of(scene, end)
@@ -164,6 +165,7 @@ def test_hands_without_a_load_go_home_from_where_they_are():
     assert transfers.clearance_min >= KEEP - 1e-4
 
 
+@pytest.mark.few(1)
 def test_the_same_seed_gives_the_same(transfers):
     again = plan_transfers(transfers.carry)
     assert (again.approach.position == transfers.approach.position).all()

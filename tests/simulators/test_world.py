@@ -106,6 +106,7 @@ def assert_same_robot(robot):
 
 
 @pytest.mark.parametrize("name", bundled_robots())
+@pytest.mark.few(3)
 def test_masses_and_hands_are_those_of_the_description(name):
     assert_same_robot(Robot.load(name))
 

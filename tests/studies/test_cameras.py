@@ -64,6 +64,7 @@ def load_in(picture):
     return np.array([columns.mean() / width - 0.5, rows.mean() / height - 0.5])
 
 
+@pytest.mark.slow
 def test_there_is_a_picture_for_every_sample(done):
     _, _, episode = done
     assert episode.rate == RATE and list(episode.videos) == ["at_load", "front", "wrist"]
@@ -86,6 +87,7 @@ def test_a_camera_in_a_hand_sees_the_load_stand_still(done):
     assert np.abs(seen[-1] - seen[0]).mean() > 1.0  # and the world go by
 
 
+@pytest.mark.slow
 def test_pictures_change_nothing_of_the_rows(done, tmp_path):
     study, out, _ = done
     without = Study.load(written(tmp_path, **(STUDY | {"cameras": None})))

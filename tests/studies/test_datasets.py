@@ -167,6 +167,7 @@ def test_mcap_tells_about_the_episode_to_other_readers(done):
 
 
 @pytest.mark.parametrize("name", ["load", "obstacle0", "left-arm"])
+@pytest.mark.few(1)
 def test_a_hand_that_cannot_be_a_topic_is_refused(name, tmp_path):
     pytest.importorskip("rosbags")
     scene = yaml.safe_load((EXAMPLES / "posts.yaml").read_text())

@@ -35,6 +35,7 @@ def test_each_scene_gives_what_solve_gives():
         assert one.motion.clearance_min == alone.motion.clearance_min
 
 
+@pytest.mark.slow
 def test_scenes_are_taken_as_they_are_needed():
     taken = []
 
@@ -57,6 +58,7 @@ def test_an_error_in_one_scene_leaves_the_others_alone():
     assert found[1].verified
 
 
+@pytest.mark.slow
 def test_options_reach_the_search():
     (found,) = comove.solve_many(scenes(0.0), workers=1, objective=PaperCost(), budget=2.0)
     assert isinstance(found.solution.objective, PaperCost)

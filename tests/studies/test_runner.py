@@ -56,6 +56,7 @@ def whole(tmp_path_factory):
     return rows(folder)
 
 
+@pytest.mark.slow
 def test_all_runs_are_there_in_any_number_of_processes_and_parts(tmp_path, whole):
     assert [run.number for run in whole[0]] == list(range(40)) and len(whole[1]) == 40
     run_study(FakeStudy(40), tmp_path / "two", on_processes(2))
@@ -97,6 +98,7 @@ def test_three_kills_mark_a_run_and_the_rest_goes_on(tmp_path):
     assert set(found.values()) == {("verified", "")} and len(found) == 9
 
 
+@pytest.mark.slow
 def test_kills_are_counted_over_resumed_runs(tmp_path):
     study = FakeStudy(3, killers=(1,))
     store = StudyStore.create(tmp_path / RUNS)

@@ -15,7 +15,7 @@ from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
 from comove.verification.certificate import certify
-from tests.cases import examples, spread
+from tests.cases import examples
 
 from .random_boxes import box_near_contact, least_by_coal, least_clearance
 from .random_motions import WIDE, on_scene, scene_data
@@ -24,7 +24,8 @@ from .test_certificate import CALM, ROUNDING, peak_acceleration
 seeds = st.integers(0, 2**32 - 1)
 
 
-@pytest.mark.parametrize("chunk", spread(range(4), 1))
+@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.few(1)
 def test_nothing_is_certified_above_the_truth(chunk):
     """60 random motions of boxes, whose clearance is a matter of a millimetre."""
     outcomes = Counter()

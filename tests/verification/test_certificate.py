@@ -19,7 +19,7 @@ from comove.verification import verify
 from comove.verification.bounds import node_bounds
 from comove.verification.certificate import certify
 from tests import brute_force
-from tests.cases import examples, spread
+from tests.cases import examples
 from tests.solved import solved
 from tests.verification.random_motions import near_contact, on_scene, perturbed, random_motion, scene_data
 
@@ -47,7 +47,8 @@ def peak_acceleration(motion):
     return float(np.linalg.norm(np.diff(hands, 2, axis=0), axis=-1).max() * brute_force.COARSE**2)
 
 
-@pytest.mark.parametrize("chunk", spread(range(6), 2))
+@pytest.mark.parametrize("chunk", range(6))
+@pytest.mark.few(2)
 def test_nothing_is_certified_above_the_truth(chunk):
     """150 random motions whose clearance is a matter of fractions of a millimetre."""
     outcomes = Counter()
@@ -65,6 +66,7 @@ def test_nothing_is_certified_above_the_truth(chunk):
 
 
 @pytest.mark.parametrize("name", SOME)
+@pytest.mark.few(2)
 def test_shaken_solutions_are_not_certified_above_the_truth(name):
     """What a search meets: solved motions, scaled and shaken until they pass or touch by little."""
     rng, outcomes = np.random.default_rng(5), Counter()

@@ -9,7 +9,6 @@ from comove.demonstrations import Demonstration
 from comove.primitives import Primitive, Variant, learn
 from comove.primitives import operations as op
 from comove.views import draw_library, draw_primitive, save
-from tests.cases import spread
 
 SINE = Demonstration.from_lasa("Sine")
 
@@ -44,7 +43,8 @@ def unreadable(figure):
 
 
 @pytest.mark.parametrize("variant", list(Variant))
-@pytest.mark.parametrize("recorded", spread([True, False], 1))
+@pytest.mark.parametrize("recorded", [True, False])
+@pytest.mark.few(2)
 def test_every_variant(tmp_path, variant, recorded):
     primitive = learn(SINE, name="Sine", variant=variant)
     figure = drawn(draw_primitive(primitive, SINE if recorded else None), tmp_path)
@@ -59,7 +59,8 @@ def test_every_variant(tmp_path, variant, recorded):
     assert len(labels) >= 8
 
 
-@pytest.mark.parametrize("n_dims", spread([1, 2, 3, 4, 7, 9], 3))
+@pytest.mark.parametrize("n_dims", [1, 2, 3, 4, 7, 9])
+@pytest.mark.few(2)
 def test_every_dimension(tmp_path, n_dims):
     time = np.linspace(0, 2, 101)
     position = np.stack([np.sin(time * (1 + k)) for k in range(n_dims)], axis=1)
@@ -79,7 +80,8 @@ def test_no_label_is_cut_off(tmp_path):
 
 
 @pytest.mark.parametrize("n_dims", [2, 3])
-@pytest.mark.parametrize("recorded", spread([True, False], 1))
+@pytest.mark.parametrize("recorded", [True, False])
+@pytest.mark.few(1)
 def test_orientations_are_drawn(tmp_path, n_dims, recorded):
     time = np.linspace(0, 3, 301)
     way = np.sin(time / 2)
@@ -103,7 +105,8 @@ def test_the_goals_that_are_asked_for(tmp_path):
     assert [0.0, 10.0] in [[round(x, 9) for x in end] for end in ends]
 
 
-@pytest.mark.parametrize("count", spread([7, 30], 1))
+@pytest.mark.parametrize("count", [7, 30])
+@pytest.mark.few(1)
 def test_the_sheet_names_every_movement(tmp_path, count):
     primitives = [replace(learn(SINE), name=f"sine {k}") for k in range(count)]
     figure = drawn(draw_library(primitives, title="mine"), tmp_path)

@@ -47,6 +47,7 @@ def test_a_box_on_a_mast_turns_with_it(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["two_pandas", "baxter"])
+@pytest.mark.few(1)
 def test_what_is_drawn_of_a_robot_lies_around_its_collision_bodies(name):
     own = robot(name)
     bodies, data, state = bodies_of(own), own.model.createData(), own.collision.createData()

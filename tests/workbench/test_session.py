@@ -198,6 +198,7 @@ def test_a_result_takes_the_place_of_no_other_folder(opened):
     assert [entry.name for entry in (folder / "taken").iterdir()] == ["letter.txt"]
 
 
+@pytest.mark.slow
 def test_pages_do_not_disturb_each_other(bench):
     guarded, sessions, _ = bench
     first, second = (Page(guarded.address.rstrip("/")).appear() for _ in range(2))
@@ -227,6 +228,7 @@ def test_a_method_is_shown_beside_on_one_clock_with_its_verdict(opened):
     soon(lambda: not alive(pid))
 
 
+@pytest.mark.slow
 def test_a_drawn_movement_is_learned_used_at_once_and_kept(opened):
     _, session, folder = opened
     before = session.stage.recording.center
@@ -269,6 +271,7 @@ def two_stored(bench):
     guarded.stop()
 
 
+@pytest.mark.slow
 def test_a_stored_result_stands_beside_another_on_one_clock(two_stored):
     page, session, _ = two_stored
     assert "Verified at every instant" in page.verdict("**stored: second**: **")

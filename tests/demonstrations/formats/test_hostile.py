@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 from comove.demonstrations import write_lerobot, write_rosbag
-from tests.cases import spread
 
 h5py = pytest.importorskip("h5py")
 pytest.importorskip("pyarrow")
@@ -162,8 +161,9 @@ HOSTILE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", spread(HOSTILE, 12))
+@pytest.mark.parametrize("name", HOSTILE)
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="the limits are Linux's")
+@pytest.mark.few(4)
 def test_every_reader_answers_soon_and_within_bounds(name, tmp_path, hand):
     make = HOSTILE[name]
     make(*(tmp_path / name, hand)[: make.__code__.co_argcount])

@@ -18,7 +18,7 @@ pytest.importorskip("rosbags")
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from tests.cases import examples, spread
+from tests.cases import examples
 
 KINDS = ["one.bag", "one.mcap", "one.db3", "folder", "sqlite"]
 FILES = KINDS[:3]
@@ -80,9 +80,10 @@ def path(tmp_path):
     return tmp_path / "bag"
 
 
-@pytest.mark.parametrize("name", spread(KINDS, 2))
+@pytest.mark.parametrize("name", KINDS)
 @SHARED_FOLDER
 @given(st.integers(2, 30), st.integers(0, 2**32 - 1))
+@pytest.mark.few(2)
 def test_what_is_written_is_read_bit_by_bit(tmp_path_factory, hand, name, n_steps, seed):
     rng = np.random.default_rng(seed)
     stamps = np.concatenate(([0], np.cumsum(rng.integers(1, 10**9, n_steps - 1)))) / 1e9

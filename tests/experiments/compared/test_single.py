@@ -44,6 +44,7 @@ def test_movements_of_which_none_passes_alone_pass_together():
 
 
 @pytest.mark.parametrize("name", ["narrow", "window"])
+@pytest.mark.few(1)
 def test_handwriting_gets_one_hand_through(name):
     """By default, in the plane and in space; cheaper than with a load to carry."""
     solution = comove.solve(example(name), method=Single())
@@ -53,6 +54,7 @@ def test_handwriting_gets_one_hand_through(name):
     assert solution.cost.total < 0.1
 
 
+@pytest.mark.slow
 def test_the_second_stage_improves_the_combination():
     scene = two_gaps()
     combined = comove.combine(bumps(), scene)

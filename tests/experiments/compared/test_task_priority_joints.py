@@ -28,6 +28,7 @@ def test_straight_lines_between_far_posts_are_verified_with_the_robot_s_joints(w
     assert log["turn_error_max_rad"] < 1e-3
 
 
+@pytest.mark.slow
 def test_the_last_level_keeps_joints_near_to_where_they_began(wide):
     """Seven joints an arm are more than a hand needs: without a posture they drift with what is left."""
     free = controlled("baxter_wide", posture=0.0)

@@ -23,6 +23,7 @@ def compared(request):
     return compare(Executor(Scene.load(request.param)).run(8.0), 8.0)[0]
 
 
+@pytest.mark.slow
 def test_a_column_a_method_and_a_row_a_view(compared, tmp_path):
     figure = draw_comparison(compared)
     rows = 3 if compared[0].record.scene.n_dims == 2 else 5

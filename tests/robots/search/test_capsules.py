@@ -156,6 +156,7 @@ def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
 
 
 @pytest.mark.parametrize("name", [name for name in BUNDLED if name != "baxter"])  # of boxes and cylinders
+@pytest.mark.few(3)
 def test_links_of_meshes_are_wider_as_capsules_by_less_than_what_plans_may_give_away(name):
     """In the mean over all directions, in which a capsule and a body lie between two planes each."""
     directions = np.random.default_rng(0).normal(size=(500, 3))

@@ -18,7 +18,7 @@ from comove.robots.search.chains import (
     reach_pose,
     torques,
 )
-from tests.cases import examples, spread
+from tests.cases import examples
 from tests.robots.small_robots import BUNDLED, RANDOM, columns, robot
 
 EXACT = Iteration(gain=0.0, keep=0.0, tolerance=1e-9, steady=1e-6, most=100)
@@ -68,6 +68,7 @@ def distance(pose, rotation, point):
 
 
 @pytest.mark.parametrize("name", ALL)
+@pytest.mark.few(4)
 def test_frames_and_jacobians_are_those_of_pinocchio(name):
     machine, rng = robot(name), np.random.default_rng(1)
     chains, (model, frames) = chains_of(machine, machine.arms), with_tools(machine)
@@ -92,8 +93,9 @@ def test_random_robots_have_joints_that_slide_and_joints_that_turn():
     assert 5 < slides.sum() < len(slides) - 20
 
 
-@pytest.mark.parametrize("name", spread(ALL, 4))
+@pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("load", [0.0, 1.3])
+@pytest.mark.few(4)
 def test_torques_are_those_of_pinocchio_less_what_springs_hold_of_the_own_weight(name, load):
     machine, rng = robot(name), np.random.default_rng(2)
     chains, (model, frames) = chains_of(machine, machine.arms), with_tools(machine)
@@ -149,9 +151,10 @@ def test_half_a_turn_has_a_way_out():
         assert np.linalg.norm(error[3:]) == pytest.approx(np.pi)
 
 
-@pytest.mark.parametrize("name", spread(ALL, 4))
+@pytest.mark.parametrize("name", ALL)
 @examples(40)
 @given(goal=SHARES, away=SIGNED, arm=st.integers(0, 2))
+@pytest.mark.few(4)
 def test_poses_near_a_configuration_are_reached(name, goal, away, arm):
     machine = robot(name)
     chains, arm = chains_of(machine, machine.arms), arm % len(machine.arms)
@@ -175,7 +178,7 @@ def test_a_pose_with_all_joints_at_their_limits_is_reached():
     assert reach_pose(chains, 1, *target, q.copy(), EXACT, q) < 1e-9
 
 
-@pytest.mark.parametrize("name", spread(ALL, 4))
+@pytest.mark.parametrize("name", ALL)
 @examples(40)
 @given(
     seed=SHARES,
@@ -185,6 +188,7 @@ def test_a_pose_with_all_joints_at_their_limits_is_reached():
     keep=st.floats(0, 0.5),
     most=st.integers(0, 30),
 )
+@pytest.mark.few(4)
 def test_limits_are_never_left_and_the_residual_is_true_whatever_is_asked_for(
     name, seed, pull, rotation, point, keep, most
 ):

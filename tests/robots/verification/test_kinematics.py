@@ -9,6 +9,7 @@ from tests.robots.small_robots import BUNDLED, RANDOM, robot
 
 
 @pytest.mark.parametrize("name", [*BUNDLED, *RANDOM, "gantry"])
+@pytest.mark.few(4)
 def test_placements_are_those_of_pinocchio(name):
     machine, rng = robot(name), np.random.default_rng(4)
     q = rng.uniform(machine.lower, machine.upper, (12, len(machine.lower)))

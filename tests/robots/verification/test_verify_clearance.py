@@ -193,6 +193,7 @@ def test_a_search_hears_the_first_check_that_fails_and_a_user_all_of_them():
     assert first == every[: len(first)] != every
 
 
+@pytest.mark.slow
 def test_a_box_between_the_hands_is_kept_clear_of():
     motion, joints = known_carry()
     load = {"shape": "box", "size": [0.5, 0.3, 0.02]}
