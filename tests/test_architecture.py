@@ -34,20 +34,20 @@ def paths():
 
 @pytest.fixture(scope="module")
 def modules():
-    """Every module of the package as (path, room, parsed source), by path; gone with the last test of this file."""
+    """Every module as (path, room, the nodes of its parsed source), by path; gone with the last test of this file."""
     return {
         inside: (
             inside,
             inside.parts[0].removesuffix(".py"),
-            ast.parse((SOURCE / inside).read_text(encoding="utf-8")),
+            tuple(ast.walk(ast.parse((SOURCE / inside).read_text(encoding="utf-8")))),
         )
         for inside in paths()
     }
 
 
-def imported(tree):
+def imported(nodes):
     """Names of all modules that a module imports, wherever in it the import stands, as dotted paths."""
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -57,11 +57,11 @@ def imported(tree):
                 yield from (f"comove.{alias.name}" for alias in node.names)
 
 
-def rooms_entered(tree):
+def rooms_entered(nodes):
     """Rooms of this package that a module imports from."""
     return {
         name.split(".")[1]
-        for name in imported(tree)
+        for name in imported(nodes)
         if name.startswith("comove.") and name not in ("comove._compiled", "comove._version")
     }
 
@@ -101,9 +101,9 @@ def test_the_order_is_that_of_the_design():
 
 @pytest.mark.parametrize("inside", [path for path in paths() if str(path) not in OUTSIDE], ids=str)
 def test_imports_go_up(inside, modules):
-    _, room, tree = modules[inside]
+    _, room, nodes = modules[inside]
     order = rooms()
-    for other in rooms_entered(tree):
+    for other in rooms_entered(nodes):
         assert other in order, f"{inside} imports comove.{other}, which is no room"
         assert order.index(other) <= order.index(room), (
             f"{inside} imports from {other}, which lies below {room}"
@@ -111,34 +111,34 @@ def test_imports_go_up(inside, modules):
 
 
 def test_the_judge_knows_no_maker(modules):
-    for inside, room, tree in modules.values():
+    for inside, room, nodes in modules.values():
         if room == "verification":
-            assert not rooms_entered(tree) & {"optimisers", "planning"}, inside
+            assert not rooms_entered(nodes) & {"optimisers", "planning"}, inside
 
 
 def test_the_judge_of_robots_knows_no_search(modules):
-    for inside, _, tree in modules.values():
+    for inside, _, nodes in modules.values():
         for judge, maker in (
             ("robots/verification", "robots.search"),
             ("robots/search", "robots.verification"),
         ):
             if str(inside).startswith(judge):
-                assert not [name for name in imported(tree) if f"comove.{maker}" in name], inside
+                assert not [name for name in imported(nodes) if f"comove.{maker}" in name], inside
 
 
 def test_optimisers_know_no_robot(modules):
-    for inside, room, tree in modules.values():
+    for inside, room, nodes in modules.values():
         if room == "optimisers":
-            assert rooms_entered(tree) <= {"errors", "optimisers"}, inside
+            assert rooms_entered(nodes) <= {"errors", "optimisers"}, inside
 
 
 def test_only_the_judges_make_verified_motions(modules):
     """`VerifiedMotion(...)` and `VerifiedJointMotion(...)` are called nowhere else, their seals nobody's business."""
     judges = {"VerifiedMotion": "verification", "VerifiedJointMotion": "robots/verification"}
-    for inside, _, tree in modules.values():
-        names = {node.id for node in ast.walk(tree) if isinstance(node, ast.Name)}
-        names |= {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
-        calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    for inside, _, nodes in modules.values():
+        names = {node.id for node in nodes if isinstance(node, ast.Name)}
+        names |= {node.attr for node in nodes if isinstance(node, ast.Attribute)}
+        calls = {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
         if not str(inside).startswith(tuple(judges.values())):
             assert not {"_SEAL", "_MAKER"} & names, inside
         for made, judge in judges.items():
@@ -147,36 +147,36 @@ def test_only_the_judges_make_verified_motions(modules):
 
 
 def test_the_lab_is_entered_by_the_command_line_only(modules):
-    for inside, room, tree in modules.values():
+    for inside, room, nodes in modules.values():
         if room not in ("experiments", "cli"):
-            assert "experiments" not in rooms_entered(tree), inside
+            assert "experiments" not in rooms_entered(nodes), inside
 
 
 def test_pictures_are_drawn_in_views_and_in_the_lab_only(modules):
-    for inside, room, tree in modules.values():
+    for inside, room, nodes in modules.values():
         if room not in ("views", "experiments"):
-            assert not [n for n in imported(tree) if n.split(".")[0] == "matplotlib"], inside
+            assert not [n for n in imported(nodes) if n.split(".")[0] == "matplotlib"], inside
         if room != "workbench":
-            assert not [n for n in imported(tree) if n.split(".")[0] == "viser"], inside
+            assert not [n for n in imported(nodes) if n.split(".")[0] == "viser"], inside
 
 
 def test_the_viewer_is_bound_in_few_places(modules):
     """Geometry, edits and the planner know no viewer, so that they can be tested without one."""
     free = {"edits", "gate", "geometry", "link", "protocol", "recording", "saving", "words", "worker"}
     free |= {"arms", "bodies", "live", "playback", "shelf"}
-    for inside, room, tree in modules.values():
+    for inside, room, nodes in modules.values():
         if room == "workbench" and inside.stem in free:
-            assert not [n for n in imported(tree) if n.split(".")[0] in ("viser", "websockets")], inside
+            assert not [n for n in imported(nodes) if n.split(".")[0] in ("viser", "websockets")], inside
 
 
 def test_nothing_draws_from_the_global_random_state(modules):
-    for inside, _, tree in modules.values():
-        for node in ast.walk(tree):
+    for inside, _, nodes in modules.values():
+        for node in nodes:
             if isinstance(node, ast.Attribute) and ast.unparse(node).startswith(
                 ("np.random.", "numpy.random.")
             ):
                 assert node.attr in ("default_rng", "Generator", "random"), f"{inside}: {ast.unparse(node)}"
-        assert "random" not in set(imported(tree)), inside
+        assert "random" not in set(imported(nodes)), inside
 
 
 def test_everything_that_is_offered_exists():

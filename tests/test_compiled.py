@@ -149,6 +149,7 @@ def test_importing_comove_imports_no_numba():
 
 
 @pytest.mark.parametrize("turns", [1, 5])
+@pytest.mark.slow
 def test_two_processes_compile_into_one_empty_folder(tmp_path, turns):
     """Both compute the same, every time; the third process finds what they have left whole."""
     (tmp_path / "kernel.py").write_text(KERNEL)

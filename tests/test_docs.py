@@ -46,6 +46,10 @@ LONG = (
     "18_the_papers_method",
     "robot new",
     "robot check",
+    "view mine.yaml",
+    "view window.yaml",
+    "04_a_library_of_movements",
+    "12_your_own_objective",
 )
 
 

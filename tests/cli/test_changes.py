@@ -67,6 +67,7 @@ def test_options_stand_for_what_the_scene_says(folder):
     assert "give that" not in again.stderr
 
 
+@pytest.mark.slow
 def test_too_short_a_duration_is_answered_by_one_that_does(folder):
     outcome = invoke("solve", folder / "test.yaml", "--out", folder / "out", "--duration", 1, *LIMITS)
     assert outcome.exit_code == 1
@@ -84,6 +85,7 @@ def test_too_short_a_duration_is_answered_by_one_that_does(folder):
         ("{type: least_jerk, room: 0.0}", "least_jerk"),
     ],
 )
+@pytest.mark.few(1)
 def test_scenes_say_what_counts(folder, objective, kind):
     (folder / "said.yaml").write_text(SCENE + f"objective: {objective}\n")
     assert invoke("solve", folder / "said.yaml", "--out", folder / "out").exit_code == 0

@@ -39,6 +39,7 @@ def summary_of(folder):
 
 @pytest.mark.parametrize("name", FAILING)
 @pytest.mark.few(1)
+@pytest.mark.slow
 def test_what_cannot_be_held_is_saved_drawn_and_told(outcomes, name):
     outcome, folder = outcomes[name]
     assert outcome.exit_code == 1

@@ -324,6 +324,7 @@ def test_a_robot_that_is_not_there(solved, monkeypatch):
 XARM = "package://xarm_description/urdf/xarm7.urdf"
 
 
+@pytest.mark.slow
 def test_a_description_from_a_model_is_written_checked_and_drawn(tmp_path):
     file = tmp_path / "xarms.yaml"
     made = invoke("robot", "new", XARM, XARM, "--out", file)

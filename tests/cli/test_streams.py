@@ -81,6 +81,7 @@ SAYING = [
 
 
 @pytest.mark.parametrize("command", SAYING, ids=" ".join)
+@pytest.mark.few(1)
 def test_what_is_told_into_a_closed_pipe(folder, command):
     outcome = into_a_closed_pipe(*command, cwd=folder)
     said = [line for line in outcome.stderr.splitlines() if not line.startswith(ONCE)]
@@ -89,6 +90,7 @@ def test_what_is_told_into_a_closed_pipe(folder, command):
 
 @needs_full
 @pytest.mark.parametrize("command", SAYING, ids=" ".join)
+@pytest.mark.few(1)
 def test_what_is_told_onto_a_full_disk(folder, command):
     outcome = into_a_full_disk(*command, cwd=folder)
     assert outcome.returncode == 74

@@ -99,6 +99,7 @@ print(held.verified, held.report.constraint_excess_max, met, type(held.objective
     assert float(excess) <= float(met) + 1e-3
 
 
+@pytest.mark.slow
 def test_an_execution_keeps_it():
     """The third hand climbs over a circle: the bar, which could stay where it is, makes way for it."""
     out = run(

@@ -33,6 +33,7 @@ def broken(scene, coordinates, hands):
 @each
 @examples(10)
 @given(seeds, st.integers(1, 30))
+@pytest.mark.few(6)
 def test_steps_of_any_length_are_exact(name, seed, n_steps):
     motion = random_motion(name, seed, 0.2)
     scene = motion.scene
@@ -47,6 +48,7 @@ def test_steps_of_any_length_are_exact(name, seed, n_steps):
 
 
 @each
+@pytest.mark.few(6)
 def test_what_the_coordinates_hold_holds_whatever_happens(name):
     """Double and half speed, a stop, backwards, a push that tears at the load, and a goal that jumps."""
     motion = random_motion(name, 3, 0.2)

@@ -35,6 +35,7 @@ def test_with_nothing_in_the_way_it_is_that_to_the_goal():
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.few(2)
 def test_what_comes_is_avoided_by_going_aside(seed):
     """A disc comes along the bar's line; to stand still, as to go to the goal, is to be hit within the second."""
     scene = crossing(disc([0.5, 0.5], {"velocity": [-0.3, 0.0]}, radius=0.1))

@@ -15,6 +15,7 @@ from comove.robots import verify_joints, write_joints
 
 
 @pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.few(2)
 def test_nothing_is_overwritten(verified, tmp_path, name):
     written = export(verified, tmp_path, FORMATS[name])
     assert sorted(tmp_path.iterdir()) == sorted(written)
@@ -36,6 +37,7 @@ def test_nothing_is_left_half_written(verified, tmp_path, name):
 
 
 @pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.few(2)
 def test_when_the_last_file_fails_none_stays(verified, transfers, tmp_path, monkeypatch, name):
     """Files get their names one by one when the disk holds them; one of them it does not hold."""
     folder, held, (sync, rename) = tmp_path / "new" / "files", [], (os.fsync, os.replace)

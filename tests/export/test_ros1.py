@@ -130,6 +130,7 @@ def test_a_server_that_hangs_stops_the_other_arm(robot, brief):
     servers["right"].wait_for("stopped")
 
 
+@pytest.mark.slow
 def test_an_arm_that_gives_up_stops_the_other(robot, brief):
     servers, client = robot(left="stuck")
     fails(client, brief, "'left' gave up: it left the path", path=10.0)
@@ -169,6 +170,7 @@ def test_a_robot_elsewhere_is_not_moved(robot, brief):
     assert all(server.events.empty() for server in servers.values())
 
 
+@pytest.mark.slow
 def test_a_robot_that_says_nothing_is_not_moved(robot, brief):
     servers, client = robot(states=False)
     fails(client, brief, "joints have said nothing for 1 s; switch the robot on", connect=1.0)

@@ -79,6 +79,7 @@ def test_no_direction_parts_more_and_no_point_is_nearer(seed, kind):
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
+@pytest.mark.few(2)
 def test_against_coal(kind):
     """1500 pairs; coal's own tolerance is set to 1e-9 m."""
     coal = pytest.importorskip("coal")

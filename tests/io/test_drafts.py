@@ -73,6 +73,7 @@ def write_file(target, text):
         file.write(text.encode())
 
 
+@pytest.mark.slow
 def test_whoever_is_killed_leaves_the_old_folder_or_the_new_one(tmp_path, system):
     target, step, cut_off = tmp_path / "result", 0, 0
     replace(target, "old")

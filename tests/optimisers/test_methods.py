@@ -93,6 +93,7 @@ def test_a_wall_before_the_optimum(name, seed):
 
 
 @pytest.mark.parametrize("name", METHODS)
+@pytest.mark.few(3)
 def test_an_infeasible_start(name):
     result = minimise(
         sphere, np.full(8, -2.0), 0.7, constraints=wall, method=METHODS[name], restarts=NoRestarts(), seed=3
@@ -133,6 +134,7 @@ def test_bounds_are_never_left(name):
 
 
 @pytest.mark.parametrize("name", METHODS)
+@pytest.mark.few(3)
 def test_nan_counts_as_infeasible(name):
     """Objective and constraint are NaN in a half space that the optimum does not touch."""
 

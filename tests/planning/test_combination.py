@@ -37,6 +37,7 @@ def test_handwriting_combines_as_well():
 
 
 @pytest.mark.parametrize("bar", [None, 0.1])
+@pytest.mark.few(1)
 def test_the_combination_is_the_sum_that_it_says(bar):
     scene = two_gaps(gap=0.2, bar=bar)
     found = combine(bumps(), scene, seed=1)
@@ -109,6 +110,7 @@ def test_where_nothing_passes_the_best_attempt_is_labelled_so():
     assert verify(found.attempt).reasons == found.reasons
 
 
+@pytest.mark.slow
 def test_equal_seeds_give_equal_combinations():
     a, b, c = (combine(bumps(), two_gaps(), seed=seed) for seed in (3, 3, 4))
     assert np.array_equal(a.coefficients, b.coefficients)

@@ -170,6 +170,7 @@ def gate(velocity):
     ]
 
 
+@pytest.mark.slow
 def test_it_waits_no_longer_than_a_gate_stays_shut():
     """The gap's upper edge reaches the corridor after 3.3 s; before that nothing passes."""
     scene = Scene.from_dict(lone_hand(limits=HARD, obstacles=gate([0.0, 0.1]), workspace=CORRIDOR))

@@ -90,6 +90,7 @@ def closed(n_dims, shape="bar"):
 
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize("margin", [0.005, 0.002])
+@pytest.mark.few(5)
 def test_every_edge_keeps_the_margin(name, margin):
     scene = scene_named(name)
     path, coordinates = planned(scene, margin, seed=1)

@@ -173,6 +173,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("constraints", CASES.values(), ids=CASES)
+@pytest.mark.few(3)
 def test_constraints_between_independent_hands(constraints):
     dmp = alone(constraints)
     path = dmp.rollout(n_steps=101)

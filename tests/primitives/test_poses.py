@@ -223,6 +223,7 @@ def test_a_measured_start_does_not_lose_turns(turns):
 
 
 @pytest.mark.parametrize("turns", [0.4, 1.0, 1.5, 2.0, 3.3])
+@pytest.mark.few(2)
 def test_noise_fed_back_all_the_time_stays_noise(turns):
     """Orientations measured with 2 mrad, in every cycle, wherever the movement is in its turns."""
     dmp, rng = turning_by(2 * np.pi * turns), np.random.default_rng(0)

@@ -49,6 +49,7 @@ def test_both_ends_are_exact_and_held(variant, seed):
 
 
 @each_ending
+@pytest.mark.few(2)
 def test_the_equation_of_the_table(variant):
     """Integrated from its forcing term by an independent method, at ends other than those learned."""
     dmp = fitted(variant, phase=ExponentialPhase(alpha=2.0)).towards(start=[0.3, -0.2], goal=[-0.4, 1.0])

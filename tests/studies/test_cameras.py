@@ -73,6 +73,7 @@ def test_there_is_a_picture_for_every_sample(done):
         assert video.pictures.std() > 10.0
 
 
+@pytest.mark.slow
 def test_a_camera_shows_what_it_looks_at_in_the_middle_and_what_moves_moving(done):
     """The load's middle is the target when the motion begins; then it goes along x, to the right of the picture."""
     pictures = done[2].videos["at_load"].pictures

@@ -267,6 +267,7 @@ def test_a_motion_that_was_edited_is_not_exported(done, tmp_path):
         export_episodes(copy, done[0].parent, FORMATS["npz"], RATE)
 
 
+@pytest.mark.slow
 def test_episodes_of_different_kinds_do_not_fit_into_one_table(tmp_path):
     draws = [
         {"key": "obstacles", "choice": [[], [{"shape": "circle", "center": [0.7, 0.5], "radius": 0.05}]]}

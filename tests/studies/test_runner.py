@@ -110,6 +110,7 @@ def test_kills_are_counted_over_resumed_runs(tmp_path):
     assert rows(tmp_path)[0][1].status == "killed"
 
 
+@pytest.mark.slow
 def test_an_edited_study_is_refused_with_what_changed(tmp_path, whole):
     run_study(FakeStudy(3), tmp_path / "study", on_processes(1))
     with pytest.raises(ResultError, match=r"edited since: salt was 0 and is 1; give the study"):

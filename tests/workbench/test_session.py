@@ -98,6 +98,7 @@ def test_a_page_shows_scene_and_verified_motion_and_frees_its_planner(bench):
     assert [entry.name for entry in folder.iterdir()] == ["narrow.yaml"], "nothing is written without a wish"
 
 
+@pytest.mark.slow
 def test_a_dragged_obstacle_gets_a_motion_of_its_own_and_can_be_undone_and_saved(opened):
     _, session, folder = opened
     before = session.stage.recording

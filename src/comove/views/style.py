@@ -16,6 +16,7 @@ COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a", "#8
 """Colours of hands, coordinates, joints and series, in their order."""
 START, GOAL, MOVING = "#2ca02c", "#d62728", "#8c564b"
 """Colours of starts, goals and moving obstacles."""
+DPI = 110  # of pictures
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -26,8 +27,12 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG."""
-    figure.savefig(path, dpi=110)
+    """Write a figure as PNG; it is laid out once, where `savefig` would draw all of it for that and again to write."""
+    figure.set_dpi(DPI)
+    if layout := figure.get_layout_engine():
+        layout.execute(figure)
+        figure.set_layout_engine("none")
+    FigureCanvasAgg(figure).print_png(path)
 
 
 def save_picture(figure: Figure, path: Path) -> None:

@@ -54,6 +54,7 @@ def recordings(tmp_path, hand):
         ("rosbag2", {"topic": "/right/pose"}),
     ],
 )
+@pytest.mark.few(4)
 def test_every_kind_is_loaded_by_one_call(recordings, hand, name, choice):
     demo = Demonstration.load(recordings / name, **choice)
     assert demo.position.tobytes() == hand(1).position.tobytes()
@@ -110,6 +111,7 @@ def test_all_movements_have_names_of_their_own(recordings, name, n_movements):
         ("a.db3", {"topic": "/left/psoe"}, "topic", "no '/left/psoe'", "did you mean '/left/pose"),
     ],
 )
+@pytest.mark.few(5)
 def test_what_has_to_be_chosen_is_listed(recordings, refused, name, choice, key, says, way_out):
     refused(lambda p: Demonstration.load(p, **choice), recordings / name, key=key, says=says, way_out=way_out)
 

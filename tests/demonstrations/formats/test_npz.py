@@ -135,6 +135,7 @@ def test_wrong_arrays_are_named(path, refused, arrays, key, says, way_out):
     refused(read_npz, path, key=key, says=says, way_out=way_out)
 
 
+@pytest.mark.slow
 def test_half_a_megabyte_that_unpacks_to_half_a_gigabyte_is_refused_unread(path, refused, monkeypatch):
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as file:
         with file.open("position.npy", "w") as member:

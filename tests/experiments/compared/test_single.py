@@ -67,6 +67,7 @@ def test_a_demonstration_joins_the_library():
 
 
 @pytest.mark.parametrize("scene", [TRAY, POLYGON], ids=["tray", "polygon"])
+@pytest.mark.few(1)
 def test_whatever_the_load_is_it_is_left_behind(scene):
     assert comove.solve(scene, method=Single(n_movements=2)).verified
 

@@ -42,6 +42,7 @@ def test_clearance_comes_before_the_goal(stuck):
     assert any("an end is missed" in reason for reason in stuck.reasons)
 
 
+@pytest.mark.slow
 def test_a_demonstration_leads_through_and_clearance_turns_the_bar(through):
     log = through.log
     assert log["integration_end_miss_m"] < 5e-3
@@ -115,6 +116,7 @@ def test_slips_are_told(wrong):
         TaskPriority(**wrong)
 
 
+@pytest.mark.slow
 def test_a_tighter_bound_holds_the_middle_closer():
     """Where nothing is in the way, the error of what is held is as many times smaller as the gain is larger."""
     scene = example("wide")

@@ -21,6 +21,7 @@ def wide():
     return controlled("baxter_wide")
 
 
+@pytest.mark.slow
 def test_straight_lines_between_far_posts_are_verified_with_the_robot_s_joints(wide):
     assert wide.verified, wide.solution.reasons
     log = wide.solution.log

@@ -274,6 +274,7 @@ LONG = ("d.obj", "a.dae", "b.dae", "c.ply")
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in LARGE]
 )
+@pytest.mark.few(3)
 def test_large_ones_are_answered_soon_and_within_bounds(name):
     """A few seconds and 1 GB, whatever it is; 60 s leave room for any machine, what is quadratic takes hours."""
     data, before = LARGE[name](), time.process_time()

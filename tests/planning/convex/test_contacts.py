@@ -48,6 +48,7 @@ def test_least_distances_are_those_of_brute_force(seed):
 
 
 @pytest.mark.parametrize("seed", range(30))
+@pytest.mark.few(10)
 def test_rows_are_the_slopes_of_distances(seed):
     """Of rods, points, solids, borders and hands that stay apart, in every kind of coordinates."""
     programme, z = drawn(seed)

@@ -13,6 +13,7 @@ TWISTS = {"gantry": (0.1, 0.2, 0.05), "gap_30": (0.05, 0.02, 0.0, 0.3), "two_pan
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.few(2)
 def test_hands_are_where_they_are_meant_to_be_at_samples_and_between(name):
     carrying = task(name)
     motion = movement(carrying.scene, TWISTS.get(name, ()))
