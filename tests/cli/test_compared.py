@@ -50,6 +50,7 @@ def test_what_cannot_be_held_is_saved_drawn_and_told(outcomes, name):
         assert arrays["position"].shape[1:] == (2, 2)
 
 
+@pytest.mark.slow
 def test_each_fails_in_its_own_way_and_comove_in_none(outcomes):
     summaries = {name: summary_of(folder) for name, (_, folder) in outcomes.items()}
     assert summaries["unconstrained"]["distance_error_max"] > 0.01

@@ -77,7 +77,7 @@ def is_whole(folder, made):
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGINT", "SIGHUP"])
-@pytest.mark.few(1)
+@pytest.mark.slow
 def test_what_ends_a_command_leaves_nothing_behind(made, folder, name):
     number = getattr(signal, name)
     assert ended_while_writing(folder, made[1], number) in (0, 130 if name == "SIGINT" else 128 + number)

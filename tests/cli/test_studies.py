@@ -169,6 +169,7 @@ def test_bad_input_is_one_sentence(tmp_path):
     assert not out.exists()
 
 
+@pytest.mark.slow
 def test_an_edited_study_is_refused(tmp_path):
     out = tmp_path / "out"
     draws = [{"key": "duration", "choice": [0.2]}]

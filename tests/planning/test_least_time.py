@@ -116,7 +116,7 @@ def test_a_duration_that_is_too_short_is_answered_by_one_that_does(name, limits,
 
 
 @pytest.mark.parametrize("duration", [2.1, 2.4])
-@pytest.mark.few(1)
+@pytest.mark.slow
 def test_where_a_search_in_time_finds_nothing_the_fastest_motion_decides(monkeypatch, duration):
     """A search that fails although a longer duration is known is not the last word: a faster motion may do."""
     search, fastest = solver._searched, comove.solve(hasty("narrow"))

@@ -36,6 +36,7 @@ def test_a_bar_is_carried_from_the_side_where_hands_from_above_do_not_reach():
             assert abs(pose[2, 2]) < 1e-6  # the approach is level
 
 
+@pytest.mark.slow
 def test_a_grasp_by_which_nobody_reaches_is_told():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -85,6 +85,7 @@ def done(tmp_path_factory):
     return study, folder / "out", list(episodes_of(folder / "out", study.folder, 25))
 
 
+@pytest.mark.slow
 def test_joints_hold_the_load_where_the_scene_says(done):
     """By the robot's own kinematics, at both ends of every episode and all the way."""
     study, out, episodes = done

@@ -50,6 +50,7 @@ def test_scenes_are_taken_as_they_are_needed():
     assert len(taken) <= 3
 
 
+@pytest.mark.slow
 def test_an_error_in_one_scene_leaves_the_others_alone():
     blocked = comove.Scene.load(example_path("wide"), {"demonstration": {"lasa": "NoShape"}})
     found = {one.number: one for one in comove.solve_many([blocked, *scenes(0.0)], workers=1)}

@@ -7,6 +7,7 @@ from comove.errors import OptionError
 from comove.experiments.examples import example_path
 
 
+@pytest.mark.slow
 def test_rows_are_those_of_solve(tmp_path):
     scenes = [comove.Scene.load(example_path(name)) for name in ("wide", "turning")]
     table = comove.study(scenes, seeds=2, workers=2, out=tmp_path / "study")

@@ -44,6 +44,7 @@ def test_nothing_is_certified_above_the_truth(chunk):
     assert outcomes["contact"] > 2
 
 
+@pytest.mark.slow
 def test_coal_agrees():
     """At instants ever closer about the least distance."""
     coal, compared = pytest.importorskip("coal"), 0

@@ -61,6 +61,7 @@ def test_the_second_stage_improves_the_combination():
     assert comove.solve(scene, method=Single(movements=bumps())).cost.total <= combined.cost * 1.001
 
 
+@pytest.mark.slow
 def test_a_demonstration_joins_the_library():
     scene = example("complex")
     assert comove.solve(scene, demonstration=demonstration_of(scene), method=Single(n_movements=1)).verified

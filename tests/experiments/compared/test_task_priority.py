@@ -33,6 +33,7 @@ def test_where_nothing_is_in_the_way_the_motion_is_verified():
         assert solution.log["relative_beyond_bound"] == solution.log["absolute_beyond_bound"] == 0.0
 
 
+@pytest.mark.slow
 def test_clearance_comes_before_the_goal(stuck):
     """It stands before the wall, upright as it came: nothing in its tasks asks it to turn."""
     assert not stuck.verified

@@ -47,6 +47,7 @@ def test_relative_motion_comes_before_the_goal_in_front_of_near_posts():
     assert found.solution.log["turn_error_max_rad"] < 0.05
 
 
+@pytest.mark.slow
 def test_joints_that_are_kept_are_those_of_the_motion(wide):
     """Of all joints that hold the load exactly, those are judged that are nearest to the given ones."""
     motion, carrier = wide.solution.attempt, RobotCarrier(ROBOT, wide.solution.scene)

@@ -36,6 +36,7 @@ def test_a_column_a_method_and_a_row_a_view(compared, tmp_path):
     save(figure, tmp_path / "comparison.png")
 
 
+@pytest.mark.slow
 def test_the_animation_moves_and_is_in_real_time(compared, tmp_path):
     animate_comparison(compared, tmp_path / "comparison.gif")
     with Image.open(tmp_path / "comparison.gif") as film:
