@@ -13,7 +13,7 @@ import yaml
 from comove.errors import RobotError, SceneError
 from comove.planning import solve
 from comove.planning.methods import UNPOLISHED
-from comove.robots import VerifiedJointMotion, robot_method
+from comove.robots import VerifiedJointMotion, carry, robot_method
 from comove.robots.carrying import SETTINGS, RobotCarrier
 from comove.robots.search.following import MET
 from comove.robots.search.tracking import sampled_nodes
@@ -345,3 +345,14 @@ def test_a_search_with_the_gantry_ends_with_verified_joints():
     _, verdict = carrier.carried_out(solution.attempt)
     assert verdict.reasons == ()
     assert verdict.report.clearance_scene >= 0.005
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("seed", range(3))
+def test_where_the_duration_is_open_the_first_motion_is_not_much_slower_than_a_known_one(seed):
+    """The bends of a plan, or a law of motion that begins with a jolt, would make it take five times as long."""
+    motion, _ = known_carry()
+    known, heard = RobotCarrier(robot("baxter"), motion.scene).shortest(motion), []
+    wanted = {"found": heard.append, "stop": lambda: bool(heard)}
+    carry(motion.scene.timed(None), robot("baxter"), seed=seed, budget=600, **wanted)
+    assert heard[0].joints.duration < 2.0 * known

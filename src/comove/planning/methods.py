@@ -225,7 +225,9 @@ class Comove(Method):
                 if found is None:
                     failures += 1
                     break
-                if search.best is None:  # something to hand out at once
+                if (
+                    search.best is None and not search.paced
+                ):  # something to hand out at once; its pace is poor
                     self._certified_fit(search, *found, mend=False)
                 pool.append(found)
             if failures >= self.n_failures:

@@ -195,6 +195,11 @@ class Search:
         """Return the scene that is searched."""
         return self.objective.scene
 
+    @property
+    def paced(self) -> bool:
+        """Return whether the duration is open and a carrier's limits decide how long a motion takes."""
+        return self.carrier is not None and self.asked is not None and not self.asked.is_timed
+
     def time_left(self) -> float:
         """Return the time that is left of the budget [s]."""
         return self.until - now()

@@ -140,7 +140,8 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
     """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
 
     The smoothest motion is tried first; after each rejection, hands are drawn more strongly to their planned
-    positions. While there is no motion at all, though, the one nearest to the planned path comes before all others.
+    positions. While there is no motion at all, though, the one nearest to the planned path comes before all others,
+    unless its bends would decide how long it takes.
     """
     step = (len(reference) - 1) // (len(programme.coarse.base) - 1)
     _, anchor = programme.hands(reference[::step])
@@ -152,7 +153,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
         costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
     settings = replace(SETTINGS, wish=smooth.wish)
     along: Array | None = reference
-    hasty, found = search.best is None, False
+    hasty, found = search.best is None and not search.paced, False
     for number, cost in enumerate([costs[-1], *costs[:-1]] if hasty else costs):
         search.check_time()
         outcome = optimise(programme, cost, z, settings, along, search.over)

@@ -34,6 +34,7 @@ from comove.robots.search.links import (
     place_links,
 )
 from comove.robots.search.planner import plan_with_arms
+from comove.robots.search.ranges import Ranges, ranges_of
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
@@ -168,8 +169,8 @@ class RobotCarrier:
             ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
         )
-        chains, links, _ = _of_robot(self.robot, self.holders)
-        return Arms(chains, links, around)
+        chains, links, ranges, _ = _of_robot(self.robot, self.holders)
+        return Arms(chains, links, ranges, around)
 
     @cached_property
     def _busy(self) -> Arms:
@@ -519,12 +520,15 @@ class RobotCarrier:
 
 
 @lru_cache(maxsize=8)
-def _of_robot(robot: Robot, holders: tuple[Arm, ...]) -> tuple[Chains, Links, tuple[ClosedForm | None, ...]]:
-    """Return what no scene changes: chains and links of some arms of a robot, and how the joints of each arm follow
-    from a pose in closed form, None where they do not.
+def _of_robot(
+    robot: Robot, holders: tuple[Arm, ...]
+) -> tuple[Chains, Links, Ranges, tuple[ClosedForm | None, ...]]:
+    """Return what no scene changes: chains, links and ranges of some arms of a robot, and how the joints of each arm
+    follow from a pose in closed form, None where they do not.
     """
     chains = chains_of(robot, holders)
-    return chains, links_of(robot, holders), tuple(closed_form(chains, i) for i in range(len(holders)))
+    forms = tuple(closed_form(chains, i) for i in range(len(holders)))
+    return chains, links_of(robot, holders), ranges_of(chains), forms
 
 
 def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

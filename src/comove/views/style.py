@@ -27,7 +27,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; it is laid out once, where `savefig` would draw all of it for that and again to write."""
+    """Write a figure as PNG; `savefig` would draw all of it once more, to lay it out."""
     figure.set_dpi(DPI)
     if layout := figure.get_layout_engine():
         layout.execute(figure)

@@ -59,7 +59,7 @@ def told(q, poses, velocity=None, near=5.0):
 def distances(q, poses):
     """Distances in the order of the rows, by geometry alone."""
     carrier, _, _ = at_start()
-    (chains, links, around), nodes = carrier.arms, nodes_of(carrier.scene, poses)
+    (chains, links, _, around), nodes = carrier.arms, nodes_of(carrier.scene, poses)
     a, b = links.start.copy(), links.end.copy()
     place_links(chains, links, q, a, b)
     found = []

@@ -22,6 +22,7 @@ from comove.robots.search.links import (
     clearance_between,
     place_links,
 )
+from comove.robots.search.ranges import Ranges
 
 Array = NDArray[np.float64]
 
@@ -36,10 +37,11 @@ PATIENT = SETTLING._replace(gain=0.2, most=70)
 
 
 class Arms(NamedTuple):
-    """Chains, links and surroundings of arms that carry a load, for kernels."""
+    """Chains, links, ranges and surroundings of arms that carry a load, for kernels."""
 
     chains: Chains
     links: Links
+    ranges: Ranges
     around: LinkSurroundings
 
 

@@ -32,12 +32,15 @@ from comove.planning.trees import copy_to, rrt_connect, shortened
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import KEEP, Arms, hand_rotation, posture_on
 from comove.robots.search.links import ENOUGH, ROUGH, links_clearance, place_links
+from comove.robots.search.ranges import may_reach
 
 Array = NDArray[np.float64]
 
 SUB_STEP = 0.03  # m of span, between the poses that the arms are followed through
 JUMP = 0.4  # rad, of a joint within a sub-step: another branch
 N_SHORTCUTS = 80
+N_TREES = 3  # pairs of trees that meet, where their paths cannot be followed from one end to the other
+N_DRAWS = 50  # for each node; most of them are out of reach
 LEADING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-3, steady=0.05, most=12)  # of a pose
 FOLLOWING_WORK = 2000  # distances of segments that a pose of all arms takes as long as
 SPACING = 0.05  # m, between the vertices of a path that is to be shortened
@@ -98,15 +101,17 @@ def plan_with_arms(
     course = np.stack([start[1], goal[1]])
     world, n_columns = CarriedSpace(space, arms, len(start[0]), course, space.clock), len(start[0])
     ends = np.concatenate(start), np.concatenate(goal)
-    path = rrt_connect(world, *ends, margin, rng, max_nodes, 20 * max_nodes, np.empty((0, len(ends[0]))))
-    if len(path) == 0:
-        return None
-    path = _dense(space, path[:, :n_columns])
-    joints = _followed(space, arms, course, path)
-    if len(joints) < len(path):
-        return None
-    path = shortened(world, np.hstack([path, joints]), margin, rng, N_SHORTCUTS)
-    return continuous(space, path[:, :n_columns])
+    for _ in range(N_TREES):
+        draws = N_DRAWS * max_nodes
+        path = rrt_connect(world, *ends, margin, rng, max_nodes, draws, np.empty((0, len(ends[0]))))
+        if len(path) == 0:
+            return None
+        path = _dense(space, path[:, :n_columns])
+        joints = _followed(space, arms, course, path)
+        if len(joints) == len(path):
+            path = shortened(world, np.hstack([path, joints]), margin, rng, N_SHORTCUTS)
+            return continuous(space, path[:, :n_columns])
+    return None
 
 
 def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
@@ -191,11 +196,12 @@ def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float
     copy_to(p[n:], out[n:])
     if not follow_edge(space, world.arms, world.course, p, out, out[n:]):
         return trees.BLOCKED
-    if steps == trees.WHOLE:  # ends in the joints of q, not in those of another branch
-        for c in range(n, q.shape[0]):
-            if abs(out[c] - q[c]) > JUMP:
-                return trees.BLOCKED
-    return trees.ARRIVED if way <= STEP * steps else trees.FREE
+    if way > STEP * steps:
+        return trees.FREE
+    for c in range(n, q.shape[0]):  # in the joints of q, not in those of another branch; a random q has none
+        if abs(out[c] - q[c]) > JUMP:
+            return trees.BLOCKED
+    return trees.ARRIVED
 
 
 @trees.answers(trees.nearest, CarriedSpace)
@@ -215,6 +221,14 @@ def _draw(
     out: Array,
 ) -> bool:
     random_configuration(world.space, rng, out)
+    for c in range(world.n_columns, out.shape[0]):
+        out[c] = np.nan
+    nodes, rotation = np.empty((world.space.blocks.node.shape[0], 3)), np.empty((3, 3))
+    place_one(world.space.blocks, out, 1.0, nodes)
+    for i in range(world.arms.chains.first.shape[0] - 1):
+        hand_rotation(world.arms.around, nodes, i, rotation)
+        if not may_reach(world.arms.ranges, i, rotation, nodes[i]):
+            return False
     return True
 
 

@@ -1,0 +1,105 @@
+"""Poses of hands that arms may reach, as a planner draws them: how far a wrist can be from its shoulder.
+
+The *shoulder* is the last of an arm's joints that stays where it is, whatever the joints do; the *wrist* the first
+that stays where it is as seen from the hand. So a hand's pose alone says how far they are from each other. What lies
+between the least and the largest distance is not always reached, but whatever lies outside never is.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.robots.search.chains import Chains, place_arm
+
+Array = NDArray[np.float64]
+
+N_SAMPLES = 200  # random joints a round
+N_ROUNDS = 8  # around the best joints so far, each half as far from them as the one before
+EDGE = 0.01  # m, beyond the distances found
+STILL = 1e-9  # m, that a point which stays where it is may move by
+
+
+class Ranges(NamedTuple):
+    """The distances of wrists from shoulders that the joints of each arm allow.
+
+    Attributes
+    ----------
+    shoulder : array, shape (n_arms, 3), in the scene [m]
+    wrist : array, shape (n_arms, 3), in the frame of the hand [m]
+    least, most : arrays, shape (n_arms,), distances [m]
+    """
+
+    shoulder: Array
+    wrist: Array
+    least: Array
+    most: Array
+
+
+def ranges_of(chains: Chains) -> Ranges:
+    """Return the ranges of arms, from random joints within their limits."""
+    rng, span = np.random.default_rng(0), chains.upper - chains.lower
+    samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(span)))
+    steps = span * rng.standard_normal((N_ROUNDS, N_SAMPLES, len(span)))
+    steps *= 0.5 ** np.arange(2, N_ROUNDS + 2)[:, None, None]
+    found = []
+    for arm in range(len(chains.first) - 1):
+        points, hands = _placed(chains, arm, samples)
+        seen = np.einsum("sba,skb->ska", hands, points - points[:, -1:])
+        shoulder, wrist = np.flatnonzero(_still(points))[-1], np.flatnonzero(_still(seen))[0]
+        least, most = (_extreme(chains, arm, shoulder, wrist, sign, samples, steps) for sign in (1.0, -1.0))
+        found.append((points[0, shoulder], seen[0, wrist], least - EDGE, most + EDGE))
+    return Ranges(*(np.array(part) for part in zip(*found, strict=True)))
+
+
+def _still(points: Array) -> NDArray[np.bool_]:
+    """Return which points stay where they are; arrays, shapes (n_samples, n_points, 3) and (n_points,)."""
+    return np.ptp(points, axis=0).max(axis=-1) < STILL
+
+
+def _extreme(
+    chains: Chains, arm: int, shoulder: int, wrist: int, sign: float, samples: Array, steps: Array
+) -> float:
+    """Return the least (sign 1) or largest (-1) distance that is found near the best samples of every round."""
+    best, least = samples[0], np.inf
+    for step in (None, *steps):
+        if step is not None:
+            samples = np.clip(best + step, chains.lower, chains.upper)
+        points, _ = _placed(chains, arm, samples)
+        values = sign * np.linalg.norm(points[:, wrist] - points[:, shoulder], axis=1)
+        if values.min() < least:
+            best, least = samples[values.argmin()], float(values.min())
+    return sign * least
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _placed(chains: Chains, arm: int, samples: Array) -> tuple[Array, Array]:
+    """Compute where an arm begins, the origins of its joints and its hand, and the hand's orientation; arrays, shapes
+    (n_samples, n_joints + 2, 3) and (n_samples, 3, 3).
+    """
+    first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
+    points, hands = np.empty((samples.shape[0], n + 2, 3)), np.empty((samples.shape[0], 3, 3))
+    rotations = np.empty((n + 1, 3, 3))
+    for s in range(samples.shape[0]):
+        place_arm(chains, arm, samples[s], rotations, points[s, 1:])
+        for a in range(3):
+            points[s, 0, a] = chains.offset[first, a]  # a first joint that slides moves its frame
+            for b in range(3):
+                hands[s, a, b] = rotations[n, a, b]
+    return points, hands
+
+
+@numba.njit(cache=True, error_model="numpy")
+def may_reach(ranges: Ranges, arm: int, rotation: Array, point: Array) -> bool:
+    """Return whether a pose of a hand, arrays of shape (3, 3) and (3,), is within the range of its arm."""
+    square = 0.0
+    for a in range(3):
+        away = point[a] - ranges.shoulder[arm, a]
+        for b in range(3):
+            away += rotation[a, b] * ranges.wrist[arm, b]
+        square += away * away
+    least = max(ranges.least[arm], 0.0)
+    return least * least <= square <= ranges.most[arm] * ranges.most[arm]
