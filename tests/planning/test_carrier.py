@@ -1,11 +1,12 @@
 """What moves the hands limits a search: it plans, says what is possible, and becomes careful when it was wrong."""
 
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from comove.planning import Comove, Paper, PaperCost, solve
+from comove.planning import Comove, Paper, PaperCost, methods, smooth, solve
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
 from comove.planning.seeds import RIDGES, profiles
@@ -73,6 +74,30 @@ def test_smooth_motions_stay_where_their_carrier_can_go():
     paper = solve(SCENE, budget=10, carrier=carrier, objective=PaperCost())
     assert found.verified and highest(found.attempt) <= low
     assert found.report.acceleration_max < 0.2 * paper.report.acceleration_max
+
+
+def test_later_ways_begin_a_little_more_smoothly_than_the_last_one_ended(monkeypatch):
+    pulls, ways = [], []
+
+    def noted(programme, cost, *rest):
+        pulls.append(smooth.PULLS.index(cost.pull))
+        return optimise(programme, cost, *rest)
+
+    def way(*arguments):
+        pulls.clear()
+        done = smooth_way(*arguments)
+        ways.append((done, list(pulls)))
+        return done
+
+    low = highest(solve(SCENE, seed=3, budget=3).attempt) - 0.01
+    optimise, smooth_way = smooth.optimise, smooth.smooth_way
+    monkeypatch.setattr(smooth, "PULLS", (0.0, 1.0, 10.0, 100.0, 1e3, 1e4))
+    monkeypatch.setattr(smooth, "optimise", noted)
+    monkeypatch.setattr(methods, "smooth_way", way)
+    assert solve(SCENE, budget=10, carrier=Ceiling(low)).verified
+    assert len(ways) > 1 and ways[0][0] and ways[0][1][-1] > 1  # drawn to the plan at last
+    for (done, before), (_, after) in pairwise(ways):
+        assert not done or after[0] == before[-1] - 1
 
 
 @pytest.mark.slow

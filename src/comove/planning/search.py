@@ -156,6 +156,7 @@ class Search:
     latest : value of the last motion that was verified (or, if not `hard`, judged)
     attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
         its violation
+    pulled : number of the weakest pull to a planned path with which a carrier could follow the last way
     log : figures that a method reports of its run, numbers or lists of numbers by name
     """
 
@@ -182,6 +183,7 @@ class Search:
     attempt: CoordinatedMotion | None = None
     attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
+    pulled: int = 0
     log: dict[str, float | list[float]] = field(default_factory=dict)
     aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
     limits: Limits | None = None

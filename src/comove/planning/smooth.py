@@ -141,7 +141,7 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
 
     The smoothest motion is tried first; after each rejection, hands are drawn more strongly to their planned
     positions. While there is no motion at all, though, the one nearest to the planned path comes before all others,
-    unless its bends would decide how long it takes.
+    unless its bends would decide how long it takes. Later ways begin a little more smoothly than the last one ended.
     """
     step = (len(reference) - 1) // (len(programme.coarse.base) - 1)
     _, anchor = programme.hands(reference[::step])
@@ -154,16 +154,17 @@ def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Ar
     settings = replace(SETTINGS, wish=smooth.wish)
     along: Array | None = reference
     hasty, found = search.best is None and not search.paced, False
-    for number, cost in enumerate([costs[-1], *costs[:-1]] if hasty else costs):
+    for number in (-1, *range(len(costs) - 1)) if hasty else range(max(0, search.pulled - 1), len(costs)):
         search.check_time()
-        outcome = optimise(programme, cost, z, settings, along, search.over)
+        outcome = optimise(programme, costs[number], z, settings, along, search.over)
         z, along = outcome.z, None
         search.evaluations += outcome.iterations
         search.tell(outcome.value, outcome.missed)
         motion = programme.motion(z)
         verdict = search.judge(motion)
         found |= verdict.verified is not None
-        if verdict.verified is not None and (number > 0 or not hasty):
+        if verdict.verified is not None and number >= 0:
+            search.pulled = number
             return True
         if verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
