@@ -34,7 +34,7 @@ from comove.robots.search.links import (
     place_links,
 )
 from comove.robots.search.planner import plan_with_arms
-from comove.robots.search.ranges import Ranges, ranges_of
+from comove.robots.search.ranges import WristRanges, ranges_of
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
@@ -522,7 +522,7 @@ class RobotCarrier:
 @lru_cache(maxsize=8)
 def _of_robot(
     robot: Robot, holders: tuple[Arm, ...]
-) -> tuple[Chains, Links, Ranges, tuple[ClosedForm | None, ...]]:
+) -> tuple[Chains, Links, WristRanges, tuple[ClosedForm | None, ...]]:
     """Return what no scene changes: chains, links and ranges of some arms of a robot, and how the joints of each arm
     follow from a pose in closed form, None where they do not.
     """

@@ -22,7 +22,7 @@ from comove.robots.search.links import (
     clearance_between,
     place_links,
 )
-from comove.robots.search.ranges import Ranges
+from comove.robots.search.ranges import WristRanges
 
 Array = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class Arms(NamedTuple):
 
     chains: Chains
     links: Links
-    ranges: Ranges
+    ranges: WristRanges
     around: LinkSurroundings
 
 

@@ -23,7 +23,7 @@ EDGE = 0.01  # m, beyond the distances found
 STILL = 1e-9  # m, that a point which stays where it is may move by
 
 
-class Ranges(NamedTuple):
+class WristRanges(NamedTuple):
     """The distances of wrists from shoulders that the joints of each arm allow.
 
     Attributes
@@ -39,7 +39,7 @@ class Ranges(NamedTuple):
     most: Array
 
 
-def ranges_of(chains: Chains) -> Ranges:
+def ranges_of(chains: Chains) -> WristRanges:
     """Return the ranges of arms, from random joints within their limits."""
     rng, span = np.random.default_rng(0), chains.upper - chains.lower
     samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(span)))
@@ -52,7 +52,7 @@ def ranges_of(chains: Chains) -> Ranges:
         shoulder, wrist = np.flatnonzero(_still(points))[-1], np.flatnonzero(_still(seen))[0]
         least, most = (_extreme(chains, arm, shoulder, wrist, sign, samples, steps) for sign in (1.0, -1.0))
         found.append((points[0, shoulder], seen[0, wrist], least - EDGE, most + EDGE))
-    return Ranges(*(np.array(part) for part in zip(*found, strict=True)))
+    return WristRanges(*(np.array(part) for part in zip(*found, strict=True)))
 
 
 def _still(points: Array) -> NDArray[np.bool_]:
@@ -93,7 +93,7 @@ def _placed(chains: Chains, arm: int, samples: Array) -> tuple[Array, Array]:
 
 
 @numba.njit(cache=True, error_model="numpy")
-def may_reach(ranges: Ranges, arm: int, rotation: Array, point: Array) -> bool:
+def may_reach(ranges: WristRanges, arm: int, rotation: Array, point: Array) -> bool:
     """Return whether a pose of a hand, arrays of shape (3, 3) and (3,), is within the range of its arm."""
     square = 0.0
     for a in range(3):
