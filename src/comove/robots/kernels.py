@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 
 from comove.planning.compiling import meanwhile
 from comove.planning.kernels import SceneKind, load_smooth_kernels
@@ -10,6 +11,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.scenes.scene import Scene
 
+TWO_ARMS = Path(__file__).parent / "stand_in" / "two_arms.yaml"
 STAND_IN = {
     "name": "kernels",
     "duration": 1.0,
@@ -37,7 +39,8 @@ def load_planning_kernels(solids: bool) -> None:
     _stand_in(solids).try_planning()
 
 
+@lru_cache(maxsize=1)
 def _stand_in(solids: bool) -> RobotCarrier:
-    """Return Baxter in a small scene."""
+    """Return the smallest robot that needs all kernels, in a small scene."""
     load = {"shape": "box", "size": [0.3, 0.02, 0.02]} if solids else {"shape": "bar", "length": 0.3}
-    return RobotCarrier(Robot.load("baxter"), Scene.from_dict({**STAND_IN, "load": load}))
+    return RobotCarrier(Robot.load(TWO_ARMS), Scene.from_dict({**STAND_IN, "load": load}))

@@ -1,0 +1,40 @@
+"""The robot that stands in for all others while kernels are loaded."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LOADED = """
+import warnings
+from numba.core.dispatcher import Dispatcher
+from comove.planning.kernels import SceneKind
+from comove.robots import Robot, carry
+from comove.robots.kernels import load_robot_kernels
+from comove.scenes import Scene
+
+names, compiled = [], Dispatcher.compile
+
+def noted(self, signature):
+    names.append(f"{self.py_func.__module__}.{self.py_func.__name__}")
+    return compiled(self, signature)
+
+Dispatcher.compile = noted
+scene = Scene.load("examples/%s.yaml")
+load_robot_kernels(SceneKind.of(scene))
+assert [name for name in names if name.startswith("comove.robots.")]
+names.clear()
+assert carry(scene, Robot.load(scene.file.robot)).verified
+print(*names, sep="\\n")
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["baxter/gap_30", "robots/two_xarm7", "robots/ur5_and_panda"])
+def test_no_kernel_of_robots_is_missing_when_a_search_begins(scene):
+    """Whether joints follow in closed form or not: to compile takes seconds, which are no part of a budget."""
+    command, root = [sys.executable, "-c", LOADED % scene], Path(__file__).parents[2]
+    done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert not [name for name in done.stdout.split() if name.startswith("comove.robots.")]
