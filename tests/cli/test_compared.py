@@ -63,12 +63,14 @@ def test_each_fails_in_its_own_way_and_comove_in_none(outcomes):
     assert summaries["comove"]["clearance_min"] > 0
 
 
+@pytest.mark.slow
 def test_epochs_are_in_the_summary(outcomes):
     log = summary_of(outcomes["leader-follower"][1])["log"]
     assert len(log["epoch_error_rms_m"]) == 20
 
 
 @pytest.mark.parametrize("name", FAILING)
+@pytest.mark.slow
 def test_a_saved_attempt_is_shown_and_judged_like_any_other(outcomes, narrow, name):
     folder = outcomes[name][1]
     assert invoke("show", folder).exit_code == 0
