@@ -190,7 +190,9 @@ class Search:
     needed: float = np.inf
     own: OwnFunctions | None = None
     kept: list[CoordinatedMotion] = field(default_factory=list)
-    _handed: tuple[CoordinatedMotion, CoordinatedMotion] | None = field(default=None, init=False, repr=False)
+    _handed: list[tuple[CoordinatedMotion, CoordinatedMotion]] = field(
+        default_factory=list, init=False, repr=False
+    )
 
     @property
     def scene(self) -> Scene:
@@ -294,12 +296,18 @@ class Search:
             self.best_cost = self.worth(self.best_motion)
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
-        """Return a motion on the scene of the caller, as it is returned to the caller; the last result is cached."""
+        """Return a motion on the scene of the caller, as it is returned to the caller.
+
+        Those of the last motion and of the best are kept: arms might go through other joints when asked again.
+        """
         if self.asked is None:
             return motion
-        if self._handed is None or self._handed[0] is not motion:
-            self._handed = motion, self._on_time(motion, self.asked)
-        return self._handed[1]
+        for one, handed in self._handed:
+            if one is motion:
+                return handed
+        kept = [pair for pair in self._handed if pair[0] is self.best_motion]
+        self._handed = [*kept, (motion, self._on_time(motion, self.asked))]
+        return self._handed[-1][1]
 
     def _on_time(self, motion: CoordinatedMotion, asked: Scene) -> CoordinatedMotion:
         if asked.is_timed:
