@@ -227,7 +227,7 @@ class Comove(Method):
                     break
                 if (
                     search.best is None and not search.paced
-                ):  # something to hand out at once; its pace is poor
+                ):  # to hand out at once; where time counts it is poor
                     self._certified_fit(search, *found, mend=False)
                 pool.append(found)
             if failures >= self.n_failures:

@@ -101,9 +101,9 @@ def plan_with_arms(
     course = np.stack([start[1], goal[1]])
     world, n_columns = CarriedSpace(space, arms, len(start[0]), course, space.clock), len(start[0])
     ends = np.concatenate(start), np.concatenate(goal)
+    limits = max_nodes, N_DRAWS * max_nodes
     for _ in range(N_TREES):
-        draws = N_DRAWS * max_nodes
-        path = rrt_connect(world, *ends, margin, rng, max_nodes, draws, np.empty((0, len(ends[0]))))
+        path = rrt_connect(world, *ends, margin, rng, *limits, np.empty((0, len(ends[0]))))
         if len(path) == 0:
             return None
         path = _dense(space, path[:, :n_columns])

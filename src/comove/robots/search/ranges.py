@@ -2,7 +2,8 @@
 
 The *shoulder* is the last of an arm's joints that stays where it is, whatever the joints do; the *wrist* the first
 that stays where it is as seen from the hand. So a hand's pose alone says how far they are from each other. What lies
-between the least and the largest distance is not always reached, but whatever lies outside never is.
+between the least and the largest distance is not always reached; what lies outside never is. Both distances are
+found by random joints, ever closer to the best, and taken `EDGE` wider.
 """
 
 from __future__ import annotations
