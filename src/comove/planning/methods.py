@@ -225,9 +225,8 @@ class Comove(Method):
                 if found is None:
                     failures += 1
                     break
-                if (
-                    search.best is None and not search.paced
-                ):  # to hand out at once; where time counts it is poor
+                # Something to hand out at once; where the duration is open it would be a slow motion.
+                if search.best is None and not search.paced:
                     self._certified_fit(search, *found, mend=False)
                 pool.append(found)
             if failures >= self.n_failures:
