@@ -57,7 +57,7 @@ def test_what_is_whole_is_loaded(kernel):
 
 
 @pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
-@pytest.mark.few(1)
+@pytest.mark.slow
 def test_files_that_are_damaged_are_made_anew(kernel, tmp_path, suffix):
     assert kernel()(4) == 8
     file = kept(tmp_path, suffix)

@@ -177,6 +177,7 @@ def test_a_robot_that_says_nothing_is_not_moved(robot, brief):
     assert all(server.events.empty() for server in servers.values())
 
 
+@pytest.mark.slow
 def test_a_missing_server_is_told(robot, brief):
     _, client = robot(arms=("left",))
     fails(

@@ -133,6 +133,7 @@ def test_where_a_search_in_time_finds_nothing_the_fastest_motion_decides(monkeyp
         assert any("2.24 s would do" in reason for reason in solution.reasons)
 
 
+@pytest.mark.slow
 def test_a_duration_just_long_enough_is_kept():
     assert comove.solve(hasty("narrow", 2.2)).verified
 

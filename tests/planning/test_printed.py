@@ -45,6 +45,7 @@ def test_equation_4_looks_at_the_hands_alone():
 
 
 @pytest.mark.parametrize("taught", [True, False])
+@pytest.mark.few(1)
 def test_the_narrow_passage_is_not_passed(taught):
     scene = example("narrow")
     dmp = demonstration_of(scene) if taught else None

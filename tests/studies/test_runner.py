@@ -160,6 +160,7 @@ def test_a_store_of_another_version_is_refused(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="files have no limit here")
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_what_had_ended_is_there(tmp_path, whole):
     """The disk is full in the middle: one sentence; with room again, the same call goes on."""
     driver = start(tmp_path / "study", workers=1, pause=0.0, room=60_000)

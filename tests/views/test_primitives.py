@@ -118,6 +118,7 @@ def test_the_sheet_names_every_movement(tmp_path, count):
     assert not unreadable(figure)
 
 
+@pytest.mark.slow
 def test_sheets_of_none_of_one_and_of_too_many(tmp_path):
     one = Primitive("one", op.in_space(learn(SINE).dmp, "xz"))
     assert texts(drawn(draw_library([]), tmp_path)) == ["library: 0 movements"]

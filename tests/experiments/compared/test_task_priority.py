@@ -54,6 +54,7 @@ def test_a_demonstration_leads_through_and_clearance_turns_the_bar(through):
     assert np.ptp(np.unwrap(np.arctan2(*(hands[:, 1] - hands[:, 0]).T))) > 0.3
 
 
+@pytest.mark.slow
 def test_relative_motion_comes_before_absolute(through):
     """The distance stays within its bound while the middle is pushed off its way."""
     log = through.log

@@ -91,6 +91,7 @@ def test_corners_of_a_load_lie_where_the_hands_put_them():
 
 
 @pytest.mark.parametrize("obstacles", [[], [{"shape": "circle", "center": [0.5, 0.8], "radius": 0.05}]])
+@pytest.mark.few(1)
 def test_scenes_in_which_nothing_moves(obstacles):
     rows, _ = compare(Executor(crossing(*obstacles)).run(8.0), 8.0)
     assert all(c.arrived and c.report.clearance_min > 0 for c in rows)

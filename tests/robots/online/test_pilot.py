@@ -98,6 +98,7 @@ def test_a_reference_is_left_without_a_jump_and_ends_at_rest():
     assert other.left == 3.0
 
 
+@pytest.mark.slow
 def test_who_stands_in_the_way_goes_out_of_it_in_time():
     pilot, _ = stands()
     start = pilot.reference.at(0.0)

@@ -58,7 +58,7 @@ def start_and_end(links):
 
 
 @pytest.mark.parametrize("name", [*BUNDLED, *RANDOM, "gantry"])
-@pytest.mark.few(3)
+@pytest.mark.few(2)
 def test_capsules_go_along_with_their_bodies(name):
     machine, rng = robot(name), np.random.default_rng(4)
     chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
