@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 LOADED = """
-import warnings
 from numba.core.dispatcher import Dispatcher
 from comove.planning.kernels import SceneKind
 from comove.robots import Robot, carry
