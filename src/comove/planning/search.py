@@ -19,6 +19,7 @@ from comove.planning.compiling import Compiled
 from comove.planning.configurations import Space
 from comove.planning.convex.jerk import jerk_cost
 from comove.planning.convex.limits import Limits
+from comove.planning.convex.programme import Follower
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
@@ -60,6 +61,9 @@ class Carrier(Protocol):
         max_nodes: int,
     ) -> Array | None:
         """Return a path that can be executed, or None; as `comove.planning.planner.plan`."""
+
+    def along(self, nodes: Array) -> Follower:
+        """Return what follows movements near one, array of shape (n_steps, n_nodes, 3) [m]."""
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return penalties of movements that are impossible or nearly so, and whether movements look possible.
@@ -156,7 +160,6 @@ class Search:
     latest : value of the last motion that was verified (or, if not `hard`, judged)
     attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
         its violation
-    pulled : number of the weakest pull to a planned path with which a carrier could follow the last way
     log : figures that a method reports of its run, numbers or lists of numbers by name
     """
 
@@ -183,7 +186,6 @@ class Search:
     attempt: CoordinatedMotion | None = None
     attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
-    pulled: int = 0
     log: dict[str, float | list[float]] = field(default_factory=dict)
     aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
     limits: Limits | None = None

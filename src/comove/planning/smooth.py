@@ -13,11 +13,11 @@ from comove.planning.convex.jerk import Anchored, JerkCost, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.paper import PaperSquares
-from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
 from comove.planning.pace import in_least_time
-from comove.planning.search import Search
+from comove.planning.search import Carrier, Search
 from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP
 from comove.verification.verify import verify
@@ -35,6 +35,10 @@ FAST = 24, 201  # weights a column, and samples, of motions in least time
 FASTEST = 49, 401  # likewise of the best of them, as fast motions use their limits to the full
 MOST_WEIGHTS = 200  # of all columns: programmes of more take seconds and gain a percent
 PULLS = (0.0, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7)  # to the planned path, where arms must follow it
+SHARES = (
+    1e-2,
+    1.0,
+)  # of the pull to a demonstration, where arms must follow; the last few millimetres take them long
 HOPELESS = 0.01  # m of penetration from which on more margin does not help
 UNMET = 1.5e-2  # relative excess, summed over limits, beyond which the duration is too short
 GENTLE = 1e-3  # weight of the jerk beside the duration, both relative to their initial values
@@ -51,7 +55,7 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
     """
     programme, z, reference = _along(search, way, boundary)
     if search.carrier is not None:
-        return _carried(search, programme, z, reference)
+        return _carried(search, search.carrier, programme, z, reference)
     return _verified(search, programme, z, reference)
 
 
@@ -116,12 +120,8 @@ def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: A
         search.evaluations += even.iterations
         search.judge(programme.motion(z))
     for attempt in range(ATTEMPTS):
-        search.check_time()
-        outcome = optimise(programme, cost, z, settings, reference, search.over)
-        z, reference = outcome.z, None
-        search.evaluations += outcome.iterations
-        search.tell(outcome.value, outcome.missed)
-        verdict = search.judge(programme.motion(z))
+        z = _optimised(search, programme, cost, z, settings, reference)
+        verdict, reference = search.judge(programme.motion(z)), None
         verified = verdict.verified is not None
         if verdict.report.clearance_min < search.scene.clearance - HOPELESS:
             return False
@@ -136,39 +136,64 @@ def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: A
     return verified
 
 
-def _carried(search: Search, programme: ConvexProgramme, z: Array, reference: Array) -> bool:
+def _carried(
+    search: Search, carrier: Carrier, programme: ConvexProgramme, z: Array, reference: Array
+) -> bool:
     """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
 
-    The smoothest motion is tried first; after each rejection, hands are drawn more strongly to their planned
-    positions. While there is no motion at all, though, the one nearest to the planned path comes before all others,
-    unless its bends would decide how long it takes. Later ways begin a little more smoothly than the last one ended.
+    The smoothest motion of all comes first, then the smoothest that the carrier can follow by its own account; after
+    each rejection, hands are drawn more strongly to their planned positions. While there is no motion at all, though,
+    the one nearest to the planned path comes before all others, unless its bends would decide how long it takes.
+    Last, motions are drawn to the demonstration as far as the carrier can follow.
     """
-    step = (len(reference) - 1) // (len(programme.coarse.base) - 1)
-    _, anchor = programme.hands(reference[::step])
-    smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
-    taught = _squares(search, smooth, len(anchor))
-    costs = [Anchored(taught, anchor, pull) for pull in PULLS]
-    if taught.demonstration is not None:  # it draws away from the planned path
-        free = squares(search.scene, smooth, None, len(anchor))
-        costs = [*costs[::3], *(Anchored(free, anchor, pull) for pull in PULLS)]
-    settings = replace(SETTINGS, wish=smooth.wish)
+    nodes, hands = programme.hands(reference)
+    anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.coarse.base) - 1)])
+    aim = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
+    taught, smooth = _squares(search, aim, len(anchor)), squares(search.scene, aim, None, len(anchor))
+    settings, found = replace(SETTINGS, wish=aim.wish), False
     along: Array | None = reference
-    hasty, found = search.best is None and not search.paced, False
-    for number in (-1, *range(len(costs) - 1)) if hasty else range(max(0, search.pulled - 1), len(costs)):
-        search.check_time()
-        outcome = optimise(programme, costs[number], z, settings, along, search.over)
-        z, along = outcome.z, None
-        search.evaluations += outcome.iterations
-        search.tell(outcome.value, outcome.missed)
-        motion = programme.motion(z)
-        verdict = search.judge(motion)
-        found |= verdict.verified is not None
-        if verdict.verified is not None and number >= 0:
-            search.pulled = number
-            return True
+    at: Array | None = None
+    if search.best is None and not search.paced:
+        nearest = _optimised(search, programme, Anchored(smooth, anchor, PULLS[-1]), z, settings, reference)
+        found = search.judge(programme.motion(nearest)).verified is not None
+    free = _optimised(search, programme, smooth, z, settings, reference)
+    programme.follower = carrier.along(nodes)
+    if programme.is_followed(free) and search.judge(programme.motion(free)).verified is not None:
+        at = free
+    for pull in PULLS if at is None else ():
+        z = _optimised(search, programme, Anchored(smooth, anchor, pull), z, settings, along)
+        verdict, along = search.judge(programme.motion(z)), None
+        if verdict.verified is not None:
+            at = z
+            break
         if verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
-    return found
+        else:
+            programme.follower = programme.follower.stricter()
+    if at is None or taught.demonstration is None:
+        return found or at is not None
+    for share in SHARES[:1] if search.paced else SHARES:
+        cost = replace(taught, pull=share * taught.pull)
+        at = _optimised(search, programme, cost, at, replace(settings, radius=AGAIN))
+        if search.judge(programme.motion(at)).verified is None:
+            break
+    return True
+
+
+def _optimised(
+    search: Search,
+    programme: ConvexProgramme,
+    cost: QuadraticCost,
+    z: Array,
+    settings: ConvexSettings,
+    reference: Array | None = None,
+) -> Array:
+    """Optimise shape weights as `optimise` does, while there is time, and return the best ones."""
+    search.check_time()
+    outcome = optimise(programme, cost, z, settings, reference, search.over)
+    search.evaluations += outcome.iterations
+    search.tell(outcome.value, outcome.missed)
+    return outcome.z
 
 
 def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
@@ -179,11 +204,7 @@ def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
     programme = ConvexProgramme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
     cost, z, settings = PaperSquares(weights, scene.goal.ravel(), taught), dmp.weights.ravel(), SETTINGS
     for attempt in range(ATTEMPTS):
-        search.check_time()
-        outcome = optimise(programme, cost, z, settings, None, search.over)
-        z = outcome.z
-        search.evaluations += outcome.iterations
-        search.tell(outcome.value, outcome.missed)
+        z = _optimised(search, programme, cost, z, settings)
         verdict = search.judge(programme.motion(z))
         if verdict.verified is not None:
             return
@@ -222,11 +243,7 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
     cost = replace(gentle, weight=GENTLE / jerk, haste=1.0 / pace)
     settings = replace(SETTINGS, wish=0.0, most=FASTER)
     for attempt in range(ATTEMPTS):
-        search.check_time()
-        outcome = optimise(programme, cost, z, settings, None, search.over)
-        z = outcome.z
-        search.evaluations += outcome.iterations
-        search.tell(outcome.value, outcome.missed)
+        z = _optimised(search, programme, cost, z, settings)
         motion = programme.motion(z)
         if search.judge(motion).verified is not None:
             return True

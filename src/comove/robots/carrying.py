@@ -35,6 +35,7 @@ from comove.robots.search.links import (
 )
 from comove.robots.search.planner import plan_with_arms
 from comove.robots.search.ranges import WristRanges, ranges_of
+from comove.robots.search.spare import ArmsFollower
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
@@ -184,6 +185,10 @@ class RobotCarrier:
         chains = self.arms.chains
         samples = np.clip(between, chains.lower, chains.upper)
         return self.arms._replace(links=self.arms.links.near(chains, samples))
+
+    def along(self, nodes: Array) -> ArmsFollower:
+        """Return the arms as they follow motions near one, array of shape (n_steps, n_nodes, 3) [m]."""
+        return ArmsFollower.near(self.arms, self.best_course(nodes), nodes)
 
     def stricter(self) -> RobotCarrier:
         """Return a copy with more caution, for use after a motion that the search accepted was rejected."""
@@ -387,8 +392,11 @@ class RobotCarrier:
         """Follow the straight motion from start to goal."""
         coordinates = load_coordinates(self.scene)
         straight = CoordinatedMotion.straight(self.scene, coordinates)
-        self.ask(coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None])))
+        nodes = coordinates.nodes(np.ascontiguousarray(straight.knots[0].T[None]))
+        self.ask(nodes)
         self.track(straight)
+        follower = self.along(nodes[0])
+        follower.slopes(coordinates.blocks, straight.knots[0], *follower.follow(nodes[0]))
 
     def strain(self, nodes: Array, course: Array) -> Strain:
         """Compute what motions demand of the arms on a course, array of shape (2, n_joints); nodes as in `ask`."""

@@ -8,6 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.blocks import Blocks
 from comove.coordination.coordinates import DIRECTION, QUATERNION, Coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.convex.contacts import (
@@ -25,6 +26,7 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
+FOLLOWED = 2  # samples of which one is looked at by what follows
 GAUGE_EVERY = 4  # samples between those at which the lengths of directions and quaternions are evaluated
 LIMIT = 0.1  # m, as which a limit exceeded by 100 % counts
 UNNOTICED = (
@@ -92,6 +94,29 @@ class ConvexSettings:
     gauge: float = 3.0
 
 
+class Follower(Protocol):
+    """Whatever has to follow a motion, as arms do, with distances of several kinds of which some are required.
+
+    Its samples are every `FOLLOWED`-th of the fine ones.
+    """
+
+    def required(self, margin: float) -> Array:
+        """Return the distances that are required, with a margin as of obstacles; array, shape (n_kinds,) [m]."""
+
+    def follow(self, nodes: Array) -> tuple[Array, Array]:
+        """Return the postures in which nodes, array of shape (n_samples, n_nodes, 3), are followed, array of shape
+        (n_samples, n), and their distances, array of shape (n_samples, n_kinds) [m].
+        """
+
+    def slopes(self, blocks: Blocks, q: Array, postures: Array, distances: Array) -> Array:
+        """Return the derivatives of distances by configurations q; array, shape (n_samples, n_kinds, n_columns), 0
+        where distances are so large that they do not count.
+        """
+
+    def stricter(self) -> Follower:
+        """Return what requires a little more, after a motion was rejected that it seemed to follow."""
+
+
 class Grid(NamedTuple):
     """The linear map from shape weights to even samples of motions with given ends.
 
@@ -125,13 +150,17 @@ class Seen(NamedTuple):
     ----------
     q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3), configurations and nodes [m]
     contacts : array, shape (n, N_FIELDS)
-    depth : array, shape (n_owners + 2,), largest amount by which the margin of each owner is missed [m]
+    depth : array, shape (n_owners + 2 + n_kinds,), largest amount by which the margin of each owner is missed, and
+        each kind of distance of what follows [m]
+    postures, distances : what follows, at its samples, as in `Follower`
     """
 
     q: Array
     nodes: Array
     contacts: Array
     depth: Array
+    postures: Array
+    distances: Array
 
 
 class ConvexProgramme:
@@ -142,6 +171,10 @@ class ConvexProgramme:
     boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
     n_fine, n_coarse : numbers of samples for the clearances, and for cost and limits
     limits : limits of the hands; those of the scene unless given
+
+    Attributes
+    ----------
+    follower : whatever must be able to follow the motion; None unless set
     """
 
     def __init__(
@@ -154,6 +187,7 @@ class ConvexProgramme:
         n_coarse: int = 101,
         limits: Limits | None = None,
     ):
+        self.follower: Follower | None = None
         self.scene, self.coordinates, self.basis, self.boundary = scene, coordinates, basis, boundary
         self.load = moved_load(scene, coordinates)
         self.fine, self.coarse = grid(basis, boundary, n_fine), grid(basis, boundary, n_coarse)
@@ -190,10 +224,12 @@ class ConvexProgramme:
         return np.asarray(np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T.ravel(), dtype=float)
 
     def need(self, settings: ConvexSettings) -> Array:
-        """Return the distance that is required from every owner; array, shape (n_owners + 2,) [m]."""
+        """Return the distance that is required from every owner, and those of what follows; array, shape
+        (n_owners + 2 + n_kinds,) [m].
+        """
         need = np.full(self.load.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
-        return need
+        return need if self.follower is None else np.append(need, self.follower.required(settings.margin))
 
     def look(self, q: Array, cutoff: float, need: Array) -> Seen:
         """Find contacts nearer than `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
@@ -203,7 +239,11 @@ class ConvexProgramme:
         if n == len(self._found):  # the array may have been too small: once more with a larger one
             self._found = np.empty((2 * n, N_FIELDS))
             return self.look(q, cutoff, need)
-        return Seen(q, nodes, self._found[:n].copy(), need - least)
+        contacts, postures, distances = self._found[:n].copy(), np.zeros((0, 0)), np.zeros((0, 0))
+        if self.follower is not None:
+            postures, distances = self.follower.follow(nodes[::FOLLOWED])
+            least = np.append(least, distances.min(axis=0))
+        return Seen(q, nodes, contacts, need - least, postures, distances)
 
     def hands(self, q: Array) -> tuple[Array, Array]:
         """Return nodes, and hands (n_samples, n_hands * n_dims), along configurations (n_samples, n_columns) [m]."""
@@ -250,18 +290,36 @@ class ConvexProgramme:
         If the pace is given, a limit that is exceeded by 10 % counts as a centimetre; else limits do not count.
         """
         zone = np.full(len(seen.depth), settings.margin)
-        zone[-2:] = settings.border_margin
+        zone[self.load.n_owners : self.load.n_owners + 2] = settings.border_margin
         missed = np.maximum(seen.depth - settings.tolerance * zone, 0.0).sum()
         if cost.haste > 0:
             return float(missed)
         return float(missed) + LIMIT * max(self.limits.excess(hands) - UNNOTICED, 0.0)
 
+    def is_followed(self, z: Array) -> bool:
+        """Return whether what follows can follow the motion with the shape weights `z`."""
+        if self.follower is None:
+            return True
+        _, distances = self.follower.follow(self.hands(self.fine.q(z))[0][::FOLLOWED])
+        return bool((distances.min(axis=0) >= self.follower.required(0.0)).all())
+
     def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
-        """Return rows A and bounds b of the linearised clearances, ``A dz >= b``, and the owner of each row."""
+        """Return rows A and bounds b of the linearised clearances, ``A dz >= b``, and the owner of each row; kinds of
+        distances of what follows count as owners after all others.
+        """
         rows, distance = np.empty((len(seen.contacts), self.n)), np.empty(len(seen.contacts))
         linearised(self.coordinates.blocks, seen.contacts, seen.q, off, self.fine.shape, rows, distance)
         owner = seen.contacts[:, OWNER].astype(np.int64)
-        return rows, need[owner] - distance, owner
+        bound = need[owner] - distance
+        if self.follower is None:
+            return rows, bound, owner
+        q, away, shape = seen.q[::FOLLOWED], off[::FOLLOWED], self.fine.shape[::FOLLOWED]
+        slopes = self.follower.slopes(self.coordinates.blocks, q, seen.postures, seen.distances)
+        t, kind = np.nonzero(slopes.any(axis=2))
+        slope, also = slopes[t, kind], self.load.n_owners + 2 + kind
+        more = (slope[:, :, None] * shape[t][:, None, :]).reshape(len(t), self.n)
+        least = need[also] - seen.distances[t, kind] + (slope * away[t]).sum(axis=1)
+        return np.concatenate([rows, more]), np.append(bound, least), np.append(owner, also)
 
 
 def _scale(coordinates: Coordinates) -> Array:

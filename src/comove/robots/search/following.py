@@ -136,9 +136,14 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
     rates, jolt = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
     penalty = np.zeros((n_rollouts, n_arms))
     clearance, contact = np.zeros(n_rollouts), np.zeros(n_rollouts)
-    q = np.empty((n_steps, course.shape[1]))
+    q, left = np.empty((n_steps, course.shape[1])), np.empty((n_steps, n_arms))
     for k in range(n_rollouts):
-        follow_one(arms, nodes[k], course, q, missing[k], penalty[k])
+        follow_one(arms, nodes[k], course, q, left)
+        for i in range(n_arms):
+            for t in range(n_steps):
+                missing[k, i] = max(missing[k, i], left[t, i])
+                if left[t, i] > MET:
+                    penalty[k, i] += (1.0 + 50.0 * left[t, i]) / n_steps
         clearance[k], contact[k] = _contact(arms, q, nodes[k])
         for i in range(n_arms):
             for t in range(n_steps):
@@ -156,26 +161,24 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
 
 
 @numba.njit(cache=True, error_model="numpy")
-def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array, penalty: Array) -> None:
-    """Compute the joints along one motion; results: `q`, array of shape (n_steps, n_joints), `missing` and `penalty`
-    by arm.
+def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array) -> None:
+    """Compute the joints along one motion; results: `q`, array of shape (n_steps, n_joints), and the distances by
+    which poses are out of reach, `missing`, array of shape (n_steps, n_arms) [m].
     """
     chains, around = arms.chains, arms.around
     n_steps, rotation, posture = nodes.shape[0], np.empty((3, 3)), np.empty(course.shape[1])
     for t in range(n_steps):
         posture_on(course, around, nodes[t], posture)
-        for j in range(course.shape[1]):
-            if t == 0:
-                q[t, j] = course[0, j]
-                continue
-            on = q[t - 1, j] if t == 1 else 2.0 * q[t - 1, j] - q[t - 2, j]  # on, as before
-            q[t, j] = inside(chains, j, on, KEEP)
         for i in range(chains.first.shape[0] - 1):
+            for j in range(chains.first[i], chains.first[i + 1]):
+                if t == 0:
+                    q[t, j] = course[0, j]
+                elif t == 1 or missing[t - 1, i] > MET:
+                    q[t, j] = q[t - 1, j]
+                else:  # on, as before
+                    q[t, j] = inside(chains, j, 2.0 * q[t - 1, j] - q[t - 2, j], KEEP)
             hand_rotation(around, nodes[t], i, rotation)
-            left = reach_pose(chains, i, rotation, nodes[t, i], posture, SEARCHING, q[t])
-            missing[i] = max(missing[i], left)
-            if left > MET:
-                penalty[i] += (1.0 + 50.0 * left) / n_steps
+            missing[t, i] = reach_pose(chains, i, rotation, nodes[t, i], posture, SEARCHING, q[t])
 
 
 @numba.njit(cache=True, error_model="numpy")

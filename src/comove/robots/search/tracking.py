@@ -57,8 +57,8 @@ def track(
     """
     duration, n_joints = motion.scene.duration, course.shape[1]
     coarse = sampled_nodes(motion)
-    led, missing = np.empty((len(coarse), n_joints)), np.zeros((2, len(holders)))
-    follow_one(arms, coarse, course, led, missing[0], missing[1])
+    led, missing = np.empty((len(coarse), n_joints)), np.empty((len(coarse), len(holders)))
+    follow_one(arms, coarse, course, led, missing)
     time = _sample_times(duration)
     posture = _smooth(np.linspace(0.0, duration, len(coarse)), led, time)
     return _solved(robot, holders, arms, motion, time, posture, haste)

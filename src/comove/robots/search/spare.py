@@ -1,0 +1,144 @@
+"""What the arms that carry a load have to spare along a motion, and how that changes with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.blocks import Blocks, place_one
+from comove.planning.trees import copy_to
+from comove.robots.search.chains import reach_pose
+from comove.robots.search.following import MET, SEARCHING, Arms, follow_one, hand_rotation
+from comove.robots.search.links import ENOUGH, ROUGH, clearance_around, clearance_between, place_links
+
+Array = NDArray[np.float64]
+
+WITHIN = 2e-3  # m, by which a pose that was out of reach must come within it
+MORE = 1e-3  # m, of clearance, after every rejection
+SOON = 0.012  # m, beyond what is required, below which it counts how a distance changes
+MOVE = (
+    1e-3  # m, or change of a direction or quaternion, by which a configuration is moved to see what changes
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ArmsFollower:
+    """Arms that follow motions of a load, as `comove.planning.convex.programme.Follower` describes.
+
+    The distances are of as many kinds as there are arms, and two more: by how much the pose of each hand is out of
+    reach, negative (`ENOUGH` where it is within), the clearance of the links from obstacles and load, and the one
+    from each other.
+
+    Attributes
+    ----------
+    course : array, shape (2, n_joints), joints at start and goal
+    at_ends : array, shape (2,), clearance of the links at start and goal from what is around, and from each other [m]
+    more : clearance that is asked for beyond the required one [m]
+    """
+
+    arms: Arms
+    course: Array
+    at_ends: Array
+    more: float = 0.0
+
+    @classmethod
+    def near(cls, arms: Arms, course: Array, nodes: Array) -> ArmsFollower:
+        """Return what follows motions near one; links that are nearer to something at its ends may be so anywhere.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_steps, n_nodes, 3), hands and nodes of the load [m]
+        """
+        _, spare = spare_along(arms, np.ascontiguousarray(nodes), course)
+        return cls(arms, course, spare[[0, -1], -2:].min(axis=0) - ROUGH)
+
+    def stricter(self) -> ArmsFollower:
+        """Return what asks for more clearance."""
+        return replace(self, more=self.more + MORE)
+
+    def required(self, margin: float) -> Array:
+        """Return the distances that are required; array, shape (n_kinds,) [m]."""
+        reach = np.full(len(self.arms.chains.first) - 1, WITHIN)
+        return np.concatenate(
+            [reach, np.minimum(self.at_ends, self.arms.around.clearance + self.more + margin)]
+        )
+
+    def follow(self, nodes: Array) -> tuple[Array, Array]:
+        """Compute the joints along a motion, shape (n_samples, n_joints), and distances, (n_samples, n_kinds) [m]."""
+        return spare_along(self.arms, np.ascontiguousarray(nodes), self.course)
+
+    def slopes(self, blocks: Blocks, q: Array, joints: Array, spare: Array) -> Array:
+        """Compute the derivatives of distances by the configurations `q`; array, shape (n_samples, n_kinds,
+        n_columns), 0 where there is so much to spare that it does not count.
+        """
+        near = self.required(0.0) + SOON
+        return slopes_along(self.arms, blocks, np.ascontiguousarray(q), joints, spare, near)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def spare_along(arms: Arms, nodes: Array, course: Array) -> tuple[Array, Array]:
+    """Follow one motion; returns joints, shape (n_steps, n_joints), and distances, shape (n_steps, n_kinds) [m]."""
+    links, n_steps, n_arms = arms.links, nodes.shape[0], arms.chains.first.shape[0] - 1
+    q, left = np.empty((n_steps, course.shape[1])), np.empty((n_steps, n_arms))
+    follow_one(arms, nodes, course, q, left)
+    spare, start, end = np.empty((n_steps, n_arms + 2)), links.start.copy(), links.end.copy()
+    for t in range(n_steps):
+        _spare_at(arms, nodes[t], q[t], left[t], start, end, spare[t])
+    return q, spare
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _spare_at(arms: Arms, nodes: Array, q: Array, left: Array, start: Array, end: Array, out: Array) -> None:
+    """Compute the distances at joints q that miss the poses of the hands by `left`, array of shape (n_arms,) [m]."""
+    n_arms = left.shape[0]
+    for i in range(n_arms):
+        out[i] = ENOUGH if left[i] <= MET else -left[i]
+    place_links(arms.chains, arms.links, q, start, end)
+    out[n_arms] = clearance_around(arms.links, arms.around, start, end, nodes, ENOUGH)
+    out[n_arms + 1] = clearance_between(arms.links, start, end, ENOUGH) + arms.around.eased
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def slopes_along(arms: Arms, blocks: Blocks, at: Array, joints: Array, spare: Array, near: Array) -> Array:
+    """Compute the derivatives of distances nearer than `near`, array of shape (n_kinds,), by differences.
+
+    Arms follow each move of a configuration with the least motion of their joints.
+
+    Parameters
+    ----------
+    at : array, shape (n_steps, n_columns), configurations of the load
+
+    Returns
+    -------
+    array, shape (n_steps, n_kinds, n_columns)
+    """
+    chains, links, (n_steps, n_kinds), n_columns = arms.chains, arms.links, spare.shape, at.shape[1]
+    slopes, nodes = np.zeros((n_steps, n_kinds, n_columns)), np.empty((blocks.node.shape[0], 3))
+    start, end, moved, q = (
+        links.start.copy(),
+        links.end.copy(),
+        np.empty(n_columns),
+        np.empty(joints.shape[1]),
+    )
+    left, rotation, value = np.empty(n_kinds - 2), np.empty((3, 3)), np.empty((2, n_kinds))
+    for t in range(n_steps):
+        counts = False
+        for k in range(n_kinds):
+            counts = counts or spare[t, k] < near[k]
+        for c in range(-1, n_columns if counts else -1):
+            copy_to(at[t], moved)
+            copy_to(joints[t], q)
+            if c >= 0:
+                moved[c] += MOVE
+            place_one(blocks, moved, 1.0, nodes)
+            for i in range(n_kinds - 2):
+                hand_rotation(arms.around, nodes, i, rotation)
+                left[i] = reach_pose(chains, i, rotation, nodes[i], joints[t], SEARCHING, q)
+            _spare_at(arms, nodes, q, left, start, end, value[0 if c < 0 else 1])
+            for k in range(n_kinds):
+                if c >= 0 and value[0, k] < near[k]:
+                    slopes[t, k, c] = (value[1, k] - value[0, k]) / MOVE
+    return slopes
