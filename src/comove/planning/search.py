@@ -160,6 +160,7 @@ class Search:
     latest : value of the last motion that was verified (or, if not `hard`, judged)
     attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
         its violation
+    drawn : jerk of the smoothest motions along planned paths that were drawn to the demonstration, as in `JerkCost`
     log : figures that a method reports of its run, numbers or lists of numbers by name
     """
 
@@ -186,6 +187,7 @@ class Search:
     attempt: CoordinatedMotion | None = None
     attempt_verdict: Verdict | None = None
     attempt_violation: float = np.inf
+    drawn: list[float] = field(default_factory=list)
     log: dict[str, float | list[float]] = field(default_factory=dict)
     aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
     limits: Limits | None = None

@@ -39,6 +39,10 @@ SHARES = (
     1e-2,
     1.0,
 )  # of the pull to a demonstration, where arms must follow; the last few millimetres take them long
+PARTS = 1.0, 0.8, 0.5  # of the way there that are tried: stretched arms have to turn fast
+ALIKE = (
+    0.02  # relative difference in jerk of motions that lead to the same one when drawn to the demonstration
+)
 HOPELESS = 0.01  # m of penetration from which on more margin does not help
 UNMET = 1.5e-2  # relative excess, summed over limits, beyond which the duration is too short
 GENTLE = 1e-3  # weight of the jerk beside the duration, both relative to their initial values
@@ -166,17 +170,25 @@ def _carried(
         if verdict.verified is not None:
             at = z
             break
-        if verdict.report.clearance_min < search.scene.clearance:
+        if not programme.is_followed(z):
+            programme.follower = (
+                None  # it asks for more than there is: arms are thinner than what stands for them
+            )
+        elif verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
-        else:
+        elif programme.follower is not None:
             programme.follower = programme.follower.stricter()
     if at is None or taught.demonstration is None:
         return found or at is not None
+    jerk, _ = programme.value(smooth, at, 0.0)
+    if any(abs(jerk - other) < ALIKE * other for other in search.drawn):
+        return True
+    search.drawn.append(jerk)
     for share in SHARES[:1] if search.paced else SHARES:
         cost = replace(taught, pull=share * taught.pull)
-        at = _optimised(search, programme, cost, at, replace(settings, radius=AGAIN))
-        if search.judge(programme.motion(at)).verified is None:
-            break
+        ahead = _optimised(search, programme, cost, at, replace(settings, radius=AGAIN))
+        parts = (at + part * (ahead - at) for part in PARTS)
+        at = next((z for z in parts if search.judge(programme.motion(z)).verified is not None), at)
     return True
 
 

@@ -69,7 +69,7 @@ class CarrierSettings:
     spare: float = 0.005
     share: float = 0.95
     n_samples: int = 81
-    coarser: int = 3
+    coarser: int = 2
     ease: float = 2.0
     n_seeds: int = 64
     n_angles: int = 64
@@ -280,8 +280,11 @@ class RobotCarrier:
         """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
         2 where they do not.
         """
-        clearance, required = self.clearance(q, nodes), self.scene.clearance
-        return int(clearance <= required) + int(clearance <= required - FAT)
+        return self._tight(self.clearance(q, nodes))
+
+    def _tight(self, clearance: float) -> int:
+        """Return the same for the least clearance of the links [m]."""
+        return int(clearance <= self.scene.clearance) + int(clearance <= self.scene.clearance - FAT)
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Compute the penalty of motions for what the robot cannot, or can hardly, carry out, and whether it can
@@ -408,7 +411,7 @@ class RobotCarrier:
 
     def best_course(self, nodes: Array) -> Array:
         """Choose, for each arm, the start from which it follows one motion best, and the goal nearest to it; array,
-        shape (2, n_joints).
+        shape (2, n_joints). The course of the last plan is kept for motions that can go along it.
 
         Parameters
         ----------
@@ -417,11 +420,13 @@ class RobotCarrier:
         n_most = max(map(len, self.starts))
         nodes = np.ascontiguousarray(nodes[None, :: self.settings.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
-        if led is not None and n_most == 1:
-            return led
-        cost = (True, np.inf) if led is None else self._cost(nodes, led)
-        if led is not None and cost == (False, 0.0):
-            return led
+        cost = (2, np.inf)
+        if led is not None:
+            strain = self.strain(nodes, led)
+            kept = (strain.missing <= MET).all() and (strain.rates <= self.arms.around.share).all()
+            cost = self._cost(strain)
+            if n_most == 1 or (kept and cost[0] < 2):
+                return led
         arms = list(zip(self.starts, self.goals, strict=True))
         tried = [
             np.hstack([_onward(starts[min(k, len(starts) - 1)], goals) for starts, goals in arms])
@@ -432,16 +437,14 @@ class RobotCarrier:
         penalties = np.array([self.strain(nodes, course).penalty[0] for course in tried])
         best, first = penalties.argmin(axis=0), self.arms.chains.first
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
-        return chosen if led is None or self._cost(nodes, chosen) < cost else led
+        return chosen if led is None or self._cost(self.strain(nodes, chosen)) < cost else led
 
-    def _cost(self, nodes: Array, course: Array) -> tuple[bool, float]:
-        """Return whether links come too near in one motion on a course, and its penalty.
+    def _cost(self, strain: Strain) -> tuple[int, float]:
+        """Return how tight it is for links in one motion, and its penalty.
 
         The former counts first: a smoother motion mends rates, but hardly ever links that meet.
         """
-        strain = self.strain(nodes, course)
-        near = bool(strain.clearance[0] < self.arms.around.clearance - FAT)
-        return near, float(strain.penalty.sum() + strain.contact[0])
+        return self._tight(strain.clearance[0]), float(strain.penalty.sum() + strain.contact[0])
 
     def clearance(self, q: Array, nodes: Array, some: Links | None = None) -> float:
         """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].

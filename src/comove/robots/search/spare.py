@@ -17,7 +17,7 @@ from comove.robots.search.links import ENOUGH, ROUGH, clearance_around, clearanc
 Array = NDArray[np.float64]
 
 WITHIN = 2e-3  # m, by which a pose that was out of reach must come within it
-MORE = 1e-3  # m, of clearance, after every rejection
+MORE = 1e-3  # m, of clearance at first and after every rejection: in between samples, and where joints are redundant
 SOON = 0.012  # m, beyond what is required, below which it counts how a distance changes
 MOVE = (
     1e-3  # m, or change of a direction or quaternion, by which a configuration is moved to see what changes
@@ -42,7 +42,7 @@ class ArmsFollower:
     arms: Arms
     course: Array
     at_ends: Array
-    more: float = 0.0
+    more: float = MORE
 
     @classmethod
     def near(cls, arms: Arms, course: Array, nodes: Array) -> ArmsFollower:
@@ -75,7 +75,7 @@ class ArmsFollower:
         n_columns), 0 where there is so much to spare that it does not count.
         """
         near = self.required(0.0) + SOON
-        return slopes_along(self.arms, blocks, np.ascontiguousarray(q), joints, spare, near)
+        return slopes_along(self.arms, blocks, np.array(q), joints, spare, near)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -86,16 +86,20 @@ def spare_along(arms: Arms, nodes: Array, course: Array) -> tuple[Array, Array]:
     follow_one(arms, nodes, course, q, left)
     spare, start, end = np.empty((n_steps, n_arms + 2)), links.start.copy(), links.end.copy()
     for t in range(n_steps):
-        _spare_at(arms, nodes[t], q[t], left[t], start, end, spare[t])
+        _spare_at(arms, nodes[t], q[t], left[t], start, end, True, spare[t])
     return q, spare
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _spare_at(arms: Arms, nodes: Array, q: Array, left: Array, start: Array, end: Array, out: Array) -> None:
+def _spare_at(
+    arms: Arms, nodes: Array, q: Array, left: Array, start: Array, end: Array, links_too: bool, out: Array
+) -> None:
     """Compute the distances at joints q that miss the poses of the hands by `left`, array of shape (n_arms,) [m]."""
     n_arms = left.shape[0]
     for i in range(n_arms):
         out[i] = ENOUGH if left[i] <= MET else -left[i]
+    if not links_too:
+        return
     place_links(arms.chains, arms.links, q, start, end)
     out[n_arms] = clearance_around(arms.links, arms.around, start, end, nodes, ENOUGH)
     out[n_arms + 1] = clearance_between(arms.links, start, end, ENOUGH) + arms.around.eased
@@ -124,21 +128,22 @@ def slopes_along(arms: Arms, blocks: Blocks, at: Array, joints: Array, spare: Ar
         np.empty(joints.shape[1]),
     )
     left, rotation, value = np.empty(n_kinds - 2), np.empty((3, 3)), np.empty((2, n_kinds))
+    n_arms = n_kinds - 2
     for t in range(n_steps):
-        counts = False
-        for k in range(n_kinds):
-            counts = counts or spare[t, k] < near[k]
-        for c in range(-1, n_columns if counts else -1):
+        counts = spare[t] < near
+        links_count = counts[n_arms] or counts[n_arms + 1]
+        for c in range(-1, n_columns if counts.any() else -1):
             copy_to(at[t], moved)
             copy_to(joints[t], q)
             if c >= 0:
                 moved[c] += MOVE
             place_one(blocks, moved, 1.0, nodes)
-            for i in range(n_kinds - 2):
-                hand_rotation(arms.around, nodes, i, rotation)
-                left[i] = reach_pose(chains, i, rotation, nodes[i], joints[t], SEARCHING, q)
-            _spare_at(arms, nodes, q, left, start, end, value[0 if c < 0 else 1])
+            for i in range(n_arms):
+                if counts[i] or links_count:
+                    hand_rotation(arms.around, nodes, i, rotation)
+                    left[i] = reach_pose(chains, i, rotation, nodes[i], joints[t], SEARCHING, q)
+            _spare_at(arms, nodes, q, left, start, end, links_count, value[0 if c < 0 else 1])
             for k in range(n_kinds):
-                if c >= 0 and value[0, k] < near[k]:
+                if c >= 0 and counts[k] and value[0, k] < near[k]:
                     slopes[t, k, c] = (value[1, k] - value[0, k]) / MOVE
     return slopes
