@@ -111,7 +111,8 @@ def table_of_solves(
             f"| {np.median(measures['seconds']):.2f} | {np.median(measures['processor']):.2f} "
             f"| {np.nanmedian(measures['first lasts']):.2f} | {np.median(measures['lasts']):.2f} "
             f"| {np.median(measures['J']):.3f} | {np.median(measures['taught']):.3f} "
-            f"| {measures['distance'].max():.1e} | {measures['margin'].min():.3f} | {measures['speed'].max():.2f} | {measures['torque'].max():.2f} "
+            f"| {measures['distance'].max():.1e} | {measures['margin'].min():.3f} "
+            f"| {measures['speed'].max():.2f} | {measures['torque'].max():.2f} "
             f"| {1e3 * measures['links'].min():.1f} | {1e3 * measures['load'].min():.1f} |",
             flush=True,
         )
