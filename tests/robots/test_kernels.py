@@ -30,10 +30,12 @@ print(*names, sep="\\n")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scene", ["baxter/gap_30", "robots/two_xarm7", "robots/ur5_and_panda"])
+@pytest.mark.parametrize(
+    "scene", ["baxter/gap_30", "robots/two_xarm7", "robots/ur5_and_panda", "robots/over_a_sill"]
+)
 def test_no_kernel_of_robots_is_missing_when_a_search_begins(scene):
-    """Whether joints follow in closed form or not: to compile takes seconds, which are no part of a budget."""
+    """Not where joints follow in no closed form, nor among meshes: to compile takes seconds that no budget counts."""
     command, root = [sys.executable, "-c", LOADED % scene], Path(__file__).parents[2]
     done = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
-    assert not [name for name in done.stdout.split() if name.startswith("comove.robots.")]
+    assert not [name for name in done.stdout.split() if name.startswith("comove.")]

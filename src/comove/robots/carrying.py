@@ -16,7 +16,8 @@ from scipy.spatial.transform import Rotation
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import SceneError
-from comove.planning.configurations import Space, configuration_space
+from comove.planning.configurations import Space, configuration_space, way_length
+from comove.planning.seeds import targets_along
 from comove.processes.processors import n_processors
 from comove.robots.effort import load_mass, shortest_duration
 from comove.robots.model import Arm, Robot
@@ -384,10 +385,11 @@ class RobotCarrier:
         return _apart(first, last) + (0.0 if free else 2.0 * np.pi)
 
     def try_planning(self) -> None:
-        """Plan from the start to itself."""
+        """Plan from start to goal, and go along a path between them."""
         coordinates, rng = load_coordinates(self.scene), np.random.default_rng(0)
-        start = coordinates.boundary()[0]
-        self.plan(configuration_space(self.scene, coordinates), start, start, 0.0, rng, max_nodes=8)
+        space, (start, _, goal, _) = configuration_space(self.scene, coordinates), coordinates.boundary()
+        self.plan(space, start, goal, 0.0, rng, max_nodes=8)
+        way_length(space, targets_along(space, np.stack([start, goal]), gentle=False)[0])
         for name in ("_tally", "_leniency", "_led"):  # that this plan does not count
             vars(self).pop(name, None)
 

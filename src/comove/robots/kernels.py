@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import tempfile
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
+from comove.geometry.surfaces import holds
 from comove.planning.compiling import meanwhile
-from comove.planning.kernels import SceneKind, load_smooth_kernels
+from comove.planning.kernels import TETRAHEDRON, SceneKind, load_smooth_kernels
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.scenes.scene import Scene
@@ -19,8 +22,8 @@ STAND_IN = {
     "workspace": {"lower": [0.25, -0.75, -0.1], "upper": [0.95, 0.75, 0.12]},
     "obstacles": [{"shape": "sphere", "center": [0.44, 0.0, 0.0], "radius": 0.03}],
     "manipulators": [
-        {"name": "left", "start": [0.6, 0.4, 0.05], "goal": [0.6, 0.4, 0.0]},
-        {"name": "right", "start": [0.6, 0.1, 0.05], "goal": [0.6, 0.1, 0.0]},
+        {"name": "left", "start": [0.6, 0.4, 0.05], "goal": [0.6, 0.4, -0.03]},
+        {"name": "right", "start": [0.6, 0.1, 0.05], "goal": [0.6, 0.1, -0.03]},
     ],
 }
 
@@ -28,19 +31,28 @@ STAND_IN = {
 @lru_cache(maxsize=2)
 def load_robot_kernels(kind: SceneKind) -> None:
     """Compile, or load from the cache, all kernels needed to solve scenes of a kind for robots."""
-    with meanwhile(load_planning_kernels, solids=kind.solids):
+    with meanwhile(load_planning_kernels, solids=kind.solids, meshes=kind.meshes):
         load_smooth_kernels(kind)
-        _stand_in(kind.solids).try_following()
-    load_planning_kernels(kind.solids)
+        stand_in = _stand_in(kind.solids, kind.meshes)
+        stand_in.try_following()
+        if kind.meshes:
+            holds(stand_in.scene.surfaces, 0, 0.0, 0.0, 0.0)  # which the verification of links asks by itself
+    load_planning_kernels(kind.solids, kind.meshes)
 
 
-def load_planning_kernels(solids: bool) -> None:
+def load_planning_kernels(solids: bool, meshes: bool) -> None:
     """Load the kernels by which arms plan."""
-    _stand_in(solids).try_planning()
+    _stand_in(solids, meshes).try_planning()
 
 
 @lru_cache(maxsize=1)
-def _stand_in(solids: bool) -> RobotCarrier:
+def _stand_in(solids: bool, meshes: bool) -> RobotCarrier:
     """Return the smallest robot that needs all kernels, in a small scene."""
     load = {"shape": "box", "size": [0.3, 0.02, 0.02]} if solids else {"shape": "bar", "length": 0.3}
-    return RobotCarrier(Robot.load(TWO_ARMS), Scene.from_dict({**STAND_IN, "load": load}))
+    scene: dict[str, Any] = {**STAND_IN, "load": load}
+    with tempfile.TemporaryDirectory() as folder:
+        if meshes:
+            Path(folder, "mesh.obj").write_text(TETRAHEDRON)
+            mesh = {"shape": "mesh", "file": "mesh.obj", "center": [0.9, -0.6, -0.05], "scale": 0.1}
+            scene["obstacles"] = [*scene["obstacles"], mesh]
+        return RobotCarrier(Robot.load(TWO_ARMS), Scene.from_dict(scene, folder=folder))
