@@ -1,15 +1,17 @@
 """What moves the hands limits a search: it plans, says what is possible, and becomes careful when it was wrong."""
 
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from comove.planning import Comove, Paper, PaperCost, methods, smooth, solve
+from comove import Demonstration
+from comove.coordination.blocks import place
+from comove.planning import Comove, Paper, PaperCost, solve
+from comove.planning.convex.jerk import third_differences
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
-from comove.planning.seeds import RIDGES, profiles
+from comove.planning.seeds import RIDGES, minimum_jerk, profiles
 from comove.scenes import Scene
 
 SCENE = Scene.from_dict(
@@ -45,11 +47,44 @@ class Ceiling:
         wished = self.height - 0.005 * self.caution
         return 50.0 * np.maximum(0.0, top - wished), top <= wished
 
+    def along(self, nodes):
+        return Below(np.inf)  # it has no account of its own
+
     def stricter(self):
         return replace(self, caution=self.caution + 1)
 
     def reasons(self, motion):
         return [] if highest(motion) <= self.height else ["too high"]
+
+
+@dataclass(frozen=True)
+class Below:
+    """The distance of both hands below a height."""
+
+    height: float
+    more: float = 1e-3
+
+    def required(self, margin):
+        return np.array([self.more + margin])
+
+    def follow(self, nodes):
+        return np.zeros((len(nodes), 0)), self.height - nodes[:, :2, 1].max(axis=1)[:, None]
+
+    def slopes(self, blocks, q, postures, distances):
+        slopes = np.zeros((*distances.shape, q.shape[1]))
+        for c in range(q.shape[1]) if np.isfinite(self.height) else ():
+            moved = q + 1e-6 * (np.arange(q.shape[1]) == c)
+            nodes = place(blocks, np.ascontiguousarray(moved.T[None]), 1.0)[0]
+            slopes[:, :, c] = (self.follow(nodes)[1] - distances) / 1e-6
+        return slopes
+
+    def stricter(self):
+        return replace(self, more=self.more + 1e-3)
+
+
+def jerk(found):
+    hands = found.attempt.hands(np.linspace(0, 1, 101))[0].reshape(101, -1)
+    return (third_differences(hands) ** 2).sum()
 
 
 def highest(motion):
@@ -76,28 +111,56 @@ def test_smooth_motions_stay_where_their_carrier_can_go():
     assert found.report.acceleration_max < 0.2 * paper.report.acceleration_max
 
 
-def test_later_ways_begin_a_little_more_smoothly_than_the_last_one_ended(monkeypatch):
-    pulls, ways = [], []
+def test_a_carrier_that_says_what_it_has_to_spare_is_followed_at_once_and_more_smoothly():
+    """Not by drawing hands to their planned positions until they happen to be low enough."""
 
-    def noted(programme, cost, *rest):
-        pulls.append(smooth.PULLS.index(cost.pull))
-        return optimise(programme, cost, *rest)
+    @dataclass(frozen=True)
+    class Told(Ceiling):
+        judged: list = field(default_factory=list)
 
-    def way(*arguments):
-        pulls.clear()
-        done = smooth_way(*arguments)
-        ways.append((done, list(pulls)))
-        return done
+        def along(self, nodes):
+            return Below(self.height)
+
+        def reasons(self, motion):
+            self.judged.append(highest(motion) <= self.height)
+            return super().reasons(motion)
 
     low = highest(solve(SCENE, seed=3, budget=3).attempt) - 0.01
-    optimise, smooth_way = smooth.optimise, smooth.smooth_way
-    monkeypatch.setattr(smooth, "PULLS", (0.0, 1.0, 10.0, 100.0, 1e3, 1e4))
-    monkeypatch.setattr(smooth, "optimise", noted)
-    monkeypatch.setattr(methods, "smooth_way", way)
-    assert solve(SCENE, budget=10, carrier=Ceiling(low)).verified
-    assert len(ways) > 1 and ways[0][0] and ways[0][1][-1] > 1  # drawn to the plan at last
-    for (done, before), (_, after) in pairwise(ways):
-        assert not done or after[0] == before[-1] - 1
+    told, drawn = Told(low), solve(SCENE, budget=10, carrier=Ceiling(low))
+    found = solve(SCENE, budget=10, carrier=told)
+    assert found.verified and all(told.judged)
+    assert found.followed is None and jerk(found) < jerk(drawn)
+
+
+def test_what_a_carrier_cannot_spare_does_not_end_a_search():
+    """It may be too careful: then only its check decides."""
+
+    class Timid(Ceiling):
+        def along(self, nodes):
+            return Below(self.height - 0.2)
+
+    assert solve(SCENE, budget=10, carrier=Timid(0.72)).verified
+
+
+def test_motions_are_drawn_to_the_demonstration_as_far_as_hands_can_follow():
+    """High above the obstacle, where hands cannot go."""
+    way = np.linspace(0.0, 1.0, 101)
+    taught = Demonstration(
+        5.0 * way, np.stack([0.1 + 0.8 * minimum_jerk(way), 0.55 + 0.3 * np.sin(np.pi * way)], 1)
+    )
+    free = solve(SCENE, demonstration=taught, budget=10)
+    low = highest(free.attempt) - 0.04
+
+    class Told(Ceiling):
+        def along(self, nodes):
+            return Below(self.height)
+
+    near = solve(SCENE, demonstration=taught, budget=10, carrier=Told(low))
+    smooth = solve(SCENE, budget=10, carrier=Told(low))
+    assert near.verified and highest(near.attempt) <= low
+    hands = [found.attempt.hands(way)[0] for found in (free, near, smooth)]
+    away, before = (np.linalg.norm(q - hands[0], axis=2).mean() for q in hands[1:])
+    assert away < 0.5 * before
 
 
 @pytest.mark.slow

@@ -265,7 +265,7 @@ def test_two_pandas_find_a_way_within_few_plans_wherever_the_load_lies(shift):
     carrying = RobotCarrier(robot("two_pandas"), scene)
 
     class Counted:
-        ask, stricter, reasons = carrying.ask, carrying.stricter, carrying.reasons
+        along, ask, stricter, reasons = carrying.along, carrying.ask, carrying.stricter, carrying.reasons
 
         def plan(self, *args, **options):
             plans.append(options["max_nodes"])

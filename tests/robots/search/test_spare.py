@@ -1,0 +1,121 @@
+"""What arms have to spare: distances are those of other code, and their slopes say how they change."""
+
+import numpy as np
+import pytest
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.planning import smooth
+from comove.planning.convex.jerk import Anchored
+from comove.planning.objective import N_STEPS
+from comove.robots import Robot, carry
+from comove.robots.carrying import RobotCarrier
+from comove.robots.search.following import MET
+from comove.robots.search.links import ENOUGH
+from comove.robots.search.spare import ArmsFollower
+from comove.robots.search.tracking import sampled_nodes
+from comove.scenes import Scene
+from tests.robots.known_carry import grasp_frames
+from tests.robots.small_robots import EXAMPLES, columns, grasp_errors, movement, robot, task
+
+NAMES = ["gantry", "gap_30", "two_pandas", "ur5_and_panda"]
+
+
+def whole(carrying, q):
+    """Joints of the chains in the robot's vector; array, shape (n_steps, n_joints)."""
+    position = np.tile(carrying.robot.home, (len(q), 1))
+    position[:, columns(carrying.holders)] = q
+    return position
+
+
+def along(motion, carrying, n_steps=51):
+    """Configurations of the load along a motion, and what follows them."""
+    q = np.ascontiguousarray(motion.at(np.linspace(0.0, 1.0, n_steps))[0])
+    return q, carrying.along(sampled_nodes(motion, N_STEPS))
+
+
+def nodes_of(motion, q):
+    return motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_distances_are_those_of_the_links_and_of_the_hands_poses(name):
+    carrying = task(name)
+    motion = movement(carrying.scene)
+    q, follower = along(motion, carrying)
+    nodes = nodes_of(motion, q)
+    joints, distances = follower.follow(nodes)
+    time = np.linspace(0.0, carrying.scene.duration, len(q))
+    missed = grasp_errors(
+        carrying.robot, carrying.holders, whole(carrying, joints), grasp_frames(motion, time)
+    )
+    reach = np.where(missed <= MET, ENOUGH, -missed)
+    np.testing.assert_allclose(distances[:, :-2], reach, atol=1e-7)
+    clearance = [carrying.clearance(*pair) for pair in zip(joints, nodes, strict=True)]
+    np.testing.assert_allclose(distances[:, -2:].min(axis=1), clearance, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["baxter/box_flat", "baxter/gap_20", "robots/ur5_and_panda"])
+def test_slopes_say_how_distances_change(name):
+    """To first order, with joints that follow by the least motion; the nearest pair of links may be another then."""
+    scene, move = Scene.load(EXAMPLES / f"{name}.yaml"), 1e-3
+    carrying = RobotCarrier(Robot.load(scene.file.robot), scene)
+    motion = CoordinatedMotion.straight(scene, load_coordinates(scene))
+    q, follower = along(motion, carrying, 101)
+    joints, distances = follower.follow(nodes_of(motion, q))
+    slopes = follower.slopes(motion.coordinates.blocks, q, joints, distances)[:, -2]
+    counts = slopes.any(axis=1)
+    beyond = distances[:, -2] - scene.clearance
+    assert counts[beyond < 0.01].all() and not counts[beyond > 0.015].any()
+    off = []
+    for c in range(q.shape[1]):
+        _, other = follower.follow(nodes_of(motion, q - move * (np.arange(q.shape[1]) == c)))
+        off.extend((other - distances)[counts, -2] + move * slopes[counts, c])
+    assert len(off) > 60 and np.mean(np.abs(off) < 0.2 * move) > 0.9
+
+
+def test_where_a_pose_is_out_of_reach_its_slope_leads_back():
+    """The distance from all that an arm reaches grows as fast as the hand goes away from it."""
+    carrying = task("ur5_and_panda")
+    motion = movement(carrying.scene)
+    q, follower = along(motion, carrying)
+    far = q.copy()
+    far[:, 0] += np.linspace(0.0, 1.2, len(q))  # away from both bases
+    joints, distances = follower.follow(nodes_of(motion, far))
+    slopes = follower.slopes(motion.coordinates.blocks, far, joints, distances)
+    for arm in range(2):
+        out = (distances[:, arm] < -0.02) & (distances[:, arm] > -0.3)
+        assert out.sum() > 3
+        back = slopes[out, arm, :3]
+        size = np.linalg.norm(back, axis=1)
+        assert (size > 0.4).all() and (size < 1.1).all()
+        nearer = far.copy()
+        nearer[out, :3] += 0.01 * back / size[:, None]
+        _, left = follower.follow(nodes_of(motion, nearer))
+        assert (left[out, arm] > distances[out, arm] + 0.003).mean() > 0.9
+
+
+def test_what_is_near_at_the_ends_may_be_near_everywhere():
+    """Otherwise nothing could be found; elsewhere the clearance of the scene is asked for, and more each time."""
+    carrying = task("gap_30")
+    motion, clearance = movement(carrying.scene), carrying.scene.clearance
+    follower = along(motion, carrying)[1]
+    np.testing.assert_allclose(follower.required(0.002)[-2:], clearance + 0.003)
+    np.testing.assert_allclose(follower.stricter().required(0.002)[-2:], clearance + 0.004)
+    tight = ArmsFollower(follower.arms, follower.course, np.array([0.004, 1.0]))
+    np.testing.assert_allclose(tight.stricter().required(0.002)[-2:], [0.004, clearance + 0.004])
+
+
+def test_two_pandas_find_the_smoothest_motion_that_keeps_their_links_apart():
+    """The smoothest of all would not; that comes of the programme, not of what is drawn to the plan."""
+    scene, costs = Scene.load(EXAMPLES / "robots" / "two_pandas.yaml"), []
+
+    def noted(programme, cost, *rest):
+        costs.append(cost.pull if isinstance(cost, Anchored) else 0.0)
+        return optimise(programme, cost, *rest)
+
+    optimise = smooth.optimise
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(smooth, "optimise", noted)
+        found = carry(scene.timed(None), robot("two_pandas"), seed=0, budget=600)
+    assert found.verified and set(costs) == {0.0}
