@@ -39,6 +39,7 @@ SHARES = (
     1e-2,
     1.0,
 )  # of the pull to a demonstration, where arms must follow; the last few millimetres take them long
+ROUGHLY = 2e-3  # m, trust region below which that ends: what is nearer arms reach by chance only
 PARTS = 1.0, 0.8, 0.5  # of the way there that are tried: stretched arms have to turn fast
 ALIKE = (
     0.02  # relative difference in jerk of motions that lead to the same one when drawn to the demonstration
@@ -184,9 +185,10 @@ def _carried(
     if any(abs(jerk - other) < ALIKE * other for other in search.drawn):
         return True
     search.drawn.append(jerk)
+    nearer = replace(settings, radius=AGAIN, least=ROUGHLY)
     for share in SHARES[:1] if search.paced else SHARES:
         cost = replace(taught, pull=share * taught.pull)
-        ahead = _optimised(search, programme, cost, at, replace(settings, radius=AGAIN))
+        ahead = _optimised(search, programme, cost, at, nearer)
         parts = (at + part * (ahead - at) for part in PARTS)
         at = next((z for z in parts if search.judge(programme.motion(z)).verified is not None), at)
     return True
