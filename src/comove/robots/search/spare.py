@@ -86,23 +86,24 @@ def spare_along(arms: Arms, nodes: Array, course: Array) -> tuple[Array, Array]:
     follow_one(arms, nodes, course, q, left)
     spare, start, end = np.empty((n_steps, n_arms + 2)), links.start.copy(), links.end.copy()
     for t in range(n_steps):
-        _spare_at(arms, nodes[t], q[t], left[t], start, end, True, spare[t])
+        _reach(left[t], spare[t])
+        _clearances(arms, nodes[t], q[t], start, end, spare[t])
     return q, spare
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _spare_at(
-    arms: Arms, nodes: Array, q: Array, left: Array, start: Array, end: Array, links_too: bool, out: Array
-) -> None:
-    """Compute the distances at joints q that miss the poses of the hands by `left`, array of shape (n_arms,) [m]."""
-    n_arms = left.shape[0]
-    for i in range(n_arms):
+def _reach(left: Array, out: Array) -> None:
+    """Write the distances of reach of arms that miss the poses of their hands by `left`, array of shape (n_arms,)."""
+    for i in range(left.shape[0]):
         out[i] = ENOUGH if left[i] <= MET else -left[i]
-    if not links_too:
-        return
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _clearances(arms: Arms, nodes: Array, q: Array, start: Array, end: Array, out: Array) -> None:
+    """Write the clearances of the links at joints q, the last two distances."""
     place_links(arms.chains, arms.links, q, start, end)
-    out[n_arms] = clearance_around(arms.links, arms.around, start, end, nodes, ENOUGH)
-    out[n_arms + 1] = clearance_between(arms.links, start, end, ENOUGH) + arms.around.eased
+    out[-2] = clearance_around(arms.links, arms.around, start, end, nodes, ENOUGH)
+    out[-1] = clearance_between(arms.links, start, end, ENOUGH) + arms.around.eased
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -142,7 +143,9 @@ def slopes_along(arms: Arms, blocks: Blocks, at: Array, joints: Array, spare: Ar
                 if counts[i] or links_count:
                     hand_rotation(arms.around, nodes, i, rotation)
                     left[i] = reach_pose(chains, i, rotation, nodes[i], joints[t], SEARCHING, q)
-            _spare_at(arms, nodes, q, left, start, end, links_count, value[0 if c < 0 else 1])
+            _reach(left, value[int(c >= 0)])
+            if links_count:
+                _clearances(arms, nodes, q, start, end, value[int(c >= 0)])
             for k in range(n_kinds):
                 if c >= 0 and counts[k] and value[0, k] < near[k]:
                     slopes[t, k, c] = (value[1, k] - value[0, k]) / MOVE
