@@ -419,6 +419,7 @@ def main() -> None:
             robot = Robot.load(scene.file.robot)
             load_robot_kernels(SceneKind.of(scene))
             carrier = RobotCarrier(robot, scene)
+            _ = carrier.arms  # capsules belong to the robot, as RoboPlan's model does, and not to a search
             for system, solve in systems.items():
                 found = solve(scene, robot, carrier, seed)
                 wrong = "none found" if found.joints is None else flaws(scene, robot, carrier, found.joints)
