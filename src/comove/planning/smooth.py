@@ -35,15 +35,10 @@ FAST = 24, 201  # weights a column, and samples, of motions in least time
 FASTEST = 49, 401  # likewise of the best of them, as fast motions use their limits to the full
 MOST_WEIGHTS = 200  # of all columns: programmes of more take seconds and gain a percent
 PULLS = (0.0, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7)  # to the planned path, where arms must follow it
-SHARES = (
-    1e-2,
-    1.0,
-)  # of the pull to a demonstration, where arms must follow; the last few millimetres take them long
+SHARES = 1e-2, 1.0  # of the pull to a demonstration, one after the other, where arms must follow
 ROUGHLY = 2e-3  # m, trust region below which that ends: what is nearer arms reach by chance only
 PARTS = 1.0, 0.8, 0.5  # of the way there that are tried: stretched arms have to turn fast
-ALIKE = (
-    0.02  # relative difference in jerk of motions that lead to the same one when drawn to the demonstration
-)
+ALIKE = 0.02  # relative difference in jerk of motions that a demonstration draws to the same one
 HOPELESS = 0.01  # m of penetration from which on more margin does not help
 UNMET = 1.5e-2  # relative excess, summed over limits, beyond which the duration is too short
 GENTLE = 1e-3  # weight of the jerk beside the duration, both relative to their initial values
@@ -185,6 +180,7 @@ def _carried(
     if any(abs(jerk - other) < ALIKE * other for other in search.drawn):
         return True
     search.drawn.append(jerk)
+    # With all of its weight, arms are stretched for a few centimetres more, and take twice as long.
     nearer = replace(settings, radius=AGAIN, least=ROUGHLY)
     for share in SHARES[:1] if search.paced else SHARES:
         cost = replace(taught, pull=share * taught.pull)

@@ -19,9 +19,7 @@ Array = NDArray[np.float64]
 WITHIN = 2e-3  # m, by which a pose that was out of reach must come within it
 MORE = 1e-3  # m, of clearance at first and after every rejection: in between samples, and where joints are redundant
 SOON = 0.012  # m, beyond what is required, below which it counts how a distance changes
-MOVE = (
-    1e-3  # m, or change of a direction or quaternion, by which a configuration is moved to see what changes
-)
+MOVE = 1e-3  # m, or of a direction or quaternion, by which a configuration is moved to see what changes
 
 
 @dataclass(frozen=True, eq=False)
