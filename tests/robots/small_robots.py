@@ -216,3 +216,10 @@ def grasp_errors(robot: Robot, arms: tuple[Arm, ...], position: np.ndarray, want
             angle = 2 * np.arcsin(min(1.0, turn))
             errors[t, i] = np.hypot(np.linalg.norm(target[:3, 3] - pose[:3, 3]), TURN * angle)
     return errors
+
+
+def whole(carrying, q):
+    """Joints of the chains in the robot's vector; array, shape (n_steps, n_joints)."""
+    position = np.tile(carrying.robot.home, (len(q), 1))
+    position[:, columns(carrying.holders)] = q
+    return position

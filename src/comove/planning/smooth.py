@@ -166,10 +166,8 @@ def _carried(
         if verdict.verified is not None:
             at = z
             break
-        if not programme.is_followed(z):
-            programme.follower = (
-                None  # it asks for more than there is: arms are thinner than what stands for them
-            )
+        if not programme.is_followed(z):  # it asks for too much: arms are thinner than what stands for them
+            programme.follower = None
         elif verdict.report.clearance_min < search.scene.clearance:
             settings = _stricter(settings, 0)
         elif programme.follower is not None:
@@ -180,7 +178,7 @@ def _carried(
     if any(abs(jerk - other) < ALIKE * other for other in search.drawn):
         return True
     search.drawn.append(jerk)
-    # With all of its weight, arms are stretched for a few centimetres more, and take twice as long.
+    # With all of its weight, arms would be stretched further, and take longer.
     nearer = replace(settings, radius=AGAIN, least=ROUGHLY)
     for share in SHARES[:1] if search.paced else SHARES:
         cost = replace(taught, pull=share * taught.pull)

@@ -13,14 +13,7 @@ from comove.robots.search.following import KEEP, MET, follow, follow_one, hand_r
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, grasp_frames, known_carry, scene_data
-from tests.robots.small_robots import columns, gantry_scene, grasp_errors, movement, robot, task
-
-
-def whole(carrying, q):
-    """Joints of the chains in the robot's vector; array, shape (n_steps, n_joints)."""
-    position = np.tile(carrying.robot.home, (len(q), 1))
-    position[:, columns(carrying.holders)] = q
-    return position
+from tests.robots.small_robots import columns, gantry_scene, grasp_errors, movement, robot, task, whole
 
 
 @pytest.mark.parametrize("name", ["gantry", "gap_30", "two_pandas", "ur5_and_panda"])

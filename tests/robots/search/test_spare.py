@@ -16,16 +16,9 @@ from comove.robots.search.spare import ArmsFollower
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
 from tests.robots.known_carry import grasp_frames
-from tests.robots.small_robots import EXAMPLES, columns, grasp_errors, movement, robot, task
+from tests.robots.small_robots import EXAMPLES, grasp_errors, movement, robot, task, whole
 
 NAMES = ["gantry", "gap_30", "two_pandas", "ur5_and_panda"]
-
-
-def whole(carrying, q):
-    """Joints of the chains in the robot's vector; array, shape (n_steps, n_joints)."""
-    position = np.tile(carrying.robot.home, (len(q), 1))
-    position[:, columns(carrying.holders)] = q
-    return position
 
 
 def along(motion, carrying, n_steps=51):
