@@ -2,12 +2,14 @@
 
 - first run: ``comove solve narrow.yaml`` with no compiled kernels and no font cache yet, once;
 - later runs: the same with both in place, a new process each, median;
+- the same of ``comove robot solve examples/baxter/gap_30.yaml``, where the scenes of the repository are there;
 - help: ``comove --help``, median.
 
-Wall time counts all from the start of the process to its end; processor time tells whether the machine was
-busy with something else. Caches lie in a temporary folder: those of the user are neither used nor changed.
+Wall time counts all from the start of the process to its end; processor time, of the process and of the one that
+helps it to compile, tells whether the machine was busy with something else. Caches lie in a temporary folder: those
+of the user are neither used nor changed.
 
-To repeat: ``pip install comove``, ``python benchmarks/start_up.py [--repeats 5] [--scene FILE]``.
+To repeat: ``pip install "comove[robot]"``, ``python benchmarks/start_up.py [--repeats 5] [--scene FILE]``.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ from statistics import median
 from timing import number, print_table
 
 COMOVE = (sys.executable, "-m", "comove")
+ROBOT_SCENE = Path(__file__).parents[1] / "examples" / "baxter" / "gap_30.yaml"
+HEADER = ("command", "runs", "wall median [s]", "wall max [s]", "processor median [s]", "times a later run")
 
 
 def run(arguments: Sequence[str], environment: dict[str, str]) -> tuple[float, float]:
@@ -39,10 +43,23 @@ def run(arguments: Sequence[str], environment: dict[str, str]) -> tuple[float, f
     return wall, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def row(name: str, times: Sequence[tuple[float, float]]) -> list[str]:
-    """One row of the table."""
+def rows(verb: Sequence[str], scene: Path, repeats: int) -> list[list[str]]:
+    """Rows of the table for a command, run first and later."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = os.environ | {"NUMBA_CACHE_DIR": f"{folder}/kernels", "MPLCONFIGDIR": f"{folder}/fonts"}
+        command = [*verb, str(scene), "--out", f"{folder}/result"]
+        first, *later = [run(command, environment) for _ in range(1 + repeats)]
+    name = f"`comove {' '.join(verb)} {scene.name}`"
+    return [row(f"{name}, first run", [first], later), row(f"{name}, later", later, later)]
+
+
+def row(
+    name: str, times: Sequence[tuple[float, float]], later: Sequence[tuple[float, float]] = ()
+) -> list[str]:
+    """One row of the table; how many times as long as a later run, where there is one."""
     wall, processor = zip(*times, strict=True)
-    return [name, str(len(times)), number(median(wall)), number(max(wall)), number(median(processor))]
+    ratio = number(median(wall) / median(w for w, _ in later)) if later else ""
+    return [name, str(len(times)), number(median(wall)), number(max(wall)), number(median(processor)), ratio]
 
 
 def main() -> None:
@@ -50,28 +67,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--scene", type=Path, default=files("comove") / "examples" / "narrow.yaml")
+    parser.add_argument("--robot-scene", type=Path, default=ROBOT_SCENE)
     options = parser.parse_args()
 
-    with tempfile.TemporaryDirectory() as folder:
-        caches = {"NUMBA_CACHE_DIR": f"{folder}/kernels", "MPLCONFIGDIR": f"{folder}/fonts"}
-        solve = ["solve", str(options.scene), "--out", f"{folder}/result"]
-        environment = os.environ | caches
-        verb = f"`comove solve {Path(options.scene).name}`"
-        first = [run(solve, environment)]
-        later = [run(solve, environment) for _ in range(options.repeats)]
-        asked = [run(["--help"], environment) for _ in range(options.repeats)]
-    ratio = number(median(wall for wall, _ in first) / median(wall for wall, _ in later))
-    print_table(
-        ["command", "runs", "wall median [s]", "wall max [s]", "processor median [s]", "times a later run"],
-        [
-            [*row(f"{verb}, first run", first), ratio],
-            [*row(f"{verb}, later", later), "1"],
-            [
-                *row("`comove --help`", asked),
-                number(median(w for w, _ in asked) / median(w for w, _ in later)),
-            ],
-        ],
-    )
+    table = rows(["solve"], Path(options.scene), options.repeats)
+    if options.robot_scene.is_file():
+        table += rows(["robot", "solve"], options.robot_scene, options.repeats)
+    asked = [run(["--help"], dict(os.environ)) for _ in range(options.repeats)]
+    print_table(HEADER, [*table, row("`comove --help`", asked)])
 
 
 if __name__ == "__main__":

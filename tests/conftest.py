@@ -7,7 +7,7 @@ import signal
 import pytest
 from hypothesis import settings
 
-from comove._compiled import ALONE
+from comove.processes.processors import ALONE
 from tests.cases import OFTEN, leave_few
 
 MANY = 1000

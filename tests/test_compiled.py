@@ -8,41 +8,78 @@ import shutil
 import subprocess
 import sys
 import warnings
+from functools import partial
+from pathlib import Path
 
+import numpy as np
 import pytest
+from numba import config
+from numba.core import caching
 
-import comove._compiled
+import comove.compiled
 from comove.errors import ComoveWarning
 
-numba = pytest.importorskip("numba")
-caching = sys.modules[comove._compiled.CACHING]
-
 KERNEL = """
-import numba
+from comove.compiled import kernel
 
-@numba.njit(cache=True)
+@kernel
 def twice(x):
     return x + x
+"""
+CALLER = """
+import numpy as np
+
+from comove.compiled import kernel
+
+@kernel
+def inner(x, values):
+    if x < 0.0:
+        raise ValueError("below zero")
+    return x * values
+
+@kernel
+def through(call, x, values):
+    return call(x, values) + 1.0
+
+@kernel(nogil=True)
+def outer(x, values=None):
+    return inner(x, np.ones(3)) if values is None else inner(x, values)
 """
 
 
 @pytest.fixture
 def kernel(tmp_path, monkeypatch):
     """Load the kernel as a new process would: from the files beside its source."""
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # which NUMBA_CACHE_DIR may have set
+    monkeypatch.setattr(config, "CACHE_DIR", "")  # which NUMBA_CACHE_DIR may have set
     (tmp_path / "kernel.py").write_text(KERNEL)
 
-    def load(name="comove.kernel_for_tests"):
-        spec = importlib.util.spec_from_file_location(name, tmp_path / "kernel.py")
+    def load():
+        spec = importlib.util.spec_from_file_location("kernel_for_tests", tmp_path / "kernel.py")
         module = importlib.util.module_from_spec(spec)
+        monkeypatch.setitem(sys.modules, "kernel_for_tests", module)
         spec.loader.exec_module(module)
         return module.twice
 
     return load
 
 
+@pytest.fixture
+def calling(tmp_path, monkeypatch):
+    """Load kernels that call each other as a new process would, in files that are as they were told to be."""
+    monkeypatch.setattr(config, "CACHE_DIR", "")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def load(source=CALLER):
+        (tmp_path / "calling_for_tests.py").write_text(source)
+        sys.modules.pop("calling_for_tests", None)
+        return importlib.import_module("calling_for_tests")
+
+    yield load
+    sys.modules.pop("calling_for_tests", None)
+
+
 def kept(folder, suffix):
-    (file,) = (folder / "__pycache__").glob(f"*{suffix}")
+    *_, file = sorted((folder / "__pycache__").glob(f"*{suffix}"))
     return file
 
 
@@ -106,7 +143,7 @@ def test_without_a_folder_to_keep_them_kernels_are_compiled_and_that_is_said_onc
         raise RuntimeError("cannot cache function: no locator available")
 
     monkeypatch.setattr(caching.FunctionCache, "_impl_class", nowhere)
-    monkeypatch.setattr(comove._compiled, "_told", False)
+    monkeypatch.setattr(comove.compiled, "_told", False)
     with pytest.warns(
         ComoveWarning, match="every start takes as long as the first: let NUMBA_CACHE_DIR name"
     ) as told:
@@ -114,8 +151,6 @@ def test_without_a_folder_to_keep_them_kernels_are_compiled_and_that_is_said_onc
     assert len(told) == 1
     assert one(4) == other(4) == 8
     assert one.stats.cache_path is None
-    with pytest.raises(RuntimeError, match="no locator"):
-        kernel("kernel_of_another_package")
 
 
 def test_a_full_disk_keeps_nothing_and_hinders_nothing(kernel, monkeypatch):
@@ -124,22 +159,81 @@ def test_a_full_disk_keeps_nothing_and_hinders_nothing(kernel, monkeypatch):
 
     monkeypatch.setattr(caching.IndexDataCacheFile, "_open_for_write", full)
     assert kernel()(4) == 8
-    with pytest.raises(OSError, match="No space left"):
-        kernel("kernel_of_another_package")(4)
 
 
-def test_kernels_of_others_are_left_alone(kernel):
-    assert kernel("kernel_of_another_package")(4) == 8
-    again = kernel("kernel_of_another_package")
-    assert again(4) == 8 and hits(again) == 1
-    assert type(again._cache._cache_file) is caching.IndexDataCacheFile
+@pytest.mark.parametrize("large", [0, 10**9], ids=["called where it lies", "part of its callers"])
+def test_a_kernel_computes_the_same_however_it_is_called(calling, monkeypatch, large):
+    """By Python, by another kernel, as an argument; compiled, and found on disk."""
+    monkeypatch.setattr(comove.compiled, "LARGE", large)
+    values = np.array([1.0, 2.0])
+    for found in (0, 1):
+        module = calling()
+        assert module.outer(2.0).tolist() == [2.0, 2.0, 2.0]
+        assert module.outer(2.0, values).tolist() == [2.0, 4.0]
+        assert module.inner(2.0, values).tolist() == [2.0, 4.0]
+        assert module.through(module.inner, 2.0, values).tolist() == [3.0, 5.0]
+        for call in (module.inner, module.outer, partial(module.through, module.inner)):
+            with pytest.raises(ValueError, match="below zero"):
+                call(-1.0, values)
+        assert [hits(call) for call in (module.outer, module.inner, module.through)] == [
+            2 * found,
+            found,
+            found,
+        ]
 
 
-@pytest.mark.parametrize("order", ["import numba, comove", "import comove, numba"])
-def test_it_does_not_matter_who_is_imported_first(order):
-    code = f"{order}\nimport sys; print(sys.modules['numba.core.caching'].FunctionCache.__init__.__name__)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("begin_guarded\n", "")
+def test_a_large_kernel_is_called_anew_when_its_source_has_changed(calling, monkeypatch):
+    """Its callers on disk hold no code of it, so that they need not be compiled again."""
+    monkeypatch.setattr(comove.compiled, "LARGE", 0)
+    other = "from comove.compiled import kernel\n\nimport calling_for_tests as c\n\n@kernel\ndef more(x):\n"
+    folder = Path(calling().__file__).parent
+    (folder / "other_for_tests.py").write_text(other + "    return c.inner(x, x) + 1.0\n")
+
+    def more():
+        sys.modules.pop("other_for_tests", None)
+        return importlib.import_module("other_for_tests").more
+
+    try:
+        calling()
+        assert more()(3.0) == 10.0
+        calling(CALLER.replace("x * values", "x * values + 0.5"))
+        again = more()
+        assert again(3.0) == 10.5 and hits(again.callee) == 1
+        calling(
+            CALLER.replace("x * values", "int(x)")
+        )  # another type comes back: who calls it is compiled again
+        again = more()
+        assert again(3.0) == 4.0 and hits(again.callee) == 0
+    finally:
+        sys.modules.pop("other_for_tests", None)
+
+
+def test_what_a_large_kernel_is_called_by_holds_no_code_of_it(calling, monkeypatch):
+    def code(large):
+        monkeypatch.setattr(comove.compiled, "LARGE", large)
+        module = calling(CALLER.replace("below zero", f"below zero {large}"))
+        module.outer(2.0)
+        (compiled,) = module.outer.callee.overloads.values()
+        return [function.name for function in compiled.library.get_defined_functions()]
+
+    assert any("inner" in name for name in code(10**9))
+    assert not any("inner" in name for name in code(0))
+
+
+def test_a_kernel_defined_in_a_function_is_compiled_as_well():
+    @comove.compiled.kernel
+    def half(x):
+        return x / 2
+
+    @comove.compiled.kernel
+    def quarter(x):
+        return half(half(x))
+
+    assert quarter(2.0) == 0.5 and quarter(0.0) == 0.0
+
+
+def test_division_by_zero_follows_the_rules_of_numpy():
+    assert comove.compiled.kernel(lambda x: 1.0 / x)(0.0) == np.inf
 
 
 def test_importing_comove_imports_no_numba():
@@ -155,8 +249,9 @@ def test_two_processes_compile_into_one_empty_folder(tmp_path, turns):
     (tmp_path / "kernel.py").write_text(KERNEL)
     code = (
         "import sys, importlib.util, comove\n"
-        "spec = importlib.util.spec_from_file_location('comove.kernel_for_tests', sys.argv[1])\n"
-        "module = importlib.util.module_from_spec(spec)\nspec.loader.exec_module(module)\n"
+        "spec = importlib.util.spec_from_file_location('kernel_for_tests', sys.argv[1])\n"
+        "module = sys.modules['kernel_for_tests'] = importlib.util.module_from_spec(spec)\n"
+        "spec.loader.exec_module(module)\n"
         "sys.stdin.read()\n"
         "print(*[module.twice(x) for x in eval(sys.argv[2])], sum(module.twice.stats.cache_hits.values()))"
     )

@@ -11,10 +11,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import Any
 
-from comove._compiled import guard_kernels
 from comove._version import __version__
-
-guard_kernels()
 
 # What the package offers and where it lives; loaded on first use, so that importing comove costs nothing.
 _ROOMS = {

@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import cos, sin, sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
 from comove.scenes.groups import GroupPose
 
@@ -69,7 +69,7 @@ def columns_of(center: NDArray[np.int64], turn: int, width: int) -> slice | NDAr
     return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def place(blocks: Blocks, q: Array, size: float) -> Array:
     """Return the nodes of many rollouts, q of shape (n_rollouts, n_columns, n_steps).
 
@@ -86,7 +86,7 @@ def place(blocks: Blocks, q: Array, size: float) -> Array:
     return nodes
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def place_one(blocks: Blocks, q: Array, size: float, nodes: Array) -> None:
     """Write in `nodes` (n_nodes, 3) the nodes of one configuration q, array of shape (n_columns,) [m]."""
     n_dims = blocks.n_dims

@@ -10,11 +10,11 @@ from __future__ import annotations
 from collections import deque
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
+from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.execution.observers import Observer
 from comove.execution.tracks import Memory, Scanner, blank, margins, moved, updated
@@ -249,7 +249,7 @@ def _on_box(half: Array, spacing: float) -> Array:
     return np.pad(points, ((0, 0), (0, 3 - len(half))))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _along(table: Array, rays: Array, reach: float) -> Array:
     """Return how far from its centre rays (n, 3) leave the first obstacle of a table [m], found by bisection."""
     lengths = np.empty(rays.shape[0])
@@ -266,7 +266,7 @@ def _along(table: Array, rays: Array, reach: float) -> Array:
     return lengths
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _of_obstacles(points: Array, table: Array, near: float) -> NDArray[np.bool_]:
     """Return which points (n, 3) lie within the distance `near` [m] of an obstacle of a table."""
     found = np.zeros(points.shape[0], dtype=np.bool_)

@@ -12,9 +12,10 @@ from __future__ import annotations
 from math import cos, log, sin, sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def informed(belief: Belief, position: Array, variance: float) -> Belief:
     return Belief(state, covariance, np.where(happened, 0.0, ratio))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _predict(state: Array, covariance: Array, dt: Array, density: Array, drift: float) -> None:
     """Advance states (n, 9) and covariances (n, 9, 9) by times (n,), in place."""
     for i in range(len(dt)):
@@ -153,7 +154,7 @@ def _predict(state: Array, covariance: Array, dt: Array, density: Array, drift: 
             covariance[i, k, k] += noise[k] * h
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _correct(state: Array, covariance: Array, position: Array, variance: float) -> Array:
     """Update states and covariances by measured positions, in place; return log-likelihoods of these, shape (n,)."""
     told = np.empty(len(position))
@@ -169,7 +170,7 @@ def _correct(state: Array, covariance: Array, position: Array, variance: float) 
     return told
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _crossing(a: Array) -> Array:
     """Return the matrix of the cross product with a vector."""
     return np.array([[0.0, -a[2], a[1]], [a[2], 0.0, -a[0]], [-a[1], a[0], 0.0]])

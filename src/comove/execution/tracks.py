@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.geometry.sphere_cover import Cells, covered, square_of, thinned
 from comove.primitives.arguments import require_count, require_positive
@@ -272,7 +272,7 @@ def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numb
     return rank[part], owner[order]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _joined(place: Numbers, label: Numbers, row: int, column: int, velocity: Array) -> Numbers:
     """Return, for each node, the first node to which it is connected; array of int, shape (n_nodes,).
 
@@ -304,13 +304,13 @@ def _joined(place: Numbers, label: Numbers, row: int, column: int, velocity: Arr
     return root
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _join(root: Numbers, i: int, j: int) -> None:
     a, b = _root(root, i), _root(root, j)
     root[max(a, b)] = min(a, b)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _root(root: Numbers, i: int) -> int:
     while root[i] != i:
         root[i] = root[root[i]]
@@ -318,7 +318,7 @@ def _root(root: Numbers, i: int) -> int:
     return i
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _nearest_spheres(
     points: Array, center: Array, radius: Array, reach: Array
 ) -> tuple[Numbers, Array, NDArray[np.bool_]]:

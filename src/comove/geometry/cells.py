@@ -13,9 +13,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def no_solid(corners: Array) -> Solid:
     return Solid(np.ascontiguousarray(corners), np.zeros((0, 3, 3)), np.eye(3), np.zeros(2), 1.0, *none)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _bins(triangle, low, width):
     """Return the first and last bin, along both axes across the ray, that a triangle may overlap."""
     u = min(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
@@ -90,7 +91,7 @@ def _bins(triangle, low, width):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _binned(seen, low, width):
     first = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64)
     for k in range(seen.shape[0]):
@@ -110,7 +111,7 @@ def _binned(seen, low, width):
     return first, member
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def is_inside(solid, x, y, z):
     """Return whether a point is inside a solid; for a point on the surface the answer may be either."""
     axes = solid.axes
@@ -135,7 +136,7 @@ def is_inside(solid, x, y, z):
     return turns != 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def side_of(p, q, u, v):
     """Return on which side of the edge p-q a ray passes, as a signed number.
 
@@ -146,7 +147,7 @@ def side_of(p, q, u, v):
     return -((p[0] - q[0]) * (v - q[1]) - (p[1] - q[1]) * (u - q[0]))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def are_inside(solid, points):
     """Return which of the points, array of shape (n, 3), are inside a solid; array of bool, shape (n,)."""
     inside = np.empty(points.shape[0], dtype=np.bool_)
@@ -155,7 +156,7 @@ def are_inside(solid, points):
     return inside
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
     """Cut a solid, or a sheet that bounds nothing, into nearly convex pieces.
 
@@ -242,7 +243,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
     return points[:n_points].copy(), first[: n_pieces + 1].copy()
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _cut(planes, first_plane, a, b):
     """Return the axis and position of the middle plane among those that cut a box across its longest side.
 
@@ -258,7 +259,7 @@ def _cut(planes, first_plane, a, b):
     return best, at
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _piece(solid, members, a, b, polygon, other, own, flat):
     """Collect the extreme points of the part of a solid within a box.
 
@@ -321,13 +322,13 @@ def _piece(solid, members, a, b, polygon, other, own, flat):
     return n_own, off, own
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _inward(a, b, corner, axis):
     share = 1.0 - INWARD if corner >> axis & 1 else INWARD
     return a[axis] + share * (b[axis] - a[axis])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
     """Return whether a polygon lies in a side of the box and bounds the part of the solid beyond that side."""
     for axis in range(3):
@@ -344,7 +345,7 @@ def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _clipped(polygon, n, axis, sign, bound, out):
     """Write in `out` the part of a polygon where ``sign * x[axis] <= bound``, and return its number of corners."""
     count = 0

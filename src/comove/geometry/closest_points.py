@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
 import numpy as np
 
+from comove.compiled import kernel
 from comove.geometry.distances import (
     CENTER,
     KIND,
@@ -27,7 +27,7 @@ PLACE_TOLERANCE = 1e-10  # m, of the least distance along an edge
 N_PARTS = 15  # of a box: edges and pairs of faces
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def near_on_edge(table, j, p, q, cutoff):
     """Return the distance [m] of the segment p-q from obstacle `j`, and its place on the segment, from 0 to 1.
 
@@ -56,7 +56,7 @@ def near_on_edge(table, j, p, q, cutoff):
     return distance, best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def near_on_solid(table, j, nodes, corners, cutoff, near):
     """Return the distance [m] of a solid from obstacle `j`, and write the solid's nearest point in `near`.
 
@@ -73,7 +73,7 @@ def near_on_solid(table, j, nodes, corners, cutoff, near):
     return least
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def near_on_part(table, j, nodes, corners, part, cutoff, near):
     """Return the distance [m] of one part of a solid from obstacle `j`, and write its nearest point in `near`.
 
@@ -94,7 +94,7 @@ def near_on_part(table, j, nodes, corners, part, cutoff, near):
     return distance
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def near_on_hull(table, j, nodes, corners, cutoff, near):
     """Return the distance [m] of a hull of nodes from obstacle `j`, and write the hull's nearest point in `near`."""
     hull, normal = np.empty((corners.shape[0], 3)), np.array([1.0, 0.0, 0.0])
@@ -105,7 +105,7 @@ def near_on_hull(table, j, nodes, corners, cutoff, near):
     return distance if distance > 0.0 else point_distance(table, j, near[0], near[1], near[2])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _before_face(table, j, nodes, corners, k, near):
     """Return the distance [m] of one point of a box from obstacle `j`, and write this point in `near`.
 
@@ -139,7 +139,7 @@ def _before_face(table, j, nodes, corners, k, near):
     return point_distance(table, j, px, py, pz)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def distance_and_gradient(table, j, x, y, z):
     """Return the signed distance [m] of a point from obstacle `j` and the three components of its gradient."""
     distance, gx = tangent(table, j, x, y, z, 1.0, 0.0, 0.0)
@@ -151,7 +151,7 @@ def distance_and_gradient(table, j, x, y, z):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def solid_gradient(table, j, x, y, z):
     """Return the signed distance [m] of a solid's nearest point from obstacle `j` and the components of its gradient.
 

@@ -18,10 +18,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.cells import Solid, are_inside, no_solid, pieces, solid_of
 from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of
 from comove.geometry.topology import Parts
@@ -516,7 +516,7 @@ def _from_triangles(points: Array, corners: Array) -> Array:
     return best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _left_out(triangles, planes, first, tolerance):
     """Return the polygons that remain of triangles when everything inside one polytope after the other is cut off.
 
@@ -571,7 +571,7 @@ def _left_out(triangles, planes, first, tolerance):
     return found[:n_found], counts[:n_found]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _is_beyond(polygon, planes, tolerance):
     """Return whether all corners of a polygon (n, 3) are `tolerance` [m] or more beyond one of the planes (m, 4)."""
     for plane in planes:
@@ -583,7 +583,7 @@ def _is_beyond(polygon, planes, tolerance):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _half(polygon, plane, tolerance, side, out):
     """Write in `out` the part of a polygon beyond a plane (`side` 1) or behind it (-1); return its number of corners.
 
@@ -608,7 +608,7 @@ def _half(polygon, plane, tolerance, side, out):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _behind(points, planes, out):
     """Return which points (n, 3) are beyond none of the planes (m, 4) by more than `out` [m]."""
     inside = np.ones(points.shape[0], dtype=np.bool_)
@@ -621,7 +621,7 @@ def _behind(points, planes, out):
     return inside
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _lines(points, first, middle, field, origin, step, most):
     """Return how far lines between pieces leave the solid, (n, n) [m]; infinite where it is more than `most`."""
     n = first.shape[0] - 1
@@ -640,7 +640,7 @@ def _lines(points, first, middle, field, origin, step, most):
     return apart
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _line(a, b, field, origin, step, most):
     """Return how far the line between two points leaves the solid [m].
 
@@ -658,7 +658,7 @@ def _line(a, b, field, origin, step, most):
     return worst
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _interpolated(field, x, y, z):
     i, j, k = int(x), int(y), int(z)
     f, g, h = x - i, y - j, z - k
@@ -669,7 +669,7 @@ def _interpolated(field, x, y, z):
     return (1 - h) * near + h * far
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _group(see, seed, order):
     """Return which pieces form a group that all see each other, grown from a seed; array of bool, shape (n,).
 

@@ -22,9 +22,10 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -50,7 +51,7 @@ def inflated(table: Array, margin: Array) -> Array:
     return table
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def point_distance(table, j, x, y, z):
     """Return the signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""
     kind = int(table[j, 0])
@@ -77,7 +78,7 @@ def point_distance(table, j, x, y, z):
     return t * length
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _farthest_plane(table, j, x, y, z):
     """Return a point's largest distance [m] from a polytope's planes, and the column at which that plane begins.
 
@@ -95,7 +96,7 @@ def _farthest_plane(table, j, x, y, z):
     return farthest - table[j, SIZE], which
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _ellipsoid_normal(a, b, c, u, v, w):
     """Find the point on an axis-aligned ellipsoid that is nearest to a point of the first octant.
 
@@ -118,7 +119,7 @@ def _ellipsoid_normal(a, b, c, u, v, w):
     return t - least, nu, nv, nw, sqrt(nu * nu + nv * nv + nw * nw)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def tangent(table, j, x, y, z, dx, dy, dz):
     """Return the signed distance [m] from a point to obstacle `j`, and its slope along (dx, dy, dz).
 
@@ -174,7 +175,7 @@ def tangent(table, j, x, y, z, dx, dy, dz):
     return t * length, (nu * du + nv * dv + nw * dw) / length
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     """Return the least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
 
@@ -184,7 +185,7 @@ def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     return nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance)[0]
 
 
-@numba.njit(cache=True, error_model="numpy", inline="always")  # unused results cost nothing
+@kernel(inline="always")  # unused results cost nothing
 def nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     """Find where on the segment p-q the distance to obstacle `j` is least, as accurately as `segment_distance`.
 
@@ -226,7 +227,7 @@ def nearest_on_segment(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     return best, low, high, g_low, g_high
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def configuration_distance(nodes, edges, radii, table, lower, upper):
     """Return the clearance [m] of one configuration, and the nearest obstacle.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry import distances as sd
 from comove.geometry.simplices import nearest_of_simplex
 
@@ -106,7 +106,7 @@ def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
     return Polytope(found.vertices, planes), beyond
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def nearest_in_hull(vertices, points):
     """Return the points of the convex hull of `vertices` (n, 3) that are nearest to `points` (m, 3) [m].
 

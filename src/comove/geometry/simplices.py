@@ -7,8 +7,9 @@ plane. So among all faces whose foot has no negative weight, the nearest foot is
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from comove.compiled import kernel
 
 FACES = np.array(  # which corners, -1 for none
     [[i, -1, -1] for i in range(4)]
@@ -18,7 +19,7 @@ FACES = np.array(  # which corners, -1 for none
 DEGENERATE = 1e-14  # of the product of squared edges: faces that flat have sides that tell more
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def nearest_of_simplex(corners, n, weights):
     """Write in `weights` (4) the weights of a simplex's point nearest to the origin, and return its squared distance.
 
@@ -69,7 +70,7 @@ def nearest_of_simplex(corners, n, weights):
     return best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _around_origin(corners, weights):
     """Return whether the origin is inside the tetrahedron; if so, write the origin's weights in `weights`."""
     a, b, c, d = (
@@ -86,7 +87,7 @@ def _around_origin(corners, weights):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _volume(p, q, r):
     return (
         p[0] * (q[1] * r[2] - q[2] * r[1])

@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.distances import (
     BALL,
     BOX,
@@ -58,7 +58,7 @@ def solids_or_none(solids: NDArray[np.int64]) -> NDArray[np.int64] | None:
     return solids if len(solids) else None
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def count_solids(solids):
     """Return the number of solids, 0 for None."""
     if solids is None:
@@ -66,7 +66,7 @@ def count_solids(solids):
     return solids.shape[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def empty_solid(solids):
     """Return an uninitialised array for one of `solids`.
 
@@ -75,7 +75,7 @@ def empty_solid(solids):
     return np.empty((BOX_ROWS if solids.shape[1] == N_CORNERS else solids.shape[1], 3))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def solid_at(nodes, corners, solid):
     """Write in `solid` the box or hull that has the given `corners`, which are rows of `nodes` (n_nodes, 3) [m]."""
     if solid.shape[0] != BOX_ROWS:
@@ -91,14 +91,14 @@ def solid_at(nodes, corners, solid):
         solid[3, axis] = 0.5 * (nodes[corners[4], axis] - p[axis])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def move_solid(solid, x, y, z):
     """Move a solid by (x, y, z) [m], in place."""
     for i in range(1 if solid.shape[0] == BOX_ROWS else solid.shape[0]):
         solid[i, 0], solid[i, 1], solid[i, 2] = solid[i, 0] + x, solid[i, 1] + y, solid[i, 2] + z
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def support(table, j, x, y, z):
     """Return the point of obstacle `j` that is farthest along the unit vector (x, y, z) [m].
 
@@ -131,7 +131,7 @@ def support(table, j, x, y, z):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _farthest_vertex(table, j, u, v, w):
     """Return the column at which, in a polytope's row, the vertex begins that is farthest along (u, v, w).
 
@@ -147,7 +147,7 @@ def _farthest_vertex(table, j, u, v, w):
     return best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def solid_support(solid, x, y, z):
     """Return the point of a solid that is farthest along (x, y, z) [m]."""
     if solid.shape[0] == BOX_ROWS:
@@ -164,7 +164,7 @@ def solid_support(solid, x, y, z):
     return solid[best, 0], solid[best, 1], solid[best, 2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def gap(table, j, solid, x, y, z):
     """Return the gap [m] between a solid and obstacle `j` along the unit vector (x, y, z).
 
@@ -182,7 +182,7 @@ def gap(table, j, solid, x, y, z):
     return wide
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def solid_distance(table, j, solid, cutoff, normal):
     """Return a lower and an upper bound of the distance [m] between a solid and obstacle `j`.
 
@@ -242,7 +242,7 @@ def solid_distance(table, j, solid, cutoff, normal):
     return wide, min(nearest, upper)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def hull_distance(table, j, solid, cutoff, normal, near):
     """Return the bounds of `solid_distance`, found by GJK, and write the solid's nearest point in `near` (3).
 
@@ -316,7 +316,7 @@ def hull_distance(table, j, solid, cutoff, normal, near):
     return wide, sqrt(square) - radius
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _core_support(table, j, x, y, z):
     """Return the point of obstacle `j`, its rounding removed, that is farthest along (x, y, z) [m].
 
@@ -332,7 +332,7 @@ def _core_support(table, j, x, y, z):
     return u, v, w
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _ball(solid):
     """Return the centre and the radius [m] of a ball that contains a solid."""
     x, y, z, reach = solid[0, 0], solid[0, 1], solid[0, 2], 0.0
@@ -350,7 +350,7 @@ def _ball(solid):
     return x, y, z, sqrt(reach)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _beyond_ball(table, j, x, y, z):
     """Return a lower bound of a point's distance from obstacle `j` [m].
 
@@ -365,7 +365,7 @@ def _beyond_ball(table, j, x, y, z):
     return sqrt(x * x + y * y + z * z) - table[j, BALL] - table[j, SIZE]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _deepest(table, j, solid, wide, normal):
     """Return the widest of the gaps, all negative, of a solid and an obstacle that overlap.
 
@@ -394,7 +394,7 @@ def _deepest(table, j, solid, wide, normal):
     return wide
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _widened(table, j, solid, x, y, z, wide, normal):
     """Return the wider of the gaps `wide` and that along (x, y, z).
 
@@ -407,7 +407,7 @@ def _widened(table, j, solid, x, y, z, wide, normal):
     return wide
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def gradient(table, j, x, y, z):
     """Return the gradient of the signed distance to obstacle `j` at (x, y, z); a subgradient at a kink."""
     return (
@@ -417,7 +417,7 @@ def gradient(table, j, x, y, z):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _edge(solid, e):
     """Return one end of edge `e` (0 to 11) of a box and the vector from it to the other end."""
     k = 1 + e // 4
@@ -433,7 +433,7 @@ def _edge(solid, e):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _beyond_face(table, j, solid, k):
     """Return the signed distance [m] of one point of a box from obstacle `j`.
 
@@ -462,7 +462,7 @@ def _beyond_face(table, j, solid, k):
     return point_distance(table, j, px, py, pz)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def solids_clearance(nodes, solids, table, lower, upper):
     """Return the clearance [m] of the solids of one configuration, and the nearest obstacle.
 
@@ -492,7 +492,7 @@ def solids_clearance(nodes, solids, table, lower, upper):
     return clearance, nearest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def border_distance(solid, lower, upper):
     """Return the distance [m] of a solid from the border of the workspace, negative where it reaches beyond."""
     distance = np.inf

@@ -11,9 +11,10 @@ from __future__ import annotations
 from math import cos, pi, sin, sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -89,7 +90,7 @@ def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float
     return SphereCover(center, radius * (1 + 1e-12), owner)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _split(points, order, firsts, lasts, detail, most):
     """Return the centres (most, 3) of spheres, the sphere of every point, and the number of spheres.
 
@@ -121,7 +122,7 @@ def _split(points, order, firsts, lasts, detail, most):
     return center, sphere, n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _directions(flat):
     """Return unit vectors, evenly spread on the circle or the sphere (Fibonacci's lattice)."""
     directions = np.zeros((N_DIRECTIONS, 3))
@@ -136,7 +137,7 @@ def _directions(flat):
     return directions
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _sphere(points, order, first, last, directions, detail, center):
     """Write in `center` the centre of a sphere about some points, and return how far it sticks out of them [m]."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
@@ -172,7 +173,7 @@ def _sphere(points, order, first, last, directions, detail, center):
     return sqrt(out)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _halved(points, order, first, last):
     """Sort some points by the two halves of their box, and return where the second half begins."""
     axis, low, longest = 0, 0.0, -1.0
@@ -192,7 +193,7 @@ def _halved(points, order, first, last):
     return min(max(i, first + 1), last - 1)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def square_of(p, q):
     """Return the squared distance [m^2] of two points."""
     return (p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2

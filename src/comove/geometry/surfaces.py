@@ -16,10 +16,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.cells import AXES, RAY, side_of
 from comove.geometry.simplices import nearest_of_simplex
 from comove.geometry.topology import Parts
@@ -128,7 +128,7 @@ def surfaces_of(meshes: list[Placed]) -> Surfaces:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def count_meshes(surfaces):
     """Return the number of meshes, 0 for None."""
     if surfaces is None:
@@ -136,7 +136,7 @@ def count_meshes(surfaces):
     return surfaces.root.shape[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _built(triangles):
     """Build the tree of one mesh.
 
@@ -190,7 +190,7 @@ def _built(triangles):
     return triangles[order], order, lower[:boxes], upper[:boxes], right[:boxes], first[:boxes], count[:boxes]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def signed_distance(surfaces, mesh, points, cutoff):
     """Return the distance [m] of the hull of points (n, 3) from a mesh at 0 s, `cutoff` if that is less.
 
@@ -208,7 +208,7 @@ def signed_distance(surfaces, mesh, points, cutoff):
     return distance
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def holds(surfaces, mesh, x, y, z):
     """Return whether a point is inside a solid that triangles of a mesh close.
 
@@ -256,7 +256,7 @@ def holds(surfaces, mesh, x, y, z):
     return turns != 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def surface_distance(surfaces, mesh, points, cutoff):
     """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is
     less.
@@ -264,7 +264,7 @@ def surface_distance(surfaces, mesh, points, cutoff):
     return max(near_on_surface(surfaces, mesh, points, cutoff, 0.0, np.empty(3), np.empty(3)), 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
     """Return the distance [m] of the hull of points (n, 3) from a mesh's triangles at 0 s, `cutoff` if that is less.
 
@@ -303,7 +303,7 @@ def near_on_surface(surfaces, mesh, points, cutoff, enough, near, way):
     return least
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def box_distance(surfaces, box, low, high):
     """Return the distance [m] of a box of a tree from the box with the corners `low` and `high`."""
     square = 0.0
@@ -314,7 +314,7 @@ def box_distance(surfaces, box, low, high):
     return sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def box_gap(surfaces, box, points, others, normal):
     """Return the gap [m] along `normal` between the hull of two sets of points, (n, 3) each, and a box of a tree."""
     least, most = 0.0, -np.inf
@@ -326,7 +326,7 @@ def box_gap(surfaces, box, points, others, normal):
     return least - most
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def triangle_gap(triangle, points, normal):
     """Return the gap [m] along the unit vector `normal` between the hull of points (n, 3) and a triangle.
 
@@ -342,7 +342,7 @@ def triangle_gap(triangle, points, normal):
     return least - most
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def nearest(triangle, points, normal, scratch):
     """Return the widest gap found [m] and the distance [m] between the hull of points (n, 3) and a triangle.
 
@@ -417,7 +417,7 @@ def nearest(triangle, points, normal, scratch):
     return wide, sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _deepest(triangle, points, wide, normal):
     """Return the widest of the gaps, 0 or less, of a body and a triangle that overlap.
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.optimisers.cmaes import CMAES, FullCovariance
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ def bound_rows(root: Array, mean: Array, lower: Array, upper: Array) -> tuple[Ar
     return rows, np.concatenate([((mean - upper) / length)[above], ((lower - mean) / length)[below]])
 
 
-@nb.njit(cache=True)
+@kernel
 def nearest_feasible(rows: Array, missed: Array, free: NDArray[np.bool_]) -> Array:
     """Compute the multipliers l of the shortest step d = -G^T l onto {z : c + G z <= 0}.
 

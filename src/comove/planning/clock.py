@@ -19,6 +19,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
+
 Array = NDArray[np.float64]
 
 DEADLINE, LEFT, UP, LOOKS = range(4)  # columns of a clock
@@ -56,7 +58,7 @@ def wind(clock: Array, deadline: float) -> None:
     clock[DEADLINE], clock[UP] = deadline, 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def worked(clock, work):
     """Add to the work counted, read the time if enough has been done since last, and return whether time is up."""
     clock[LEFT] -= work

@@ -14,9 +14,8 @@ from typing import Any
 from numba.core import event
 from numba.core.dispatcher import LiftedCode
 
-from comove._compiled import ALONE
 from comove.planning.clock import now
-from comove.processes.processors import n_processors
+from comove.processes.processors import ALONE, n_processors
 
 PACKAGE = "comove."
 KernelCallback = Callable[[str], None]

@@ -13,10 +13,10 @@ from __future__ import annotations
 from math import acos, pi, sin, sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.blocks import place_one
 from comove.coordination.coordinates import (
     ANGLE,
@@ -87,7 +87,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def clearance_of(space, q, nodes, floor):
     """Return the clearance [m] of configuration q, at most the cap; a result below `floor` need not be exact.
 
@@ -126,7 +126,7 @@ def clearance_of(space, q, nodes, floor):
     return _from_meshes(around.surfaces, around, nodes, clearance, floor)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _of_solids(solids, around, nodes, clearance, floor):
     """Return the clearance [m] of solids, at most `clearance`, which is that of the rest of the body."""
     if solids is None:
@@ -142,7 +142,7 @@ def _of_solids(solids, around, nodes, clearance, floor):
     return clearance
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _from_meshes(surfaces, around, nodes, clearance, floor):
     """Return the clearance [m] of the body from meshes at their places in the table, at most `clearance`."""
     if surfaces is None:
@@ -158,7 +158,7 @@ def _from_meshes(surfaces, around, nodes, clearance, floor):
     return clearance
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _solids_from_mesh(solids, surfaces, mesh, around, nodes, clearance, floor):
     """Return the clearance [m] of solids from a mesh, at most `clearance`."""
     if solids is None:
@@ -171,7 +171,7 @@ def _solids_from_mesh(solids, surfaces, mesh, around, nodes, clearance, floor):
     return clearance
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _seen_from(surfaces, mesh, obstacles, nodes, corners):
     """Return the corners of a part of the body as seen from a mesh at its place in the table; shape (n, 3) [m]."""
     hull, row = np.empty((corners.shape[0], 3)), surfaces.row[mesh]
@@ -182,7 +182,7 @@ def _seen_from(surfaces, mesh, obstacles, nodes, corners):
     return hull
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def angle_between(kind, n_dims, p, q, o):
     """Return the angle [rad] between the orientations of two configurations, which start at column o."""
     if kind == POINT:
@@ -198,7 +198,7 @@ def angle_between(kind, n_dims, p, q, o):
     return acos(min(1.0, max(-1.0, dot)))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def span(space, p, q):
     """Return an upper bound of the displacement of any node between two configurations [m]."""
     blocks, longest = space.blocks, 0.0
@@ -212,7 +212,7 @@ def span(space, p, q):
     return longest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def way_length(space, way):
     """Return the length of a path, array of shape (n_steps, n_columns), as the sum of its spans [m]."""
     length = 0.0
@@ -221,7 +221,7 @@ def way_length(space, way):
     return length
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def interpolate(space, p, q, f, out):
     """Write the configuration at the share f of the way from p to q; angles are unwrapped with respect to p."""
     blocks = space.blocks
@@ -237,7 +237,7 @@ def interpolate(space, p, q, f, out):
             _great_circle(p, q, o, width, f, kind == QUATERNION, out)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _great_circle(p, q, o, width, f, either_sign, out):
     dot = 0.0
     for c in range(o, o + width):
@@ -256,7 +256,7 @@ def _great_circle(p, q, o, width, f, either_sign, out):
         out[c] /= sqrt(norm)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def edge_is_free(space, p, q, margin, scratch, nodes):
     """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q."""
     length = span(space, p, q)
@@ -272,7 +272,7 @@ def edge_is_free(space, p, q, margin, scratch, nodes):
 
 
 @trees.answers(trees.extend, Space)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _extend(space, p, q, steps, margin, out):
     way, scratch = span(space, p, q), np.empty(p.shape[0])
     interpolate(space, p, q, min(1.0, STEP * steps / max(way, 1e-12)), out)
@@ -282,7 +282,7 @@ def _extend(space, p, q, steps, margin, out):
 
 
 @trees.answers(trees.nearest, Space)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def nearest(space, tree, count, q):
     """Return the node of a tree that is nearest to q."""
     best, least = 0, np.inf
@@ -294,21 +294,21 @@ def nearest(space, tree, count, q):
 
 
 @trees.answers(trees.draw, Space)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _draw(space, nodes, counts, this, rng, out):
     random_configuration(space, rng, out)
     return True
 
 
 @trees.answers(trees.between, Space)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _between(space, p, q, share, out):
     interpolate(space, p, q, share, out)
     return True
 
 
 @trees.answers(trees.shortens, Space)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _shortens(space, p, q, way):
     return span(space, p, q) <= way - 1e-6
 
@@ -316,7 +316,7 @@ def _shortens(space, p, q, way):
 trees.answers(trees.length, Space)(span)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def random_configuration(space, rng, out):
     """Write a random configuration, uniform in the workspace and over orientations."""
     blocks, lower, upper = space.blocks, space.around.lower, space.around.upper
@@ -327,7 +327,7 @@ def random_configuration(space, rng, out):
         random_orientation(blocks.kind[b], blocks.n_dims, blocks.turn[b], rng, out)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def random_orientation(kind, n_dims, o, rng, out):
     """Write a random orientation of one block, uniform over all orientations."""
     if kind == ANGLE:
@@ -344,7 +344,7 @@ def random_orientation(kind, n_dims, o, rng, out):
             out[c] /= sqrt(norm)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def in_an_obstacle(obstacles, x, y, z):
     """Return whether a point lies in any obstacle."""
     for j in range(obstacles.shape[0]):
@@ -353,7 +353,7 @@ def in_an_obstacle(obstacles, x, y, z):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def wrapped(angle):
     """Return the angle [rad], wrapped to the range from -pi to pi."""
     return angle - 2 * pi * np.round(angle / (2 * pi))

@@ -17,10 +17,10 @@ from dataclasses import dataclass, field, replace
 from math import sqrt
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.coordinates import Coordinates
 from comove.coordination.motion import CoordinatedMotion, rollouts
 from comove.geometry.distances import REACH, point_distance, segment_distance
@@ -208,7 +208,7 @@ class Objective:
         )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, penalty_weights, along_path):
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
     c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
@@ -243,7 +243,7 @@ def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, penalty_wei
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _obstacle_penalty(around, x, offsets, penalty_weights, along_path):
     """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
 
@@ -310,7 +310,7 @@ def _obstacle_penalty(around, x, offsets, penalty_weights, along_path):
     return total, least, touched[n_rows] / n_steps
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _longest(x, t, after):
     """Return the largest distance that any node moves between two samples [m]."""
     longest = 0.0
@@ -324,7 +324,7 @@ def _longest(x, t, after):
     return sqrt(longest)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _between(x, t, after, f, out):
     """Write the points of x at a share f of the time between two samples."""
     for n in range(x.shape[1]):
@@ -332,7 +332,7 @@ def _between(x, t, after, f, out):
             out[n, axis] = x[t, n, axis] + f * (x[after, n, axis] - x[t, n, axis])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _note(distance, owner, sample, touched):
     """Note that an obstacle is touched at a sample, once; sample 0 is none."""
     if distance <= 0.0 and sample > 0 and touched[owner] != sample:
@@ -340,7 +340,7 @@ def _note(distance, owner, sample, touched):
         touched[-1] += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _from_border(around, pose):
     """Return the distance [m] of the body from the border of the workspace."""
     d = np.inf
@@ -354,7 +354,7 @@ def _from_border(around, pose):
     return min(d, _solids_from_border(around.solids, pose, around.lower, around.upper))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _solids_from_border(solids, pose, lower, upper):
     """Return the distance [m] of solids from the border of the workspace."""
     d = np.inf
@@ -367,7 +367,7 @@ def _solids_from_border(solids, pose, lower, upper):
     return d
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _of_rods(around, pose, shift, near, cap, sample, touched):
     """Return the clearance [m] of the load's rods from the obstacles that are near."""
     d = cap
@@ -395,7 +395,7 @@ def _of_rods(around, pose, shift, near, cap, sample, touched):
     return d
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _of_solids(solids, around, pose, shift, near, cap, sample, touched, normals):
     """Return the clearance [m] of the load's solids from the obstacles that are near."""
     d = cap
@@ -413,7 +413,7 @@ def _of_solids(solids, around, pose, shift, near, cap, sample, touched, normals)
     return d
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _from_meshes(surfaces, around, pose, shift, near, cap, sample, touched):
     """Return the clearance [m] of the whole load from the meshes that are near."""
     d = cap
@@ -432,7 +432,7 @@ def _from_meshes(surfaces, around, pose, shift, near, cap, sample, touched):
     return d
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _solids_from_mesh(solids, surfaces, mesh, pose, shift, cap):
     """Return the clearance [m] of the load's solids from a mesh that has moved."""
     d = cap
@@ -443,7 +443,7 @@ def _solids_from_mesh(solids, surfaces, mesh, pose, shift, cap):
     return d
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _seen_from(shift, pose, corners):
     """Return corners of the body as seen from an obstacle that has moved; shape (n_corners, 3) [m]."""
     hull = np.empty((corners.shape[0], 3))
@@ -453,7 +453,7 @@ def _seen_from(shift, pose, corners):
     return hull
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def chord_distance(x, t, after, i, j):
     """Return the least distance [m] of the hands i and j while both go straight from sample t to sample `after`."""
     along, step = 0.0, 0.0
@@ -469,7 +469,7 @@ def chord_distance(x, t, after, i, j):
     return sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _offset(offsets, t, j):
     """Return the displacement of an obstacle's centre at a sample [m]."""
     if offsets.shape[0] == 0:
@@ -477,7 +477,7 @@ def _offset(offsets, t, j):
     return offsets[t, j, 0], offsets[t, j, 1], offsets[t, j, 2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _farthest(offsets, t, after):
     """Return the largest distance that any obstacle moves between two samples [m]."""
     farthest = 0.0
@@ -489,7 +489,7 @@ def _farthest(offsets, t, after):
     return sqrt(farthest)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _near_meshes(surfaces, x, t, cutoff, offsets, near):
     """Write into `near` the meshes whose boxes are within `cutoff` of the body's box; return their number."""
     count = 0
@@ -508,7 +508,7 @@ def _near_meshes(surfaces, x, t, cutoff, offsets, near):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _near_obstacles(around, x, t, cutoff, offsets, near):
     """Write into `near` the obstacles within `cutoff` of the body's bounding ball.
 

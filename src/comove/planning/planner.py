@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.geometry.distances import CENTER, REACH, ROTATION, point_distance
 from comove.planning.clock import worked
@@ -114,7 +114,7 @@ def continuous(space: Space, path: Array) -> Array:
     return path
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def along(space, path, shares):
     """Interpolate a path at given shares of its length (the sum of its spans).
 
@@ -143,7 +143,7 @@ def along(space, path, shares):
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def forest(space, flat, start, goal, margin, rng, max_nodes):
     """Grow trees from windows, existing nodes and free space until start and goal are in one; return the path.
 
@@ -204,7 +204,7 @@ def forest(space, flat, start, goal, margin, rng, max_nodes):
     return np.empty((0, n_columns))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _way_through(space, q, j, margin, out, scratch, nodes):
     """Return the direction, (3,), in which a pose slides furthest both ways, and both signed lengths [m] after it.
 
@@ -232,7 +232,7 @@ def _way_through(space, q, j, margin, out, scratch, nodes):
     return best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _slid(space, q, along, length, out):
     """Write a pose moved along a direction; return whether its centre is still in the workspace."""
     copy_to(q, out)
@@ -243,7 +243,7 @@ def _slid(space, q, along, length, out):
     return inside
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
     """Connect the newest node to its nearest neighbours in other trees; return the new number of links."""
     new = count - 1
@@ -268,7 +268,7 @@ def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
     return n_links
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _node_to_expand(member, room, count, rng):
     """Return a random node, preferably of a tree without start and goal, else one with little clearance."""
     best, least = 0, np.inf
@@ -281,7 +281,7 @@ def _node_to_expand(member, room, count, rng):
     return best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _bridge(space, flat, rng, margin, out, scratch, nodes):
     """Write a free pose centred between two obstacles near each other; return one of them, -1 if none is found."""
     obstacles, n_obstacles = space.around.obstacles, space.around.obstacles.shape[0]
@@ -325,7 +325,7 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
     return -1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _onto(obstacles, j, x, out):
     """Write a point that is approximately the point of an obstacle nearest to x."""
     h = 1e-5
@@ -340,14 +340,14 @@ def flat_direction(points: Array) -> Array:
     return np.ascontiguousarray(np.linalg.eigh(np.cov(points.T, bias=True))[1][:, 0])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _side(obstacles, j, axis, out):
     """Write one of the axes of an obstacle; array, shape (3,)."""
     for row in range(3):
         out[row] = obstacles[j, ROTATION + 3 * row + axis]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _across(edge, flat, out):
     """Write the unit vector of the part of an edge that is perpendicular to `flat`; return that part's length [m]."""
     along, square = 0.0, 0.0
@@ -361,7 +361,7 @@ def _across(edge, flat, out):
     return sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _third(frame):
     """Write the third row of a frame: the cross product of the first two."""
     frame[2, 0] = frame[0, 1] * frame[1, 2] - frame[0, 2] * frame[1, 1]
@@ -369,7 +369,7 @@ def _third(frame):
     frame[2, 2] = frame[0, 0] * frame[1, 1] - frame[0, 1] * frame[1, 0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _fit(space, j, flat, rng, out):
     """Write a quaternion that aligns the flat side of a body, and one of its edges, with the sides of an obstacle.
 
@@ -402,7 +402,7 @@ def _fit(space, j, flat, rng, out):
     quaternion_of(turn, out)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def quaternion_of(r, out):
     """Write the quaternion of a rotation matrix, computed from its largest component."""
     squares = np.array(
@@ -425,7 +425,7 @@ def quaternion_of(r, out):
             out[i] = 0.5 * (r[i - 1, largest - 1] + r[largest - 1, i - 1]) / twice
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
     """Move a pose, in place, by random steps that gain clearance, until it has the clearance that is wished for.
 
@@ -449,7 +449,7 @@ def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
     return clearance > margin
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _perturb(space, q, size, slides, rng, out):
     """Write a random pose near q; `size` is the step as a share of the usual step.
 
@@ -484,7 +484,7 @@ def _perturb(space, q, size, slides, rng, out):
             out[c] /= sqrt(norm)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _path_through(tree, links, n_links, count):
     """Return the path from node 0 to node 1 along the links, which form trees."""
     came = np.full(count, -1)

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
+from comove.compiled import kernel
 from comove.geometry.distances import CENTER
 from comove.planning import trees
 from comove.planning.configurations import (
@@ -158,7 +158,7 @@ def _eased(s: Array, ease: float) -> Array:
     return np.where(rest < half, 1.0 - 0.5 * slope * rest**2 / half, first)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def set_time(world, t):
     """Move the obstacles to their positions at a normalised time."""
     at = min(max(t, 0.0), 1.0) * (world.offsets.shape[0] - 1)
@@ -170,7 +170,7 @@ def set_time(world, t):
             world.space.around.obstacles[j, 1 + axis] = world.origin[j, axis] + here + f * (there - here)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def edge_is_free_in_time(world, p, q, margin):
     """Return whether the body is slow enough, and keeps the clearance `margin` [m], along the edge from p to q."""
     space, s, t, moved = world.space, p[-1], q[-1], span(world.space, p, q)
@@ -193,7 +193,7 @@ def edge_is_free_in_time(world, p, q, margin):
 
 
 @trees.answers(trees.extend, SpaceTime)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _extend(world, p, q, steps, margin, out):
     moved, waited = span(world.space, p, q), abs(q[-1] - p[-1])
     share = min(1.0, STEP * steps / max(moved, 1e-12), TIME_STEP * steps / max(waited, 1e-12))
@@ -204,7 +204,7 @@ def _extend(world, p, q, steps, margin, out):
 
 
 @trees.answers(trees.nearest, SpaceTime)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _nearest(world, tree, count, q):
     best, least, later = -1, np.inf, tree[0, -1] == 0.0
     for i in range(count):
@@ -218,7 +218,7 @@ def _nearest(world, tree, count, q):
 
 
 @trees.answers(trees.draw, SpaceTime)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _draw(world, nodes, counts, this, rng, out):
     if rng.random() < WAITING:
         copy_to(nodes[this, int(rng.random() * counts[this])], out)
@@ -233,7 +233,7 @@ def _draw(world, nodes, counts, this, rng, out):
 
 
 @trees.answers(trees.between, SpaceTime)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _between(world, p, q, share, out):
     interpolate(world.space, p, q, share, out)
     out[-1] = q[-1] if share == 1.0 else p[-1] + share * (q[-1] - p[-1])
@@ -241,18 +241,18 @@ def _between(world, p, q, share, out):
 
 
 @trees.answers(trees.length, SpaceTime)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _duration(world, p, q):
     return abs(q[-1] - p[-1])
 
 
 @trees.answers(trees.shortens, SpaceTime)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _shortens(world, p, q, way):
     return span(world.space, p, q) <= world.speed * abs(q[-1] - p[-1])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _sampled(space, path, times, s):
     """Interpolate a path at the increasing normalised times s, (n_steps,); array, shape (n_steps, n_columns)."""
     out, i = np.empty((s.shape[0], path.shape[1])), 0

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-import numba
 import numpy as np
 from numba.extending import overload
 
+from comove.compiled import kernel
 from comove.planning.clock import worked
 
 BLOCKED, FREE, ARRIVED = 0, 1, 2
@@ -66,14 +66,14 @@ def answers(question: Callable, kind: type) -> Callable[[Callable], Callable]:
     return register
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def copy_to(source, target):
     """Copy a vector; array assignment would take seconds to compile."""
     for c in range(source.shape[0]):
         target[c] = source[c]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def rrt_connect(world, start, goal, margin, rng, max_nodes, max_draws, before):
     """Grow a tree from each end until they meet; return the path, which is empty if they do not.
 
@@ -133,7 +133,7 @@ def rrt_connect(world, start, goal, margin, rng, max_nodes, max_draws, before):
     return np.empty((0, width))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _added(trees, parents, counts, tree, node, parent):
     """Add a node to a tree; return its new number of nodes."""
     copy_to(node, trees[tree, counts[tree]])
@@ -141,7 +141,7 @@ def _added(trees, parents, counts, tree, node, parent):
     return counts[tree] + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _joined(trees, parents, mine, theirs):
     """Return the path from the root of tree 0 via `mine`, which coincides with `theirs`, to that of tree 1."""
     count, i = 0, mine
@@ -162,7 +162,7 @@ def _joined(trees, parents, mine, theirs):
     return path
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def shortened(world, path, margin, rng, n_trials):
     """Replace pieces between random points of a path by straight edges, where these are free; return the path."""
     count, width = path.shape[0], path.shape[1]

@@ -12,9 +12,9 @@ from __future__ import annotations
 from math import exp
 from typing import Any
 
-import numba
 import numpy as np
 
+from comove.compiled import kernel
 from comove.primitives.forcing import INTERVAL, N_INTERVALS, Array
 
 ALPHA_Y = 25.0
@@ -22,7 +22,7 @@ OMEGA = ALPHA_Y / 2.0
 LONG_AFTER = 1e6  # durations, after which nothing is left of any deviation
 
 
-@numba.njit(cache=True)
+@kernel
 def responses(t: float) -> tuple[float, float, float]:
     """Compute exp(-omega t), c0(t) and c1(t), by series where the closed forms lose digits by cancellation."""
     x = OMEGA * t
@@ -37,7 +37,7 @@ def responses(t: float) -> tuple[float, float, float]:
     return decay, c0 / OMEGA**2, c1 / OMEGA**3
 
 
-@numba.njit(cache=True)
+@kernel
 def flow(
     t: float, response: tuple[float, float, float], error: Any, velocity: Any, force: Any, slope: Any
 ) -> tuple[Any, Any]:
@@ -53,7 +53,7 @@ def flow(
     )
 
 
-@numba.njit(cache=True)
+@kernel
 def from_rest(psi: Array) -> Array:
     """Compute the motions that start at rest at the goal 0, one for every forcing function.
 
@@ -79,7 +79,7 @@ def from_rest(psi: Array) -> Array:
     return knots
 
 
-@numba.njit(cache=True)
+@kernel
 def values_at(knots: Array, force: Array, goal: Array, s: Array) -> Array:
     """Compute position, velocity and acceleration at any time on motions that are known at the knots.
 

@@ -16,10 +16,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.primitives.arguments import instants, require_positive, require_steps
 from comove.primitives.dmp import DMP
@@ -197,7 +197,7 @@ def _limit_ends(cap: Array, slope: Array, bends: Array, duration: float) -> None
         cap[end] = min(cap[end], duration**-2 if np.abs(slope[end]).max() > least else most)
 
 
-@numba.njit(cache=True)
+@kernel
 def _range(rows: Array, bends: Array, x: float, cap: tuple[float, float]) -> tuple[float, float]:
     """Return the least and largest u in an interval that begins with x; `cap`: largest x in its middle and end."""
     low, high = -x / (2 * INTERVAL), min((cap[0] - x) / INTERVAL, (cap[1] - x) / (2 * INTERVAL))
@@ -212,7 +212,7 @@ def _range(rows: Array, bends: Array, x: float, cap: tuple[float, float]) -> tup
     return low, high
 
 
-@numba.njit(cache=True)
+@kernel
 def _backwards(rows: Array, bends: Array, cap: Array) -> Array:
     """Return the largest x at every knot from which the end can be reached; array, shape (N + 1,)."""
     reach = np.empty(len(rows) + 1)
@@ -235,7 +235,7 @@ def _backwards(rows: Array, bends: Array, cap: Array) -> Array:
     return reach
 
 
-@numba.njit(cache=True)
+@kernel
 def _forwards(rows: Array, bends: Array, cap: Array, reach: Array) -> Array:
     """Return the largest x at every knot that can be reached from the start; array, shape (N + 1,)."""
     x = reach.copy()

@@ -23,8 +23,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, Pipe, wait
 from typing import Generic, TypeVar
 
-from comove._compiled import ALONE
 from comove.errors import OptionError
+from comove.processes.processors import ALONE
 
 Task = TypeVar("Task")
 Made = TypeVar("Made")

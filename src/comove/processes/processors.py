@@ -1,8 +1,10 @@
-"""The number of processor cores that this process may use."""
+"""The number of processor cores that this process may use, and whether others may help it."""
 
 from __future__ import annotations
 
 import os
+
+ALONE = "COMOVE_COMPILE_ALONE"  # environment variable: if set, no other process helps to compile kernels
 
 
 def n_processors() -> int:

@@ -21,10 +21,10 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.group_poses import HandPoses
 from comove.geometry.closest_points import (
     N_PARTS,
@@ -54,7 +54,7 @@ WRONG = {
 }
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def rate(h: float, gain: float, rates: Rates) -> float:
     """Return the largest approach speed [m/s] at a clearance h [m]; negative, a retreat, where h is negative.
 
@@ -67,7 +67,7 @@ def rate(h: float, gain: float, rates: Rates) -> float:
     return gain * h if h <= meet else sqrt(2.0 * rates.braking * (h - 0.5 * meet))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def horizon(speed: float, gain: float, rates: Rates) -> float:
     """Return the clearance [m] beyond which an approach at `speed` [m/s] is not slowed down."""
     corner = rates.braking / gain
@@ -76,7 +76,7 @@ def horizon(speed: float, gain: float, rates: Rates) -> float:
     return 0.5 * speed * speed / rates.braking + 0.5 * corner / gain
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def first_rows(
     qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting
 ) -> tuple[int, float]:
@@ -173,7 +173,7 @@ def first_rows(
     return m, clearance + rates.clearance
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def missing_rows(
     qp: QP, poses: HandPoses, sighting: Sighting, x: Array, m: int, twists: Array
 ) -> tuple[int, float]:
@@ -261,13 +261,13 @@ def missing_rows(
     return m, worst
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _promise(h: float, gain: float, rates: Rates) -> float:
     """Return the clearance [m] that must be left after a step that begins at the clearance h."""
     return (h - rate(h, gain, rates) * rates.period - BEND * h if h > 0.0 else h) - ROUNDING
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _objective(qp: QP, center: Array, wanted: Array) -> None:
     """Write the objective: the deviation from the desired velocities, and the cost of rotation that moves no hand.
 
@@ -312,7 +312,7 @@ def _objective(qp: QP, center: Array, wanted: Array) -> None:
                         work.quadratic[c, d] += freedom.idle[g, k, l] * own[k, c] * own[l, d]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: tuple[float, float, float]) -> None:
     """Write in row m the velocity of the point p of group g along a normal."""
     freedom, work = qp.freedom, qp.work
@@ -332,7 +332,7 @@ def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: tuple[float, f
     work.body[m] = g
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _obstacle_row(
     qp: QP,
     m: int,
@@ -360,7 +360,7 @@ def _obstacle_row(
     return m + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _inner_row(qp: QP, m: int, center: Array, sighting: Sighting, j: int, e: int, share: float) -> int:
     """Write the row of the point at the fraction `share` of edge `e`; return the number of rows."""
     points, rates, work = qp.points, qp.rates, qp.work
@@ -373,7 +373,7 @@ def _inner_row(qp: QP, m: int, center: Array, sighting: Sighting, j: int, e: int
     return _obstacle_row(qp, m, points.node_group[a], center, p, (nx, ny, nz), sighting, j, h)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _point_row(
     qp: QP,
     m: int,
@@ -423,13 +423,13 @@ def _point_row(
     return m
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _border(freedom: Freedom, p: Array, axis: int, side: int) -> float:
     """Return the distance [m] of a point from one side of the workspace."""
     return p[axis] - freedom.lower[axis] if side == 0 else freedom.upper[axis] - p[axis]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _border_row(qp: QP, m: int, g: int, center: Array, p: Array, axis: int, side: int, h: float) -> int:
     rates, work = qp.rates, qp.work
     sign = 1.0 - 2.0 * side
@@ -440,14 +440,14 @@ def _border_row(qp: QP, m: int, g: int, center: Array, p: Array, axis: int, side
     return m + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _pair_distance(freedom: Freedom, nodes: Array, k: int) -> float:
     """Return by how much two hands are farther apart than they must be [m]."""
     p, q = nodes[freedom.pairs[k, 0]], nodes[freedom.pairs[k, 1]]
     return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2) - freedom.apart[k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _pair_gain(qp: QP, k: int) -> float:
     """Return the gain [1/s] of two hands: that of the faster group."""
     points, freedom, work = qp.points, qp.freedom, qp.work
@@ -455,7 +455,7 @@ def _pair_gain(qp: QP, k: int) -> float:
     return min(work.gain[points.node_group[a]], work.gain[points.node_group[b]])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _pair_row(qp: QP, m: int, k: int, h: float) -> int:
     points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     a, b = freedom.pairs[k]
@@ -470,7 +470,7 @@ def _pair_row(qp: QP, m: int, k: int, h: float) -> int:
     return m + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _value(work: QPWorkspace, i: int, x: Array) -> float:
     """Return the value of row i at x."""
     value = 0.0
@@ -479,7 +479,7 @@ def _value(work: QPWorkspace, i: int, x: Array) -> float:
     return value
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _wrong(poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> int:
     """Return a key of `WRONG`, or 0 where the arguments are valid.
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.distances import CENTER, ROTATION, TINY
 from comove.geometry.polytopes import solid_hull_of
 from comove.geometry.solids import N_CORNERS
@@ -128,7 +128,7 @@ def _on_hull(corners: Array, n_points: int) -> Array:
     return np.unique(np.round(np.concatenate(points), 9), axis=0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def moved_obstacles(table: Array, velocity: Array, spin: Array, dt: float, moved: Array) -> None:
     """Write in `moved` the table after `dt` [s] of constant velocities (n, 3) [m/s] and spins (n, 3) [rad/s]."""
     turn = np.empty((3, 3))

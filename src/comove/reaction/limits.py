@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from math import sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.reaction.qp_workspace import LIMIT, QP
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a tur
 ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: rounding error, and factor for far outside
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def limit_rows(qp: QP, m: int, before: Array, wanted: Array, near: bool) -> int:
     """Set up the balls of speeds, accelerations and rotations; write tangents where the desired velocity is outside.
 
@@ -67,7 +67,7 @@ def limit_rows(qp: QP, m: int, before: Array, wanted: Array, near: bool) -> int:
     return m
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def broken_limits(qp: QP, m: int, x: Array) -> tuple[int, bool]:
     """Write tangents to the balls that x is outside of.
 
@@ -91,7 +91,7 @@ def broken_limits(qp: QP, m: int, x: Array) -> tuple[int, bool]:
     return m, far_out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def bent_limits(qp: QP, m: int, x: Array, dt: float) -> int:
     """Write tangents to the balls that the hands' average velocities over the step are outside of.
 
@@ -115,7 +115,7 @@ def bent_limits(qp: QP, m: int, x: Array, dt: float) -> int:
     return m
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _bound(qp: QP, b: int, n_hands: int, axis: int, c: int) -> float:
     """Return the coefficient of variable c, along an axis, in the vector that ball `b` bounds.
 
@@ -127,7 +127,7 @@ def _bound(qp: QP, b: int, n_hands: int, axis: int, c: int) -> float:
     return freedom.spread[b - 2 * n_hands] * freedom.basis[b - 2 * n_hands, 3 + axis, c]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _tangent(qp: QP, m: int, b: int, y: Array, bend: Array) -> int:
     """Write row m along the tangent plane of ball `b` towards y [m/s], if y is outside; return the number of rows.
 
@@ -152,6 +152,6 @@ def _tangent(qp: QP, m: int, b: int, y: Array, bend: Array) -> int:
     return m + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def length_of(v: Array) -> float:
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])

@@ -12,10 +12,10 @@ from functools import lru_cache
 from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.compiled import kernel
 from comove.coordination.group_poses import HandPoses
 from comove.errors import OptionError
 from comove.geometry.rotations import quaternion_of_rotation, similarity
@@ -165,7 +165,7 @@ def _turning(scene: Scene) -> NDArray[np.int64]:
     return np.array([how.get(group.orientation, TURNS) for group in scene.groups])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def exponential_at(x: float, y: float, z: float) -> tuple[float, float, float, float]:
     """Return the unit quaternion (w, x, y, z) of one rotation vector [rad]."""
     angle = 0.5 * sqrt(x * x + y * y + z * z)
@@ -173,7 +173,7 @@ def exponential_at(x: float, y: float, z: float) -> tuple[float, float, float, f
     return cos(angle), factor * x, factor * y, factor * z
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def step(
     center: Array, quaternion: Array, twists: Array, dt: float, next_center: Array, next_quaternion: Array
 ) -> bool:
@@ -194,7 +194,7 @@ def step(
     return finite
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def turn_into(w: float, x: float, y: float, z: float, rotation: Array) -> None:
     """Write the matrix of a unit quaternion in `rotation`, array of shape (3, 3)."""
     rotation[0, 0], rotation[0, 1], rotation[0, 2] = (
@@ -214,7 +214,7 @@ def turn_into(w: float, x: float, y: float, z: float, rotation: Array) -> None:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def turns(quaternion: Array) -> Array:
     """Return the matrices (n, 3, 3) of unit quaternions (n, 4)."""
     rotation = np.empty((quaternion.shape[0], 3, 3))
@@ -223,7 +223,7 @@ def turns(quaternion: Array) -> Array:
     return rotation
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def place(group: Numbers, point: Array, center: Array, rotation: Array, placed: Array) -> None:
     """Write in `placed` the positions in the world of points (n, 3) in the groups' frames [m]."""
     for i in range(point.shape[0]):
@@ -234,7 +234,7 @@ def place(group: Numbers, point: Array, center: Array, rotation: Array, placed: 
             )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def velocities_into(group: Numbers, point: Array, rotation: Array, twists: Array, velocities: Array) -> None:
     """Write in `velocities` the velocities of the first points (n, 3) in the groups' frames [m/s]."""
     for i in range(velocities.shape[0]):
@@ -247,7 +247,7 @@ def velocities_into(group: Numbers, point: Array, rotation: Array, twists: Array
         velocities[i, 2] = twist[2] + twist[3] * y - twist[4] * x
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _first_axis(q: Array) -> tuple[float, float, float]:
     """Return the first column of the matrix of a unit quaternion."""
     return (
@@ -257,7 +257,7 @@ def _first_axis(q: Array) -> tuple[float, float, float]:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def twists_into(
     turning: Numbers,
     center: Array,

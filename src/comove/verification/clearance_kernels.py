@@ -5,10 +5,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.distances import point_distance
 from comove.geometry.solids import empty_solid, gap, move_solid, solid_at, solid_distance
 from comove.geometry.surfaces import (
@@ -89,7 +89,7 @@ class Around(NamedTuple):
     need: Need
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def certified_clearance(
     curve: CurveArrays, edges: Numbers, radii: Array, around: Around
 ) -> tuple[float, float, int, int]:
@@ -206,7 +206,7 @@ def certified_clearance(
     return bound, met, knot, nearest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def certified_solids(
     curve: CurveArrays, solids: Numbers, around: Around, found: tuple[float, float, int, int]
 ) -> tuple[float, float, int, int]:
@@ -286,7 +286,7 @@ def certified_solids(
     return bound, met, knot, nearest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def certified_surface(
     curve: CurveArrays,
     hulls: Numbers,
@@ -386,7 +386,7 @@ def certified_surface(
     return min(bound, met), met, knot
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _hull_seen_from(nodes: Array, hull: Numbers, offset: Array, out: Array) -> None:
     """Write in `out` the nodes of a hull in the frame of a mesh that has moved by `offset`."""
     for i in range(hull.shape[0]):
@@ -394,7 +394,7 @@ def _hull_seen_from(nodes: Array, hull: Numbers, offset: Array, out: Array) -> N
             out[i, axis] = nodes[hull[i], axis] - offset[axis]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _hull_gap(
     triangle: Array, begin: Array, end: Array, t0: float, t1: float, scratch: Array, normal: Array
 ) -> float:
@@ -408,7 +408,7 @@ def _hull_gap(
     return min(first, triangle_gap(triangle, scratch, normal))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _offset(paths: Paths, k: int, j: int) -> tuple[float, float, float]:
     """Return the offset of the centre of obstacle j at knot k [m]."""
     if paths.offset.shape[0] == 0:
@@ -416,14 +416,14 @@ def _offset(paths: Paths, k: int, j: int) -> tuple[float, float, float]:
     return paths.offset[k, j, 0], paths.offset[k, j, 1], paths.offset[k, j, 2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _seen_from(paths: Paths, k: int, j: int, point: Array, out: Array) -> None:
     """Write in `out` a point at knot k in the frame of obstacle j, which has moved."""
     for axis in range(3):
         out[axis] = point[axis] - paths.offset[k, j, axis]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _solid_seen_from(paths: Paths, k: int, j: int, nodes: Array, corners: Numbers, solid: Array) -> None:
     """Write in `solid` the solid at knot k in the frame of obstacle j."""
     solid_at(nodes, corners, solid)
@@ -431,7 +431,7 @@ def _solid_seen_from(paths: Paths, k: int, j: int, nodes: Array, corners: Number
     move_solid(solid, -x, -y, -z)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _gap_throughout(
     obstacles: Array,
     j: int,
@@ -453,14 +453,14 @@ def _gap_throughout(
     return min(first, gap(obstacles, j, solid, x, y, z))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _between(begin: Array, end: Array, t: float, solid: Array) -> None:
     for row in range(solid.shape[0]):
         for axis in range(3):
             solid[row, axis] = begin[row, axis] + t * (end[row, axis] - begin[row, axis])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _slack(met: float, need: Need) -> float:
     """Return how far [m] the bound may stay below the least clearance found.
 
@@ -470,12 +470,12 @@ def _slack(met: float, need: Need) -> float:
     return need.loose if spare < 0.0 else min(need.loose, max(need.tight, spare))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _apart(p: Array, q: Array) -> float:
     return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _on_surface(a0: Array, b0: Array, a1: Array, b1: Array, t: float, s: float) -> tuple[float, float, float]:
     """Return the point (t, s) of the surface that the edge's chord sweeps."""
     f, g, h, i = (1 - t) * (1 - s), (1 - t) * s, t * (1 - s), t * s
@@ -486,7 +486,7 @@ def _on_surface(a0: Array, b0: Array, a1: Array, b1: Array, t: float, s: float) 
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _move(a0: Array, a1: Array, b0: Array, b1: Array, s: float) -> float:
     """Return the distance that the point s of the edge moves along its chord."""
     x = (1 - s) * (a1[0] - a0[0]) + s * (b1[0] - b0[0])

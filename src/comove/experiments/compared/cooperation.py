@@ -40,10 +40,10 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.primitives.arguments import require_positive
 
@@ -255,7 +255,7 @@ class Pacing(NamedTuple):
     time: float
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _move(
     springs: Springs, pacing: Pacing, k_h: float, duration: float, period: float
 ) -> tuple[Array, Array, Array, float]:
@@ -349,7 +349,7 @@ def _tangents(slope: Array) -> Array:
     return slope[nearest] / speed[nearest, None]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _normals(tangent: Array, across: Array, bent: NDArray[np.bool_]) -> Array:
     """Return unit normals, (n_steps, 3): `across` where the path bends, else the last normal transported along it."""
     n_steps = tangent.shape[0]

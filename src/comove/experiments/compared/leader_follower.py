@@ -30,10 +30,10 @@ from dataclasses import dataclass
 from math import exp, sqrt
 from typing import ClassVar
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.coordinates import arms_coordinates
 from comove.errors import OptionError, near_name
 from comove.experiments.compared.common import (
@@ -274,7 +274,7 @@ def learn(learned: Array, force: Array, gains: Gains) -> Array:
     return gains.forgetting * (learned + gains.learning * gains.coupling * ahead)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _execute(
     uncoupled: Array,
     distance: float,

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.distances import nearest_on_segment, point_distance, tangent
 from comove.scenes.scene import Scene
 
@@ -107,7 +107,7 @@ def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, 
     return rows.reshape(len(pairs), hands.size), -approach.rate(length - least - approach.need)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _near(
     nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, cutoff: float
 ) -> tuple[Array, int]:

@@ -22,10 +22,10 @@ from __future__ import annotations
 
 from math import exp, log, sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.distances import CENTER, ELLIPSOID, KIND, N_COLUMNS, REACH, TINY, tangent
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ SUPERQUADRIC = ELLIPSOID + 1
 HUGE = 1e150  # beyond it a level says no more than "far", and its square still is a number
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def level_at(table: Array, j: int, x: float, y: float, z: float) -> tuple[float, float, float, float, float]:
     """Return the level of obstacle `j` at (x, y, z), its gradient's length [1/m], and the gradient's direction (3).
 
@@ -58,7 +58,7 @@ def level_at(table: Array, j: int, x: float, y: float, z: float) -> tuple[float,
     return min(level, HUGE), min(slope, HUGE), nx, ny, nz
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _algebraic(
     table: Array, j: int, x: float, y: float, z: float
 ) -> tuple[float, float, float, float, float]:
@@ -98,14 +98,14 @@ def _algebraic(
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _log_slope(u: float, a: float, p: float) -> float:
     """Return log |d/du |u / a|^(2p)|; minus infinity at 0 and along an endless axis."""
     share = abs(u) / a
     return log(2.0 * p / a) + (2.0 * p - 1.0) * log(share) if share > 0.0 else -np.inf
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def levels_at(table: Array, points: Array) -> tuple[Array, Array]:
     """Return levels and gradients [1/m] of every obstacle at every point.
 
@@ -129,7 +129,7 @@ def levels_at(table: Array, points: Array) -> tuple[Array, Array]:
     return levels, gradients
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def common_point(table: Array, members: NDArray[np.int64], x: Array) -> float:
     """Write in `x` (3) a point deep inside all obstacles `members`, and return the greatest of their levels there.
 

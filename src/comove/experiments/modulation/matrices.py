@@ -33,10 +33,10 @@ from enum import StrEnum
 from math import sqrt
 from typing import TypeVar
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.experiments.modulation.levels import GROUP, REFERENCE, TURN, VELOCITY, level_at
 from comove.experiments.modulation.obstacles import MovingObstacle, points_of, spatial, table_of
@@ -230,7 +230,7 @@ def _points_and_velocities(position: ArrayLike, velocity: ArrayLike) -> tuple[Ar
     return position, velocity
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _fields(
     table: Array,
     points: Array,
@@ -292,7 +292,7 @@ def _fields(
     return matrix, drift, least
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _heads(table: Array) -> NDArray[np.int64]:
     """Return, for each obstacle, the first one of its group, its head, which represents the group."""
     head = np.empty(table.shape[0], dtype=np.int64)
@@ -305,7 +305,7 @@ def _heads(table: Array) -> NDArray[np.int64]:
     return head
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _directions(
     table: Array, j: int, point: Array, by_reference: bool, normal: Array, away: Array, carried: Array
 ) -> float:
@@ -335,7 +335,7 @@ def _directions(
     return level
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _weigh(level: Array, head: NDArray[np.int64], excess: Array, share: Array, weight: Array) -> None:
     """Write the weights of obstacles within their groups in `share`, and those of groups in `weight`.
 
@@ -361,7 +361,7 @@ def _weigh(level: Array, head: NDArray[np.int64], excess: Array, share: Array, w
                     weight[g] *= excess[k] / both if both > 0.0 else 0.5
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _mean_velocity(
     carried: Array, head: NDArray[np.int64], share: Array, weight: Array
 ) -> tuple[float, float, float]:

@@ -8,10 +8,10 @@ from importlib.metadata import packages_distributions, version
 from types import ModuleType
 from typing import ClassVar
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.constraints import DistanceConstraint, SeparationConstraint
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
@@ -145,7 +145,7 @@ def spatial(hands: Array) -> Array:
     return nodes
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _clearances(
     nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, lower: Array, upper: Array
 ) -> Array:
@@ -155,7 +155,7 @@ def _clearances(
     return result
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _clearance_slopes(
     nodes: Array,
     n_dims: int,

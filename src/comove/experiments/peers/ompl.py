@@ -13,10 +13,10 @@ from functools import partial
 from math import sqrt
 from typing import Any, Literal
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
 from comove.experiments.peers.common import Best, Peer, independent_distances, needed, refusal, timed
 from comove.experiments.systems import Offers, SystemProblem
@@ -283,7 +283,7 @@ class Manifold:
         return bool(_project(x, self.pairs, self.wanted, self.shape[1], tolerance))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def motion_is_free(space: Space, p: Array, q: Array, step: float, margin: float) -> bool:
     """Return whether states between two keep a margin [m]; points move at most a step [m] between states."""
     nodes, between = np.zeros((space.blocks.node.shape[0], 3)), p.copy()
@@ -297,7 +297,7 @@ def motion_is_free(space: Space, p: Array, q: Array, step: float, margin: float)
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def distance_errors(
     x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, errors: Array, slopes: Array
 ) -> None:
@@ -321,7 +321,7 @@ def distance_errors(
             slopes[k, a + axis], slopes[k, b + axis] = slope, -slope
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _project(x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, tolerance: float) -> bool:
     n = pairs.shape[0]
     errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))

@@ -9,10 +9,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
 from comove.geometry.closest_points import distance_and_gradient, near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
@@ -85,7 +85,7 @@ def moved_load(scene: Scene, coordinates: Coordinates) -> MovedLoad:
     return MovedLoad(surroundings_of(scene), block, thickness, int(last) + 1)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def find_contacts(load, nodes, offsets, cutoff, found, least):
     """Write the contacts nearer than `cutoff` into `found` and return their number.
 
@@ -129,7 +129,7 @@ def find_contacts(load, nodes, offsets, cutoff, found, least):
     return _apart(load, nodes, cutoff, found, least, n)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _way(nodes):
     """Return the sum, since the first sample, of the largest displacement of any node; array, shape (n_samples,)."""
     way = np.zeros(nodes.shape[0])
@@ -144,7 +144,7 @@ def _way(nodes):
     return way
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _kept(s, distance, nearest):
     """Return whether a sample becomes a contact."""
     if distance < CLOSE:
@@ -154,7 +154,7 @@ def _kept(s, distance, nearest):
     return s % (3 * COARSE) == 0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _written(contact, found, n):
     """Append a contact where there is room; return the new number of contacts."""
     if n == found.shape[0]:
@@ -164,7 +164,7 @@ def _written(contact, found, n):
     return n + 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _whose(around, thing):
     """Return row in the scene's table and owner of a thing: a convex obstacle, or a mesh, which are numbered next."""
     n_rows = around.convex.shape[0]
@@ -173,7 +173,7 @@ def _whose(around, thing):
     return _whose_mesh(around.surfaces, thing - n_rows)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _whose_mesh(surfaces, mesh):
     """Return row and owner of a mesh."""
     if surfaces is None:
@@ -181,7 +181,7 @@ def _whose_mesh(surfaces, mesh):
     return surfaces.row[mesh], surfaces.owner[mesh]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _most_corners(solids):
     """Return the largest number of corners of a part of the load."""
     if solids is None:
@@ -189,7 +189,7 @@ def _most_corners(solids):
     return max(2, solids.shape[1])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _corners(solids, edges, part):
     """Return the nodes at the corners of a part of the load: a rod, or a solid, which are numbered next."""
     if solids is None:
@@ -197,7 +197,7 @@ def _corners(solids, edges, part):
     return edges[part] if part < edges.shape[0] else solids[part - edges.shape[0]]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _moves(offsets, row):
     """Return whether an obstacle ever moves."""
     for s in range(offsets.shape[0]):
@@ -206,7 +206,7 @@ def _moves(offsets, row):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
     """Write the distance of a part from a thing at every sample, and the nearest places between samples.
 
@@ -251,7 +251,7 @@ def _look_along(transit, part, thing, row, cutoff, distance, tau, points):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _apart_at_least(transit, part, thing, row, s, enough):
     """Return a lower bound [m] of the distance of a part from a thing; a bound above `enough` is not refined."""
     around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
@@ -279,7 +279,7 @@ def _apart_at_least(transit, part, thing, row, s, enough):
     return point_distance(around.obstacles, row, middle[0], middle[1], middle[2]) - reach
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _from_box_of_mesh(surfaces, mesh, point):
     """Return the distance [m] of a point from the box that contains all of a mesh."""
     if surfaces is None:
@@ -292,7 +292,7 @@ def _from_box_of_mesh(surfaces, mesh, point):
     return sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _look(transit, part, thing, row, s, tau, cutoff, points):
     """Return the distance [m] of a part from a thing at or between samples, at most `cutoff`.
 
@@ -328,7 +328,7 @@ def _look(transit, part, thing, row, s, tau, cutoff, points):
     return min(distance - radius, cutoff)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _near_mesh(surfaces, mesh, points, cutoff, near, normal):
     """Return the distance [m] of the hull of points from a mesh; write nearest point and direction from the mesh."""
     if surfaces is None:
@@ -336,7 +336,7 @@ def _near_mesh(surfaces, mesh, points, cutoff, near, normal):
     return near_on_surface(surfaces, mesh, points, cutoff, -np.inf, near, normal)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _near_solid(solids, table, thing, points, cutoff, near):
     """Return the distance [m] of the solid with corners `points` from an obstacle; write its nearest point."""
     if solids is None:
@@ -348,7 +348,7 @@ def _near_solid(solids, table, thing, points, cutoff, near):
     return distance
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _describe(transit, part, thing, row, s, tau, points, contact):
     """Write the contact that `_look` has just found, except its distance and owner."""
     around, offsets = transit.load.around, transit.offsets
@@ -368,7 +368,7 @@ def _describe(transit, part, thing, row, s, tau, points, contact):
         contact[PLACE + axis], contact[NORMAL + axis] = near[axis] + moved, normal[axis]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _away_from_solid(solids, table, thing, near, normal):
     """Write the direction that leads from an obstacle to a solid's nearest point."""
     if solids is None:
@@ -376,7 +376,7 @@ def _away_from_solid(solids, table, thing, near, normal):
     _, normal[0], normal[1], normal[2] = solid_gradient(table, thing, near[0], near[1], near[2])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _ends(transit, part, thing, row, cutoff, contact, found, n):
     """Write contacts of near corners of a part, besides its nearest point; return the new number of contacts."""
     around, nodes, offsets = transit.load.around, transit.nodes, transit.offsets
@@ -409,7 +409,7 @@ def _ends(transit, part, thing, row, cutoff, contact, found, n):
     return n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _border(load, nodes, cutoff, found, least, n):
     """Write contacts with the border of the workspace; return the new number of contacts."""
     contact = np.zeros(N_FIELDS)
@@ -433,7 +433,7 @@ def _border(load, nodes, cutoff, found, least, n):
     return n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _apart(load, nodes, cutoff, found, least, n):
     """Write contacts of hands that must stay apart; return the new number of contacts."""
     contact = np.zeros(N_FIELDS)
@@ -460,7 +460,7 @@ def _apart(load, nodes, cutoff, found, least, n):
     return n
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def spins(blocks, b, q, turns):
     """Write the angular velocities in space that unit rates of a block's orientation columns cause.
 
@@ -500,7 +500,7 @@ def spins(blocks, b, q, turns):
     return 4
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _slope(blocks, b, q, point, normal, sign, slope, turns):
     """Add to `slope`, (n_columns,), the derivatives by each column of a block's point along `normal`."""
     width = spins(blocks, b, q, turns)
@@ -514,7 +514,7 @@ def _slope(blocks, b, q, point, normal, sign, slope, turns):
         slope[blocks.turn[b] + k] += sign * (turns[k, 0] * mx + turns[k, 1] * my + turns[k, 2] * mz)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def linearised(blocks, contacts, q, off, shape, rows, distance):
     """Write distances as linear functions ``distance + rows dz`` of a change of the shape weights.
 
@@ -548,7 +548,7 @@ def linearised(blocks, contacts, q, off, shape, rows, distance):
                 rows[r, c * n_basis + k] = slope[c] * b[k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def hand_slopes(blocks, block, nodes, q, n_hands):
     """Return the derivatives of the hands by each column; array, shape (n_samples, n_hands, n_dims, n_columns).
 

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from comove.compiled import kernel
 from comove.coordination.blocks import place_one
 from comove.geometry.distances import CENTER, KIND, REACH, SPHERE, segment_distance
 from comove.planning.configurations import Space
@@ -96,7 +96,7 @@ def fewer(links: Links, within: float) -> tuple[Numbers, Array]:
     return which, radius[which]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def places(
     space: Space, arms: Arms, which: tuple[Numbers, Array], configurations: Array, joints: Array
 ) -> Places:
@@ -121,7 +121,7 @@ def places(
     return Places(start, end, np.concatenate((thick, around.radii)))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _cost(h: float, need: tuple[float, float], costs: Array) -> float:
     """Return what a clearance h [m] costs for a slot."""
     if h < need[0]:
@@ -129,7 +129,7 @@ def _cost(h: float, need: tuple[float, float], costs: Array) -> float:
     return costs[1] * (max(need[1] - h, 0.0) / (need[1] - need[0])) ** 2
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: float) -> float:
     """Return the clearance of a segment from a mover at a time, less its margin [m].
 
@@ -149,7 +149,7 @@ def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: flo
     return near - seen.margin[j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array) -> Array:
     """Return what it costs to be at a sample at an instant; array, shape (n_samples, n_times).
 
@@ -191,7 +191,7 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
     return cost
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def dangers_along(
     bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array
 ) -> Array:
@@ -218,7 +218,7 @@ class Network(NamedTuple):
     stride: Numbers
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def least_costs(net: Network, goal: int, cost: Array, left: Array) -> tuple[Array, Numbers]:
     """Return the least cost from every node and slot to the end of the time, and the way to take or `WAIT`.
 

@@ -15,10 +15,10 @@ import time as clock
 from array import array
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.blocks import write_pose
 from comove.coordination.group_poses import HandPoses, poses_at
 from comove.errors import OptionError, RobotError
@@ -342,7 +342,7 @@ class JointExecutor:
         self.log.events.append(Event(self.time, what))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def held(arms: Arms, nodes: Array, guess: Array) -> tuple[Array, float]:
     """Solve the joints that hold the load where it is, near a guess; returns them and the largest residual [m].
 

@@ -13,10 +13,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge, solid_gradient
 from comove.geometry.distances import CENTER, REACH
 from comove.reaction.cbf_constraints import rate
@@ -81,7 +81,7 @@ def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def hand_jacobians(arms: Arms, q: Array, out: Array, hands: Array) -> None:
     """Write the Jacobians of the grasps, array of shape (n_arms, 6, n_joints), zero for joints of other arms, and the
     positions of the grasps, array of shape (n_arms, 3) [m].
@@ -99,7 +99,7 @@ def hand_jacobians(arms: Arms, q: Array, out: Array, hands: Array) -> None:
             hands[i, axis] = places[n, axis]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def link_rows(
     arms: Arms,
     q: Array,
@@ -154,7 +154,7 @@ def link_rows(
     return int(work.filled[0])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _place(arms: Arms, q: Array, work: LinkRows) -> None:
     """Write the frames of all joints."""
     chains = arms.chains
@@ -169,7 +169,7 @@ def _place(arms: Arms, q: Array, work: LinkRows) -> None:
                     work.turns[first + k, a, b] = turns[k, a, b]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _link_part(arms: Arms, i: int, p: Array, normal: Array, sign: float, work: LinkRows, row: Array) -> None:
     """Add to a row the velocity along a normal of the point p [m] of link i, times a sign."""
     chains, links = arms.chains, arms.links
@@ -187,7 +187,7 @@ def _link_part(arms: Arms, i: int, p: Array, normal: Array, sign: float, work: L
         row[offset + j] += sign * (normal[0] * x + normal[1] * y + normal[2] * z)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _obstacle_row(
     arms: Arms, i: int, share: float, sighting: Sighting, j: int, h: float, rates: Rates, work: LinkRows
 ) -> None:
@@ -206,7 +206,7 @@ def _obstacle_row(
     work.filled[0] += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _load_row(
     arms: Arms, i: int, share: float, near: Array, load: tuple[Array, Array], low: float, work: LinkRows
 ) -> None:
@@ -228,7 +228,7 @@ def _load_row(
     work.filled[0] += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _pair_row(arms: Arms, i: int, one: float, k: int, two: float, low: float, work: LinkRows) -> None:
     """Write the row of two links, at shares of their axes."""
     p, r, normal, m = np.empty(3), np.empty(3), np.empty(3), work.filled[0]
@@ -242,14 +242,14 @@ def _pair_row(arms: Arms, i: int, one: float, k: int, two: float, low: float, wo
     work.filled[0] += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _point_on(work: LinkRows, i: int, share: float, p: Array) -> None:
     """Write the point at a share of the axis of link i [m]."""
     for axis in range(3):
         p[axis] = work.start[i, axis] + share * (work.end[i, axis] - work.start[i, axis])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _direction(a: Array, b: Array, out: Array) -> None:
     """Write the unit vector from a to b."""
     size = sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
@@ -257,7 +257,7 @@ def _direction(a: Array, b: Array, out: Array) -> None:
         out[axis] = (b[axis] - a[axis]) / size
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkNeeds) -> bool:
     """Return whether placed links keep their clearances from obstacles, from the load and from each other.
 
@@ -292,7 +292,7 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def clearances_along(
     arms: Arms, joints: Array, nodes: Array, table: Array, clearance: float
 ) -> tuple[Array, float]:
@@ -332,7 +332,7 @@ def clearances_along(
     return obstacle, other
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _may_be_near(table: Array, j: int, a: Array, b: Array, far: float) -> bool:
     """Return whether the ball about a segment is within `far` [m] of the ball about obstacle j."""
     away, half = 0.0, 0.0

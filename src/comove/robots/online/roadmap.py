@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.blocks import place_one
 from comove.planning.configurations import Space, edge_is_free, interpolate, random_configuration, span
 from comove.robots.online.link_rows import LinkNeeds, keeps_clear
@@ -94,7 +94,7 @@ class Ground(NamedTuple):
     step: float
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
     """Write the way from p, whose joints are the first of `way`, straight to a target; returns whether it is `FREE`,
     `BLOCKED`, or too `FAST` for the joints.
@@ -124,7 +124,7 @@ def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
     return FREE
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def spans(space: Space, configurations: Array, q: Array) -> Array:
     """Return the spans from several configurations to one; array, shape (n,) [m]."""
     out = np.empty(configurations.shape[0])

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
+
+from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 
@@ -117,7 +118,7 @@ def _along(points: Array, direction: Array) -> LinkCapsule:
     return _smallest(tried)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _circle(points: Array, centre: Array, n_steps: int = 30) -> tuple[Array, float]:
     """Compute centre and radius of a small circle that holds points, from the first centre; arrays, shapes
     (n_points, 2) and (2,), and a number (Badoiu and Clarkson, 2003).

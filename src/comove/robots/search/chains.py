@@ -12,10 +12,10 @@ from __future__ import annotations
 from math import acos, cos, sin, sqrt
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.robots.model import Arm, Robot
 from comove.robots.search.triples import Triple, cross, dot, plus, rotated, rotated_back
 
@@ -117,7 +117,7 @@ def _axis(joint: Any) -> tuple[Array, bool]:
     return subspace[:3] if slides else subspace[3:], slides
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def place_arm(chains: Chains, arm: int, q: Array, rotations: Array, points: Array) -> None:
     """Compute the frames of an arm's joints, and at last that of its grasp.
 
@@ -172,7 +172,7 @@ def place_arm(chains: Chains, arm: int, q: Array, rotations: Array, points: Arra
                 rotations[k, a, b] = x * turned[0, b] + y * turned[1, b] + z * turned[2, b]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def jacobian(chains: Chains, arm: int, rotations: Array, points: Array, out: Array) -> None:
     """Compute the geometric Jacobian of the grasp; result, array of shape (6, n_joints of the arm)."""
     first, n = chains.first[arm], chains.first[arm + 1] - chains.first[arm]
@@ -189,7 +189,7 @@ def jacobian(chains: Chains, arm: int, rotations: Array, points: Array, out: Arr
         out[3, k], out[4, k], out[5, k] = x, y, z
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def pose_error(rotation: Array, point: Array, target_rotation: Array, target: Array, out: Array) -> float:
     """Compute the twist from a frame to its target: difference of positions [m] above the rotation vector [rad].
 
@@ -221,7 +221,7 @@ def pose_error(rotation: Array, point: Array, target_rotation: Array, target: Ar
     return sqrt(out[0] ** 2 + out[1] ** 2 + out[2] ** 2 + TURN * TURN * turned)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def solve_damped(jac: Array, free: NDArray[np.bool_], damping: float, error: Array, out: Array) -> None:
     """Solve (J_f J_f^T + damping I) x = error by Cholesky, J_f the columns in `free`; result x, array of shape
     (6,).
@@ -257,13 +257,13 @@ def solve_damped(jac: Array, free: NDArray[np.bool_], damping: float, error: Arr
         out[i] = value / a[i, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def spare(chains: Chains, j: int, keep: float) -> float:
     """Return the distance that joint j can keep from its limits, at most `keep` [rad or m]."""
     return min(keep, 0.5 * (chains.upper[j] - chains.lower[j]))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def inside(chains: Chains, j: int, value: float, keep: float) -> float:
     """Return the value of joint j that is nearest to `value` and at least `keep` inside its limits, or else their
     middle.
@@ -272,7 +272,7 @@ def inside(chains: Chains, j: int, value: float, keep: float) -> float:
     return min(max(value, chains.lower[j] + margin), chains.upper[j] - margin)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def reach_pose(
     chains: Chains, arm: int, target_rotation: Array, target: Array, pull: Array, how: Iteration, q: Array
 ) -> float:
@@ -334,7 +334,7 @@ def reach_pose(
     return residual
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def torques(
     chains: Chains,
     arm: int,
@@ -400,13 +400,13 @@ def torques(
         out[j] = needed - chains.relief[j] * GRAVITY * own
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _carried_along(w: Triple, dw: Triple, arm: Triple) -> Triple:
     """Compute the acceleration of the end of `arm` relative to its beginning, on a body that turns at w."""
     return plus(cross(dw, arm), cross(w, cross(w, arm)))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _inertia_times(r: Array, inertia: Array, v: Triple) -> Triple:
     """Return the product R I R^T v."""
     return rotated(r, rotated(inertia, rotated_back(r, v)))

@@ -25,10 +25,10 @@ from itertools import product
 from math import acos, atan2, pi
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.robots.search.chains import Chains, place_arm
 from comove.robots.search.triples import (
     Triple,
@@ -129,7 +129,7 @@ def _concurrent(lines: list[tuple[Array, Array]]) -> bool:
     return bool(np.abs(one - two).max() < FLAT)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def remaining_axes(
     axis: Array, point: Array, free: int, angle: float, back: bool, h: Array, r: Array
 ) -> None:
@@ -154,7 +154,7 @@ def remaining_axes(
         row += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def meeting(h: Triple, r: Triple, k: Triple, s: Triple) -> Triple:
     """Return the middle of the points at which two axes, of unit directions h, k through r, s, are nearest."""
     c, w = dot(h, k), plus(s, r, -1.0)
@@ -163,14 +163,14 @@ def meeting(h: Triple, r: Triple, k: Triple, s: Triple) -> Triple:
     return plus((0.5 * one[0], 0.5 * one[1], 0.5 * one[2]), two, 0.5)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def turn_onto(k: Triple, v: Triple, w: Triple) -> float:
     """Return the angle about k that turns v nearest to w [rad]; 0 where v lies on the axis."""
     y, x = dot(k, cross(v, w)), dot(v, w) - dot(k, v) * dot(k, w)
     return 0.0 if abs(x) + abs(y) < 1e-12 else atan2(y, x)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def turns_to_height(k: Triple, v: Triple, h: Triple, height: float) -> tuple[int, float, float]:
     """Return the number of angles about k, and both, at which ``h . v = height`` [rad]."""
     along = dot(k, v) * dot(h, k)
@@ -185,13 +185,13 @@ def turns_to_height(k: Triple, v: Triple, h: Triple, height: float) -> tuple[int
     return 2, middle + half, middle - half
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def turns_to_distance(k: Triple, v: Triple, w: Triple, distance: float) -> tuple[int, float, float]:
     """Return the number of angles about k, and both, at which v is at a distance from w [rad]."""
     return turns_to_height(k, v, w, 0.5 * (dot(v, v) + dot(w, w) - distance * distance))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def solve_in_closed_form(form: ClosedForm, rotation: Array, point: Array, angle: float, out: Array) -> int:
     """Write all joint positions at which the grasp has a pose, the given joint being at `angle` [rad].
 
@@ -230,7 +230,7 @@ def solve_in_closed_form(form: ClosedForm, rotation: Array, point: Array, angle:
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _displacement(
     form: ClosedForm, rotation: Array, point: Array, angle: float, turn: Array, shift: Array
 ) -> None:
@@ -262,12 +262,12 @@ def _displacement(
                 turn[a, b], turn[b, a] = turn[b, a], turn[a, b]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _line(h: Array, r: Array, i: int) -> tuple[Triple, Triple]:
     return (h[i, 0], h[i, 1], h[i, 2]), (r[i, 0], r[i, 1], r[i, 2])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _solve_wrist(kind: int, h: Array, r: Array, turn: Array, shift: Array, out: Array) -> None:
     """Solve arms whose last three axes meet: the first three joints take that point to its place, the last three
     turn the hand.
@@ -288,7 +288,7 @@ def _solve_wrist(kind: int, h: Array, r: Array, turn: Array, shift: Array, out: 
             _turn_hand(h, turn, first[i], out[2 * i : 2 * i + 2])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _place_meeting_1(h: Array, r: Array, center: Triple, target: Triple, out: Array) -> None:
     """Write the first three joints, array of shape (4, 3), where the axes 1 and 2 meet."""
     h1, r1 = _line(h, r, 0)
@@ -307,7 +307,7 @@ def _place_meeting_1(h: Array, r: Array, center: Triple, target: Triple, out: Ar
             out[row, 0], out[row, 1], out[row, 2] = turn_onto(h1, about(h2, q2, v), w), q2, q3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _place_meeting_2(h: Array, r: Array, center: Triple, target: Triple, out: Array) -> None:
     """Write the first three joints, array of shape (4, 3), where the axes 2 and 3 meet."""
     h1, r1 = _line(h, r, 0)
@@ -326,7 +326,7 @@ def _place_meeting_2(h: Array, r: Array, center: Triple, target: Triple, out: Ar
             out[row, 0], out[row, 1], out[row, 2] = -back, turn_onto(h2, about(h3, q3, v), w), q3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _place_along(h: Array, r: Array, center: Triple, target: Triple, out: Array) -> None:
     """Write the first three joints, array of shape (4, 3), where the axes 2 and 3 are parallel."""
     h1, r1 = _line(h, r, 0)
@@ -344,7 +344,7 @@ def _place_along(h: Array, r: Array, center: Triple, target: Triple, out: Array)
             out[row, 0], out[row, 1], out[row, 2] = -back, turn_onto(h2, v, w), q3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _turn_hand(h: Array, turn: Array, first: Array, out: Array) -> None:
     """Write both solutions of six joints, array of shape (2, 6), whose first three are given and last axes meet."""
     h4, h5, h6 = (h[3, 0], h[3, 1], h[3, 2]), (h[4, 0], h[4, 1], h[4, 2]), (h[5, 0], h[5, 1], h[5, 2])
@@ -364,7 +364,7 @@ def _turn_hand(h: Array, turn: Array, first: Array, out: Array) -> None:
         out[i, 5] = turn_onto(h6, rotated_back(turn, across), _across(h6))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _across(h: Triple) -> Triple:
     """Return a unit vector perpendicular to h."""
     unit = (1.0, 0.0, 0.0) if abs(h[0]) < 0.6 else (0.0, 1.0, 0.0)
@@ -373,7 +373,7 @@ def _across(h: Triple) -> Triple:
     return v[0] / size, v[1] / size, v[2] / size
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _solve_along(h: Array, r: Array, turn: Array, shift: Array, out: Array) -> None:
     """Solve arms whose axes 2, 3 and 4 are parallel, and whose axes 5 and 6 meet; array of shape (8, 6)."""
     h1, r1 = _line(h, r, 0)
@@ -407,7 +407,7 @@ def _solve_along(h: Array, r: Array, turn: Array, shift: Array, out: Array) -> N
                 out[row, 3], out[row, 4], out[row, 5] = together - q2 - q3, q5, q6
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def nearest_turns(chains: Chains, first: int, posture: Array, q: Array) -> float:
     """Turn the joints of one arm by whole turns to what is nearest to `posture` inside their limits, in place.
 
@@ -436,7 +436,7 @@ def nearest_turns(chains: Chains, first: int, posture: Array, q: Array) -> float
     return away
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def closed_seeds(
     form: ClosedForm, chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, n_angles: int
 ) -> Array:

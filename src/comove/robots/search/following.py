@@ -10,10 +10,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.robots.search.chains import Chains, Iteration, inside, reach_pose, torques
 from comove.robots.search.links import (
     Links,
@@ -68,7 +68,7 @@ class Strain(NamedTuple):
     contact: Array
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(nogil=True)
 def solutions(
     chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
 ) -> tuple[Array, Array]:
@@ -82,7 +82,7 @@ def solutions(
     return seeds, missing
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def hand_rotation(around: LinkSurroundings, hands: Array, i: int, out: Array) -> None:
     """Compute the orientation of hand i (see `Grasp.hand_rotations`); hands, array of shape (n_arms, 3)."""
     c, s = 1.0, 0.0
@@ -98,7 +98,7 @@ def hand_rotation(around: LinkSurroundings, hands: Array, i: int, out: Array) ->
         out[2, b] = rest[2, b]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def posture_on(course: Array, around: LinkSurroundings, hands: Array, out: Array) -> None:
     """Compute the posture on a course to which redundant joints are drawn, as far from its ends as the hands are.
 
@@ -120,7 +120,7 @@ def posture_on(course: Array, around: LinkSurroundings, hands: Array, out: Array
         out[j] = course[0, j] + share * (course[1, j] - course[0, j])
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(nogil=True)
 def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
     """Follow motions of the load and its hands; returns the fields of `Strain`.
 
@@ -160,7 +160,7 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
     return missing, margin, rates, jolt, penalty, clearance, contact
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array) -> None:
     """Compute the joints along one motion; results: `q`, array of shape (n_steps, n_joints), and the distances by
     which poses are out of reach, `missing`, array of shape (n_steps, n_arms) [m].
@@ -181,7 +181,7 @@ def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array
             missing[t, i] = reach_pose(chains, i, rotation, nodes[t, i], posture, SEARCHING, q[t])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     """Compute the least clearance of the links [m], at most the wished one, and the penalty of what is less.
 
@@ -224,7 +224,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     return least, penalty
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _longest_step(links: Links, here: Array, there: Array) -> float:
     """Return how far an end of a link moves, at most [m]; arrays, shape (2, n_links, 3)."""
     longest = 0.0
@@ -237,7 +237,7 @@ def _longest_step(links: Links, here: Array, there: Array) -> float:
     return sqrt(longest)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _blend(a: Array, b: Array, share: float, out: Array) -> None:
     """Write a + share (b - a) into `out`; contiguous arrays of equal shape."""
     x, y, z = a.ravel(), b.ravel(), out.ravel()
@@ -245,7 +245,7 @@ def _blend(a: Array, b: Array, share: float, out: Array) -> None:
         z[i] = x[i] + share * (y[i] - x[i])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _cost_of_contact(around: LinkSurroundings, lacking: float) -> float:
     """Return the cost of links that miss the wished clearance by `lacking` [m]; it jumps where they miss the required
     one.
@@ -253,7 +253,7 @@ def _cost_of_contact(around: LinkSurroundings, lacking: float) -> float:
     return 50.0 * lacking + (lacking > around.spare)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _rates(arms: Arms, q: Array, nodes: Array, dt: float, rates: Array, jolt: Array) -> None:
     """Compute the largest shares of speed, acceleration and torque limits, array of shape (n_arms, 3), and jolts
     (n_arms,).

@@ -8,10 +8,10 @@ from __future__ import annotations
 from math import sqrt
 from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
@@ -163,7 +163,7 @@ def _worth_looking_at(
     return links._replace(pairs=links.pairs[at_home > meeting]).near(chains, samples)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
     """Compute the least distance of each pair of links over configurations, infinite where they are never within
     `ENOUGH` of each other; array, shape (n_pairs,) [m].
@@ -180,7 +180,7 @@ def _pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
     return least
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def place_links(chains: Chains, links: Links, q: Array, start: Array, end: Array) -> None:
     """Compute the axes of the links that move, in the scene; results, arrays of shape (n_links, 3) [m].
 
@@ -204,7 +204,7 @@ def place_links(chains: Chains, links: Links, q: Array, start: Array, end: Array
                     end[i, x] += rotations[k, x, y] * links.end[i, y]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def nearest_shares(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float, float]:
     """Return the shares of the segments a-b and c-d at which they are nearest, and their distance [m] (Ericson, 2005,
     5.1.9).
@@ -238,13 +238,13 @@ def nearest_shares(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float
     return s, t, sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def segments_apart(a: Array, b: Array, c: Array, d: Array) -> float:
     """Compute the distance [m] of the segments a-b and c-d."""
     return nearest_shares(a, b, c, d)[2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def near_enough(a: Array, b: Array, c: Array, d: Array, far: float) -> bool:
     """Return whether the bounding balls of two segments are within `far` [m] of each other."""
     square, one, two = 0.0, 0.0, 0.0
@@ -256,7 +256,7 @@ def near_enough(a: Array, b: Array, c: Array, d: Array, far: float) -> bool:
     return square < reach * reach
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def links_clearance(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:
@@ -273,7 +273,7 @@ def links_clearance(
     return clearance_between(links, start, end, least - eased) + eased
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def clearance_around(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:
@@ -311,7 +311,7 @@ def clearance_around(
     return least
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _ball_of_load(nodes: Array, radii: Array) -> tuple[float, float, float, float]:
     """Compute centre and radius of a ball around the load and its hands [m]."""
     x, y, z, square = 0.0, 0.0, 0.0, 0.0
@@ -327,7 +327,7 @@ def _ball_of_load(nodes: Array, radii: Array) -> tuple[float, float, float, floa
     return x, y, z, sqrt(square) + thickest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def clearance_between(links: Links, start: Array, end: Array, cap: float) -> float:
     """Compute the least distance [m] of the links from each other alone, at most `cap`."""
     least = cap
@@ -342,7 +342,7 @@ def clearance_between(links: Links, start: Array, end: Array, cap: float) -> flo
     return least
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _balls(links: Links, start: Array, end: Array) -> tuple[Array, Array]:
     """Compute the bounding balls of the links: centres, array of shape (n_links, 3), and radii (n_links,) [m]."""
     middle, reach = np.empty_like(start), np.empty(start.shape[0])

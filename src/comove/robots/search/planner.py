@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.blocks import place_one
 from comove.planning import trees
 from comove.planning.clock import worked
@@ -136,7 +136,7 @@ def _dense(space: Space, path: Array) -> Array:
     return np.array(rows)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _followed(space: Space, arms: Arms, course: Array, path: Array) -> Array:
     """Compute the joints along a path, as far as the arms can follow; array, shape (n_followed, n_joints)."""
     out = np.empty((path.shape[0], course.shape[1]))
@@ -148,7 +148,7 @@ def _followed(space: Space, arms: Arms, course: Array, path: Array) -> Array:
     return out
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def follow_edge(space: Space, arms: Arms, course: Array, p: Array, target: Array, joints: Array) -> bool:
     """Follow an edge with all arms, joints in place; returns False where an arm does not reach, jumps or comes too
     near.
@@ -186,7 +186,7 @@ def follow_edge(space: Space, arms: Arms, course: Array, p: Array, target: Array
 
 
 @trees.answers(trees.extend, CarriedSpace)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
     space, n, scratch = world.space, world.n_columns, np.empty(p.shape[0])
     way, nodes = span(space, p, q), np.empty((space.blocks.node.shape[0], 3))
@@ -205,13 +205,13 @@ def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float
 
 
 @trees.answers(trees.nearest, CarriedSpace)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _nearest(world: CarriedSpace, tree: Array, count: int, q: Array) -> int:
     return nearest(world.space, tree, count, q)
 
 
 @trees.answers(trees.draw, CarriedSpace)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _draw(
     world: CarriedSpace,
     nodes: Array,
@@ -233,7 +233,7 @@ def _draw(
 
 
 @trees.answers(trees.between, CarriedSpace)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _between(world: CarriedSpace, p: Array, q: Array, share: float, out: Array) -> bool:
     interpolate(world.space, p, q, share, out)
     copy_to(p[world.n_columns :], out[world.n_columns :])
@@ -241,12 +241,12 @@ def _between(world: CarriedSpace, p: Array, q: Array, share: float, out: Array) 
 
 
 @trees.answers(trees.length, CarriedSpace)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _length(world: CarriedSpace, p: Array, q: Array) -> float:
     return span(world.space, p, q)
 
 
 @trees.answers(trees.shortens, CarriedSpace)
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _shortens(world: CarriedSpace, p: Array, q: Array, way: float) -> bool:
     return span(world.space, p, q) <= way - SHORTER

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.robots.search.chains import Chains, place_arm
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def _extreme(
     return sign * least
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _placed(chains: Chains, arm: int, samples: Array) -> tuple[Array, Array]:
     """Compute where an arm begins, the origins of its joints and its hand, and the hand's orientation; arrays, shapes
     (n_samples, n_joints + 2, 3) and (n_samples, 3, 3).
@@ -93,7 +93,7 @@ def _placed(chains: Chains, arm: int, samples: Array) -> tuple[Array, Array]:
     return points, hands
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def may_reach(ranges: WristRanges, arm: int, rotation: Array, point: Array) -> bool:
     """Return whether a pose of a hand, arrays of shape (3, 3) and (3,), is within the range of its arm."""
     square = 0.0

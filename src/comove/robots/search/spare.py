@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.coordination.blocks import Blocks, place_one
 from comove.planning.trees import copy_to
 from comove.robots.search.chains import reach_pose
@@ -76,7 +76,7 @@ class ArmsFollower:
         return slopes_along(self.arms, blocks, np.array(q), joints, spare, near)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(nogil=True)
 def spare_along(arms: Arms, nodes: Array, course: Array) -> tuple[Array, Array]:
     """Follow one motion; returns joints, shape (n_steps, n_joints), and distances, shape (n_steps, n_kinds) [m]."""
     links, n_steps, n_arms = arms.links, nodes.shape[0], arms.chains.first.shape[0] - 1
@@ -89,14 +89,14 @@ def spare_along(arms: Arms, nodes: Array, course: Array) -> tuple[Array, Array]:
     return q, spare
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _reach(left: Array, out: Array) -> None:
     """Write the distances of reach of arms that miss the poses of their hands by `left`, array of shape (n_arms,)."""
     for i in range(left.shape[0]):
         out[i] = ENOUGH if left[i] <= MET else -left[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _clearances(arms: Arms, nodes: Array, q: Array, start: Array, end: Array, out: Array) -> None:
     """Write the clearances of the links at joints q, the last two distances."""
     place_links(arms.chains, arms.links, q, start, end)
@@ -104,7 +104,7 @@ def _clearances(arms: Arms, nodes: Array, q: Array, start: Array, end: Array, ou
     out[-1] = clearance_between(arms.links, start, end, ENOUGH) + arms.around.eased
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel(nogil=True)
 def slopes_along(arms: Arms, blocks: Blocks, at: Array, joints: Array, spare: Array, near: Array) -> Array:
     """Compute the derivatives of distances nearer than `near`, array of shape (n_kinds,), by differences.
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_lsq_spline
 
+from comove.compiled import kernel
 from comove.coordination.motion import CoordinatedMotion
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion
@@ -134,7 +134,7 @@ def _smooth(time: Array, joints: Array, at: Array, pieces: int = 24) -> Array:
     return make_lsq_spline(times, mirrored, knots, k=5)(at)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def _tracked(arms: Arms, nodes: Array, posture: Array) -> tuple[Array, Array]:
     """Solve the joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms)
     [m].

@@ -4,39 +4,40 @@ from __future__ import annotations
 
 from math import cos, sin, sqrt
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def cross(a: Triple, b: Triple) -> Triple:
     """Return the cross product."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def dot(a: Triple, b: Triple) -> float:
     """Return the scalar product."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def plus(a: Triple, b: Triple, factor: float = 1.0) -> Triple:
     """Return a + factor b."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def length(a: Triple) -> float:
     """Return the length of a vector."""
     return sqrt(dot(a, a))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def rotated(r: Array, v: Triple | Array) -> Triple:
     """Return R v."""
     return (
@@ -46,7 +47,7 @@ def rotated(r: Array, v: Triple | Array) -> Triple:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def rotated_back(r: Array, v: Triple | Array) -> Triple:
     """Return R^T v."""
     return (
@@ -56,14 +57,14 @@ def rotated_back(r: Array, v: Triple | Array) -> Triple:
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def about(k: Triple, angle: float, v: Triple) -> Triple:
     """Return v, turned about the unit vector k by an angle [rad] (Rodrigues, 1840)."""
     c, s = cos(angle), sin(angle)
     return plus(plus((c * v[0], c * v[1], c * v[2]), cross(k, v), s), k, (1.0 - c) * dot(k, v))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def about_axis(k: Triple, at: Triple, angle: float, p: Triple) -> Triple:
     """Return the point p, turned by an angle [rad] about the axis of unit direction k through the point `at`."""
     return plus(at, about(k, angle, plus(p, at, -1.0)))

@@ -1,0 +1,307 @@
+"""Kernels: functions that numba compiles, kept on disk safely and compiled no more often than needed.
+
+numba by itself makes three things of every function: its code, which takes up the code of all that it calls, an
+entry for Python and one for C. What a robot's search calls would thereby be optimised anew in each of its callers,
+and most of the machine code would be entries that nobody uses. A `Kernel` is compiled for its callers without
+entries, and one that is large is called where it lies. What Python itself calls gets one entry, none for C.
+
+numba keeps compiled functions beside the sources, in the user's cache or in NUMBA_CACHE_DIR. By itself it fails on
+a truncated file, on a full disk, and where none of the three folders can be written; it runs machine code that was
+damaged; and two processes that compile two signatures of one function at the same time can load each other's code.
+Here every file carries a checksum of its contents and its signature: a damaged file is compiled again, and where no
+folder can be written comove runs without a cache.
+"""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import pickle
+import re
+import sys
+import warnings
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cached_property, partial
+from importlib import import_module
+from typing import Any
+
+import llvmlite.binding as llvm
+from numba.core import config, sigutils
+from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.environment import Environment
+from numba.core.itanium_mangler import mangle
+from numba.core.registry import CPUDispatcher
+from numba.core.runtime import rtsys
+
+from comove.errors import ComoveWarning
+
+OURS = "comove."
+LARGE = 300  # instructions, of kernels that their callers do not take up
+_ADDRESS = re.compile(r"0x[0-9a-f]+")
+_offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
+_told = False
+
+
+def kernel(function: Any = None, **options: Any) -> Any:
+    """Return a function as a kernel, compiled when it is first called and kept on disk; a decorator.
+
+    Parameters
+    ----------
+    function : function, or None to give options first
+    options : of `numba.njit`, such as `nogil=True`
+
+    Returns
+    -------
+    the kernel, whose divisions by zero follow NumPy's rules
+    """
+    if function is None:
+        return partial(kernel, **options)
+    if config.DISABLE_JIT:  # type: ignore[attr-defined]  # numba fills it from the environment
+        return function
+    fixed = {"nopython": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+    made = Kernel(function, targetoptions={**options, **fixed})
+    made.enable_caching()
+    return made
+
+
+class Kernel(CPUDispatcher):
+    """A compiled function: `callee`, which other kernels call, and an entry to it for Python."""
+
+    _compiler: Any  # numba's, without types
+    targetctx: Any
+
+    def __init__(self, *args: Any, **options: Any):
+        super().__init__(*args, **options)
+        self._compiler.compile = self._entry
+
+    def __repr__(self) -> str:
+        return f"Kernel({'.'.join(self._names)})"
+
+    def __reduce__(self) -> Any:
+        return (_named, self._names) if self._is_named else super().__reduce__()
+
+    @property
+    def _names(self) -> tuple[str, str]:
+        """Return the names of the module and of the kernel in it."""
+        return self.py_func.__module__, self.py_func.__qualname__
+
+    @property
+    def _is_named(self) -> bool:
+        """Return whether every process finds the kernel by its names."""
+        module, name = self._names
+        return getattr(sys.modules.get(module), name, None) is self
+
+    def enable_caching(self) -> None:
+        """Keep what is compiled on disk."""
+        self._cache = KernelCache(self.py_func, "entry")
+
+    @cached_property
+    def callee(self) -> Any:
+        """Return what other kernels call, numba's dispatcher of the function without an entry."""
+        made: Any = CPUDispatcher(
+            self.py_func, targetoptions={**self.targetoptions, "no_cpython_wrapper": True}
+        )
+        made._cache = KernelCache(self.py_func, "callee")
+        return made
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Return numba's template of a call from another kernel."""
+        return self.callee.get_call_template(args, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        """Return the key under which numba finds how to call the function from another kernel."""
+        args, _ = sigutils.normalize_signature(sig)
+        compiled = self.callee.overloads[tuple(args)]
+        if not self._is_named or not _is_large(compiled):
+            return compiled.entry_point
+        function, reload = self.offered(args)
+        self.targetctx.insert_user_function(reload.symbol, function, [Elsewhere(reload)])
+        return reload.symbol
+
+    def offered(self, args: tuple) -> tuple[Any, Reload]:
+        """Compile or load the callee and let code find it by a symbol that is the same in every process.
+
+        Returns
+        -------
+        numba's description of a function with that symbol, and what finds it again
+        """
+        self.callee.compile(args)
+        compiled = self.callee.overloads[args]
+        function = copy.copy(compiled.fndesc)
+        words = f"{self!r} {_text((args, function.restype))}"
+        name = OURS + hashlib.sha256(words.encode()).hexdigest()
+        symbol = mangle(name, ())
+        if _offered.get(symbol) is not compiled.library:
+            _offered[symbol] = compiled.library
+            llvm.add_symbol(symbol, compiled.library.get_pointer_to_function(function.llvm_func_name))
+        function.mangled_name, function.env_name = symbol, mangle(f".NumbaEnv.{name}", ())
+        return function, Reload(self, args, symbol)
+
+    def _entry(self, args: tuple, return_type: Any) -> Any:
+        """Compile the entry for Python, as numba's compiler of the function would together with its code."""
+        if not self._is_named:
+            return type(self._compiler).compile(self._compiler, args, return_type)
+        function, reload = self.offered(args)
+        environment = Environment.from_fndesc(function)
+        context = self.targetctx.subtarget(enable_nrt=True)  # arrays go to Python with their memory
+        library = context.codegen().create_library(function.qualname)
+        library.enable_object_caching()
+        library.add_linking_library(Elsewhere(reload))
+        library.add_linking_library(rtsys.library)  # which counts references to arrays
+        context.create_cpython_wrapper(
+            library, function, environment, None, release_gil=self.targetoptions.get("nogil", False)
+        )
+        return self.callee.overloads[args]._replace(
+            library=library,
+            fndesc=function,
+            environment=environment,
+            entry_point=context.get_executable(library, function, environment),
+            reload_init=[reload],
+            metadata={},
+        )
+
+
+def _named(module: str, name: str) -> Kernel:
+    """Return the kernel of a module."""
+    return getattr(import_module(module), name)
+
+
+@dataclass(frozen=True)
+class Reload:
+    """What a process calls before it loads code from disk that calls a kernel by its symbol.
+
+    Attributes
+    ----------
+    kernel : what is called
+    args : types of its arguments
+    symbol : by which the code calls it
+    """
+
+    kernel: Kernel
+    args: tuple
+    symbol: str
+
+    def __call__(self) -> None:
+        """Load or compile the kernel.
+
+        Raises
+        ------
+        LookupError
+            If it is not the kernel any more that the code calls; the code counts as missing then.
+        """
+        _, reload = self.kernel.offered(self.args)
+        if reload.symbol != self.symbol:
+            raise LookupError(self.symbol)
+
+
+class Elsewhere:
+    """What numba links into a caller in place of a kernel's code: nothing but how to find it again."""
+
+    def __init__(self, reload: Reload):
+        codegen = reload.kernel.targetctx.codegen()
+        self._reload_init = {reload}
+        self._nothing = llvm.parse_assembly(str(codegen._create_empty_module(reload.symbol)))
+
+    def _ensure_finalized(self) -> None: ...
+
+    def _get_module_for_linking(self) -> Any:
+        return self._nothing
+
+
+def _is_large(compiled: Any) -> bool:
+    """Return whether a compiled function has more instructions than its callers should take up."""
+    module = compiled.library._get_module_for_linking()
+    count = 0
+    for block in module.get_function(compiled.fndesc.llvm_func_name).blocks:
+        count += sum(1 for _ in block.instructions)
+        if count > LARGE:
+            return True
+    return False
+
+
+class KernelCache(FunctionCache):
+    """Compiled functions on disk; what cannot be read or written counts as missing."""
+
+    def __init__(self, py_func: Callable, role: str):
+        self._role = role
+        try:
+            super().__init__(py_func)
+        except RuntimeError:  # no folder can be written
+            _tell_once()
+            self._name, self._py_func, self._impl = repr(py_func), py_func, None
+            self._cache_path, self._cache_file, self._enabled = None, None, False
+            return
+        self._cache_file = _Sealed(self._cache_path, self._impl.filename_base, self._cache_file._source_stamp)
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return (*super()._index_key(sig, codegen), self._role)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return a function compiled before, or None."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # of another version of LLVM, or whatever else does not fit
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled function."""
+        with suppress(OSError):  # a full disk: it is compiled again next time
+            super().save_overload(sig, data)
+
+
+class _Sealed(IndexDataCacheFile):
+    """Cache files whose contents and signature are checked; a file that does not match counts as missing.
+
+    The index has signatures as texts: types themselves would import the modules that define them, so that whoever
+    solves a scene would load robots because a robot's planner has the same kernels.
+    """
+
+    def load(self, key: Any) -> Any:
+        signature = _text(key)
+        name = self._load_index().get(signature)
+        try:
+            with open(self._data_path(name or ""), "rb") as stored:
+                seal, data = stored.read(32), stored.read()
+            return pickle.loads(data) if seal == _seal(signature, data) else None
+        except OSError:
+            return None
+
+    def save(self, key: Any, data: Any) -> None:
+        self._sealed_for = _text(key)
+        super().save(self._sealed_for, data)
+
+    def _save_data(self, name: str, data: Any) -> None:
+        data = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as stored:
+            stored.write(_seal(self._sealed_for, data) + data)
+
+    def _load_index(self) -> dict:
+        try:
+            index = super()._load_index()
+        except Exception:  # pickle may raise anything on damaged data
+            return {}
+        return index if all(isinstance(signature, str) for signature in index) else {}
+
+
+def _text(key: Any) -> str:
+    """Return what a function is compiled for, types and processor, in words that every process finds alike."""
+    return _ADDRESS.sub("", repr(key))
+
+
+def _seal(signature: str, data: bytes) -> bytes:
+    """Return the checksum of a compiled function and of the signature that it was compiled for."""
+    return hashlib.sha256(signature.encode() + data).digest()
+
+
+def _tell_once() -> None:
+    global _told
+    if not _told:
+        _told = True
+        warnings.warn(
+            "compiled kernels cannot be kept, so every start takes as long as the first: let NUMBA_CACHE_DIR name a "
+            "folder that you may write",
+            ComoveWarning,
+            stacklevel=3,
+        )
