@@ -15,13 +15,14 @@ folder can be written comove runs without a cache.
 from __future__ import annotations
 
 import copy
+import gc
 import hashlib
 import pickle
 import re
 import sys
 import warnings
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
@@ -93,6 +94,11 @@ class Kernel(CPUDispatcher):
         module, name = self._names
         return getattr(sys.modules.get(module), name, None) is self
 
+    def compile(self, sig: Any) -> Any:
+        """Return the function for types of arguments, compiled now or before."""
+        with _uncollected():
+            return super().compile(sig)
+
     def enable_caching(self) -> None:
         """Keep what is compiled on disk."""
         self._cache = KernelCache(self.py_func, "entry")
@@ -161,6 +167,18 @@ class Kernel(CPUDispatcher):
             reload_init=[reload],
             metadata={},
         )
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Collect no garbage meanwhile, of which compilers make little; each search of it goes through all they made."""
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
 
 
 def _named(module: str, name: str) -> Kernel:
