@@ -15,7 +15,7 @@ import pytest
 from numba import config
 from numba.core import caching
 
-import comove.compiled
+from comove.compiled import cache, kernels
 from comove.errors import ComoveWarning
 
 KERNEL = """
@@ -144,7 +144,7 @@ def test_without_a_folder_to_keep_them_kernels_are_compiled_and_that_is_said_onc
         raise RuntimeError("cannot cache function: no locator available")
 
     monkeypatch.setattr(caching.FunctionCache, "_impl_class", nowhere)
-    monkeypatch.setattr(comove.compiled, "_told", False)
+    monkeypatch.setattr(cache, "_told", False)
     with pytest.warns(
         ComoveWarning, match="every start takes as long as the first: let NUMBA_CACHE_DIR name"
     ) as told:
@@ -165,7 +165,7 @@ def test_a_full_disk_keeps_nothing_and_hinders_nothing(kernel, monkeypatch):
 @pytest.mark.parametrize("large", [0, 10**9], ids=["called where it lies", "part of its callers"])
 def test_a_kernel_computes_the_same_however_it_is_called(calling, monkeypatch, large):
     """By Python, by another kernel, as an argument; compiled, and found on disk."""
-    monkeypatch.setattr(comove.compiled, "LARGE", large)
+    monkeypatch.setattr(kernels, "LARGE", large)
     values = np.array([1.0, 2.0])
     for found in (0, 1):
         module = calling()
@@ -190,7 +190,7 @@ def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
         "@kernel\ndef more(x):\n    return calling_for_tests.inner(x, x) + 1.0\n"
     )
     code = (
-        "import comove.compiled\ncomove.compiled.LARGE = 0\nfrom caller import more\n"
+        "from comove.compiled import kernels\nkernels.LARGE = 0\nfrom caller import more\n"
         "print(more(3.0), *more.callee.stats.cache_hits.values())"
     )
 
@@ -212,7 +212,7 @@ def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
 
 def test_what_a_large_kernel_is_called_by_holds_no_code_of_it(calling, monkeypatch):
     def code(large):
-        monkeypatch.setattr(comove.compiled, "LARGE", large)
+        monkeypatch.setattr(kernels, "LARGE", large)
         module = calling(CALLER.replace("below zero", f"below zero {large}"))
         module.outer(2.0)
         (compiled,) = module.outer.callee.overloads.values()
@@ -223,11 +223,11 @@ def test_what_a_large_kernel_is_called_by_holds_no_code_of_it(calling, monkeypat
 
 
 def test_a_kernel_defined_in_a_function_is_compiled_as_well():
-    @comove.compiled.kernel
+    @kernels.kernel
     def half(x):
         return x / 2
 
-    @comove.compiled.kernel
+    @kernels.kernel
     def quarter(x):
         return half(half(x))
 
@@ -235,7 +235,7 @@ def test_a_kernel_defined_in_a_function_is_compiled_as_well():
 
 
 def test_division_by_zero_follows_the_rules_of_numpy():
-    assert comove.compiled.kernel(lambda x: 1.0 / x)(0.0) == np.inf
+    assert kernels.kernel(lambda x: 1.0 / x)(0.0) == np.inf
 
 
 def test_importing_comove_imports_no_numba():
