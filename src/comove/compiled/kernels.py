@@ -176,7 +176,7 @@ def _named(module: str, name: str) -> Kernel:
 
 @dataclass(frozen=True)
 class Reload:
-    """What a process calls before it loads code from disk that calls a kernel by its symbol.
+    """A call that finds a kernel, before code is loaded from disk that calls it by its symbol.
 
     Attributes
     ----------
@@ -203,7 +203,7 @@ class Reload:
 
 
 class Elsewhere:
-    """What numba links into a caller in place of a kernel's code: nothing but how to find it again."""
+    """A stand-in for a kernel's code when numba links a caller: it holds nothing but how to find the kernel."""
 
     def __init__(self, reload: Reload):
         codegen = reload.kernel.targetctx.codegen()
