@@ -80,8 +80,8 @@ def calling(tmp_path, monkeypatch):
 
 
 def kept(folder, suffix):
-    *_, file = sorted((folder / "__pycache__").glob(f"*{suffix}"))
-    return file
+    """Files of a kernel on disk: of code, that of the callee and that of its entry; one index."""
+    return sorted((folder / "__pycache__").glob(f"*{suffix}"))
 
 
 def hits(function):
@@ -94,11 +94,11 @@ def test_what_is_whole_is_loaded(kernel):
     assert again(4) == 8 and hits(again) == 1
 
 
-@pytest.mark.parametrize("suffix", [".nbi", ".nbc"])
+@pytest.mark.parametrize("suffix", [".nbi", ".1.nbc", ".2.nbc"])
 @pytest.mark.slow
 def test_files_that_are_damaged_are_made_anew(kernel, tmp_path, suffix):
     assert kernel()(4) == 8
-    file = kept(tmp_path, suffix)
+    (file,) = kept(tmp_path, suffix)
     whole, rng = file.read_bytes(), random.Random(0)
     spoilt = [b"", b"\0" * 100, whole[: len(whole) // 2], rng.randbytes(len(whole)), b"\x80\x04.", whole[:-1]]
     for _ in range(40):
@@ -116,12 +116,13 @@ def test_files_that_are_damaged_are_made_anew(kernel, tmp_path, suffix):
 def test_nobody_gets_the_code_of_another_signature(kernel, tmp_path):
     """Two processes that compile two signatures at once both call theirs the first; the last of each file stays."""
     assert kernel()(4) == 8
-    code = kept(tmp_path, ".nbc").read_bytes()
+    codes = [file.read_bytes() for file in kept(tmp_path, ".nbc")]
     shutil.rmtree(tmp_path / "__pycache__")
     assert kernel()(0.5) == 1.0
-    kept(tmp_path, ".nbc").write_bytes(code)
+    for file, code in zip(kept(tmp_path, ".nbc"), codes, strict=True):
+        file.write_bytes(code)
     again = kernel()
-    assert again(0.5) == 1.0 and hits(again) == 0
+    assert again(0.5) == 1.0 and hits(again) == hits(again.callee) == 0
 
 
 def test_who_needs_one_signature_imports_nothing_of_the_others(kernel, tmp_path, monkeypatch):

@@ -28,7 +28,6 @@ from numba.core.runtime import rtsys
 
 from comove.compiled.cache import KernelCache, text_of
 
-OURS = "comove."
 LARGE = 300  # instructions, of kernels that their callers do not take up; LLVM would hardly inline them
 _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
 
@@ -125,7 +124,7 @@ class Kernel(CPUDispatcher):
         compiled = self.callee.overloads[args]
         function = copy.copy(compiled.fndesc)
         words = f"{self!r} {text_of((args, function.restype))}"
-        name = OURS + hashlib.sha256(words.encode()).hexdigest()
+        name = f"comove.{hashlib.sha256(words.encode()).hexdigest()}"
         symbol = mangle(name, ())
         if _offered.get(symbol) is not compiled.library:
             _offered[symbol] = compiled.library
