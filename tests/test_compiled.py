@@ -211,6 +211,36 @@ def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
     assert run("int(x)") == ["4.0"]  # another type comes back: who calls it is compiled again
 
 
+def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
+    """Each process compiles one caller more; a last one has nothing but what they have left."""
+    (tmp_path / "chain.py").write_text(
+        "from comove.compiled import kernel\n\n"
+        "@kernel\ndef lowest(x):\n    return x + 1.0\n\n"
+        "@kernel\ndef middle(x):\n    return 2.0 * lowest(x)\n\n"
+        "@kernel\ndef upper(x):\n    return middle(x) + 0.5\n\n"
+        "@kernel\ndef highest(x):\n    return upper(x) - 3.0\n"
+    )
+    code = (
+        "import sys\nfrom comove.compiled import kernels\n"
+        "kernels._is_large = lambda compiled: 'lowest' in compiled.fndesc.qualname\n"
+        "import chain\nprint(getattr(chain, sys.argv[1])(3.0))"
+    )
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": "",
+        "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]),
+    }
+
+    def run(name):
+        command = [sys.executable, "-c", code, name]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return float(done.stdout)
+
+    for _ in range(2):
+        assert [run(name) for name in ("middle", "upper", "highest")] == [8.0, 8.5, 5.5]
+
+
 def test_what_a_large_kernel_is_called_by_holds_no_code_of_it(calling, monkeypatch):
     def code(large):
         monkeypatch.setattr(kernels, "LARGE", large)

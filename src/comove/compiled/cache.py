@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import pickle
+import pkgutil
 import re
 import warnings
 from collections.abc import Callable
@@ -22,6 +23,8 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from comove.errors import ComoveWarning
 
 _ADDRESS = re.compile(r"0x[0-9a-f]+")
+_MAKERS = [pkgutil.get_data("comove.compiled", name) or b"" for name in ("kernels.py", "cache.py")]
+_MADE_BY = hashlib.sha256(b"".join(_MAKERS)).hexdigest()[:16]  # what another comove compiled may not fit
 _told = False
 
 
@@ -40,14 +43,21 @@ class KernelCache(FunctionCache):
         self._cache_file = _Sealed(self._cache_path, self._impl.filename_base, self._cache_file._source_stamp)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return (*super()._index_key(sig, codegen), self._role)
+        return (*super()._index_key(sig, codegen), self._role, _MADE_BY)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return a function compiled before, or None."""
+        """Return a function compiled before, or None.
+
+        Whoever takes up its code must load before it what that code calls. numba passes this on from what it has
+        compiled, but not from what it has loaded.
+        """
         try:
-            return super().load_overload(sig, target_context)
+            found = super().load_overload(sig, target_context)
         except Exception:  # of another version of LLVM, or whatever else does not fit
             return None
+        if found is not None:
+            found.library._reload_init.update(found.reload_init)
+        return found
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Keep a compiled function."""
