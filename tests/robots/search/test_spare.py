@@ -1,6 +1,7 @@
 """What arms have to spare: distances are those of other code, and their slopes say how they change."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from comove.coordination.coordinates import load_coordinates
@@ -12,7 +13,7 @@ from comove.robots import Robot, carry
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.following import MET
 from comove.robots.search.links import ENOUGH
-from comove.robots.search.spare import ArmsFollower
+from comove.robots.search.spare import LEVER, WITHIN, ArmsFollower
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
 from tests.robots.known_carry import grasp_frames
@@ -31,6 +32,18 @@ def nodes_of(motion, q):
     return motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
 
 
+def within_reach(carrying, arm, q):
+    """The square of the least singular value of Pinocchio's Jacobian over `LEVER`; `ENOUGH` for few joints."""
+    robot, data = carrying.robot, carrying.robot.model.createData()
+    tip = robot.model.frames[robot.model.getFrameId(arm.tip)]
+    grasp = tip.placement * pin.SE3(arm.tool)
+    pin.computeJointJacobians(robot.model, data, q)
+    whole = pin.getJointJacobian(robot.model, data, tip.parentJoint, pin.LOCAL_WORLD_ALIGNED)[:, arm.columns]
+    at = data.oMi[tip.parentJoint].rotation @ grasp.translation
+    moves = np.vstack([whole[:3] + np.cross(whole[3:].T, at).T, whole[3:]])
+    return np.linalg.svd(moves, compute_uv=False)[5] ** 2 / LEVER if len(arm.columns) >= 6 else ENOUGH
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_distances_are_those_of_the_links_and_of_the_hands_poses(name):
     carrying = task(name)
@@ -42,8 +55,10 @@ def test_distances_are_those_of_the_links_and_of_the_hands_poses(name):
     missed = grasp_errors(
         carrying.robot, carrying.holders, whole(carrying, joints), grasp_frames(motion, time)
     )
-    reach = np.where(missed <= MET, ENOUGH, -missed)
-    np.testing.assert_allclose(distances[:, :-2], reach, atol=1e-7)
+    within = [[within_reach(carrying, arm, q) for arm in carrying.holders] for q in whole(carrying, joints)]
+    np.testing.assert_allclose(
+        distances[:, :-2], np.where(missed <= MET, np.minimum(within, ENOUGH), -missed), rtol=0.01, atol=1e-7
+    )
     clearance = [carrying.clearance(*pair) for pair in zip(joints, nodes, strict=True)]
     np.testing.assert_allclose(distances[:, -2:].min(axis=1), clearance, atol=1e-12)
 
@@ -88,6 +103,23 @@ def test_where_a_pose_is_out_of_reach_its_slope_leads_back():
         assert (left[out, arm] > distances[out, arm] + 0.003).mean() > 0.9
 
 
+@pytest.mark.parametrize(("name", "axis"), [("gap_30", 0), ("two_fr3", 1), ("two_ur10", 2)])
+def test_the_end_of_reach_is_told_before_a_hand_is_there(name, axis):
+    """Each arm is led away until it is stretched and its hand is left behind."""
+    carrying, away = task(name), np.linspace(0.0, 1.5, 376)
+    motion = movement(carrying.scene)
+    q, follower = along(motion, carrying)
+    far = np.repeat(q[:1], len(away), axis=0)
+    far[:, axis] += away
+    _, distances = follower.follow(nodes_of(motion, far))
+    for told in distances[:, :2].T:
+        end = np.argmax(told < 0)
+        left = away[end] - away[:end]
+        near = (left > 0.01) & (left < 0.03)
+        ratio = told[:end][near] / left[near]
+        assert end > 0 and near.sum() >= 4 and (ratio > 0.5).all() and (ratio < 2.0).all()
+
+
 def test_what_is_near_at_the_ends_may_be_near_everywhere():
     """Otherwise nothing could be found; elsewhere the clearance of the scene is asked for, and more each time."""
     carrying = task("gap_30")
@@ -95,8 +127,8 @@ def test_what_is_near_at_the_ends_may_be_near_everywhere():
     follower = along(motion, carrying)[1]
     np.testing.assert_allclose(follower.required(0.002)[-2:], clearance + 0.003)
     np.testing.assert_allclose(follower.stricter().required(0.002)[-2:], clearance + 0.004)
-    tight = ArmsFollower(follower.arms, follower.course, np.array([0.004, 1.0]))
-    np.testing.assert_allclose(tight.stricter().required(0.002)[-2:], [0.004, clearance + 0.004])
+    tight = ArmsFollower(follower.arms, follower.course, np.array([0.001, 1.0, 0.004, 1.0]))
+    np.testing.assert_allclose(tight.stricter().required(0.002), [0.001, WITHIN, 0.004, clearance + 0.004])
 
 
 def test_two_pandas_find_the_smoothest_motion_that_keeps_their_links_apart():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,30 +11,34 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.coordination.blocks import Blocks, place_one
 from comove.planning.trees import copy_to
-from comove.robots.search.chains import reach_pose
+from comove.robots.search.chains import Chains, jacobian, place_arm, reach_pose, solve_damped
 from comove.robots.search.following import MET, SEARCHING, Arms, follow_one, hand_rotation
 from comove.robots.search.links import ENOUGH, ROUGH, clearance_around, clearance_between, place_links
 
 Array = NDArray[np.float64]
 
-WITHIN = 2e-3  # m, by which a pose that was out of reach must come within it
+WITHIN = 2e-3  # m, by which poses must be within reach
 MORE = 1e-3  # m, of clearance at first and after every rejection: in between samples, and where joints are redundant
 SOON = 0.012  # m, beyond what is required, below which it counts how a distance changes
 MOVE = 1e-3  # m, or of a direction or quaternion, by which a configuration is moved to see what changes
+LEVER = 0.2  # m, with which distances to the end of reach are about right for most arms
+INVERSE = 4  # iterations to the least eigenvalue
+EXACT = SEARCHING._replace(tolerance=1e-8)
+"""Iteration for differences, where the end of an arm's reach is seen by how its joints turn."""
 
 
 @dataclass(frozen=True, eq=False)
 class ArmsFollower:
     """Arms that follow motions of a load, as `comove.planning.convex.programme.Follower` describes.
 
-    The distances are of as many kinds as there are arms, and two more: by how much the pose of each hand is out of
-    reach, negative (`ENOUGH` where it is within), the clearance of the links from obstacles and load, and the one
-    from each other.
+    The distances are of as many kinds as there are arms, and two more: how far the pose of each hand is within the
+    arm's reach, negative where it is out of it, the clearance of the links from obstacles and load, and the one from
+    each other.
 
     Attributes
     ----------
     course : array, shape (2, n_joints), joints at start and goal
-    at_ends : array, shape (2,), clearance of the links at start and goal from what is around, and from each other [m]
+    at_ends : array, shape (n_kinds,), least distances at start and goal [m]
     more : clearance that is asked for beyond the required one [m]
     """
 
@@ -44,14 +49,14 @@ class ArmsFollower:
 
     @classmethod
     def near(cls, arms: Arms, course: Array, nodes: Array) -> ArmsFollower:
-        """Return what follows motions near one; links that are nearer to something at its ends may be so anywhere.
+        """Return what follows motions near one; what has less to spare at its ends may have so anywhere.
 
         Parameters
         ----------
         nodes : array, shape (n_steps, n_nodes, 3), hands and nodes of the load [m]
         """
         _, spare = spare_along(arms, np.ascontiguousarray(nodes), course)
-        return cls(arms, course, spare[[0, -1], -2:].min(axis=0) - ROUGH)
+        return cls(arms, course, spare[[0, -1]].min(axis=0) - ROUGH)
 
     def stricter(self) -> ArmsFollower:
         """Return what asks for more clearance."""
@@ -60,9 +65,8 @@ class ArmsFollower:
     def required(self, margin: float) -> Array:
         """Return the distances that are required; array, shape (n_kinds,) [m]."""
         reach = np.full(len(self.arms.chains.first) - 1, WITHIN)
-        return np.concatenate(
-            [reach, np.minimum(self.at_ends, self.arms.around.clearance + self.more + margin)]
-        )
+        clearance = np.full(2, self.arms.around.clearance + self.more + margin)
+        return np.minimum(self.at_ends, np.concatenate([reach, clearance]))
 
     def follow(self, nodes: Array) -> tuple[Array, Array]:
         """Compute the joints along a motion, shape (n_samples, n_joints), and distances, (n_samples, n_kinds) [m]."""
@@ -84,16 +88,43 @@ def spare_along(arms: Arms, nodes: Array, course: Array) -> tuple[Array, Array]:
     follow_one(arms, nodes, course, q, left)
     spare, start, end = np.empty((n_steps, n_arms + 2)), links.start.copy(), links.end.copy()
     for t in range(n_steps):
-        _reach(left[t], spare[t])
+        _reach(arms.chains, q[t], left[t], spare[t])
         _clearances(arms, nodes[t], q[t], start, end, spare[t])
     return q, spare
 
 
 @kernel
-def _reach(left: Array, out: Array) -> None:
+def _reach(chains: Chains, q: Array, left: Array, out: Array) -> None:
     """Write the distances of reach of arms that miss the poses of their hands by `left`, array of shape (n_arms,)."""
     for i in range(left.shape[0]):
-        out[i] = ENOUGH if left[i] <= MET else -left[i]
+        out[i] = min(ENOUGH, _within_reach(chains, i, q)) if left[i] <= MET else -left[i]
+
+
+@kernel
+def _within_reach(chains: Chains, arm: int, q: Array) -> float:
+    """Return about how far a hand is from where its arm is stretched [m]; `ENOUGH` for fewer than six joints.
+
+    An arm of two parts of length a, whose elbow is bent by a small angle e, reaches a e^2 / 4 further, and a radian
+    of its joints moves the hand by s = a e / 2 in that direction: the distance is s^2 / a. Here s^2 is the least
+    eigenvalue of J J^T, by inverse iteration. Its direction is one of poses, and turns as well as it moves, which
+    makes s smaller: `LEVER` is less than a.
+    """
+    n = chains.first[arm + 1] - chains.first[arm]
+    if n < 6:
+        return ENOUGH
+    rotations, points, jac = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
+    x, y, free, size = np.ones(6), np.empty(6), np.ones(n, dtype=np.bool_), 1.0
+    place_arm(chains, arm, q, rotations, points)
+    jacobian(chains, arm, rotations, points, jac)
+    for _ in range(INVERSE):
+        solve_damped(jac, free, 1e-9, x, y)
+        size = 0.0
+        for i in range(6):
+            size += y[i] * y[i]
+        size = sqrt(size)
+        for i in range(6):
+            x[i] = y[i] / size
+    return 1.0 / (size * LEVER)
 
 
 @kernel
@@ -140,8 +171,8 @@ def slopes_along(arms: Arms, blocks: Blocks, at: Array, joints: Array, spare: Ar
             for i in range(n_arms):
                 if counts[i] or links_count:
                     hand_rotation(arms.around, nodes, i, rotation)
-                    left[i] = reach_pose(chains, i, rotation, nodes[i], joints[t], SEARCHING, q)
-            _reach(left, value[int(c >= 0)])
+                    left[i] = reach_pose(chains, i, rotation, nodes[i], joints[t], EXACT, q)
+            _reach(chains, q, left, value[int(c >= 0)])
             if links_count:
                 _clearances(arms, nodes, q, start, end, value[int(c >= 0)])
             for k in range(n_kinds):
