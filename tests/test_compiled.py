@@ -84,6 +84,20 @@ def kept(folder, suffix):
     return sorted((folder / "__pycache__").glob(f"*{suffix}"))
 
 
+def said(folder, code, *arguments):
+    """Words that code prints in a process of its own, which finds modules and what is compiled in a folder."""
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": "",
+        "PYTHONPATH": os.pathsep.join([str(folder), *sys.path]),
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code, *arguments], env=environment, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout.split()
+
+
 def hits(function):
     return sum(function.stats.cache_hits.values())
 
@@ -197,14 +211,7 @@ def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
 
     def run(inner):
         (tmp_path / "calling_for_tests.py").write_text(CALLER.replace("x * values", inner))
-        environment = {
-            **os.environ,
-            "NUMBA_CACHE_DIR": "",
-            "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]),
-        }
-        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return done.stdout.split()
+        return said(tmp_path, code)
 
     assert run("x * values") == ["10.0"]
     assert run("x * values + 0.5") == ["10.5", "1"]
@@ -225,20 +232,9 @@ def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
         "kernels._is_large = lambda compiled: 'lowest' in compiled.fndesc.qualname\n"
         "import chain\nprint(getattr(chain, sys.argv[1])(3.0))"
     )
-    environment = {
-        **os.environ,
-        "NUMBA_CACHE_DIR": "",
-        "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path]),
-    }
-
-    def run(name):
-        command = [sys.executable, "-c", code, name]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True)
-        assert done.returncode == 0, done.stderr
-        return float(done.stdout)
-
     for _ in range(2):
-        assert [run(name) for name in ("middle", "upper", "highest")] == [8.0, 8.5, 5.5]
+        for name, value in {"middle": "8.0", "upper": "8.5", "highest": "5.5"}.items():
+            assert said(tmp_path, code, name) == [value]
 
 
 def test_what_a_large_kernel_is_called_by_holds_no_code_of_it(calling, monkeypatch):

@@ -22,7 +22,7 @@ MORE = 1e-3  # m, of clearance at first and after every rejection: in between sa
 SOON = 0.012  # m, beyond what is required, below which it counts how a distance changes
 MOVE = 1e-3  # m, or of a direction or quaternion, by which a configuration is moved to see what changes
 LEVER = 0.2  # m, with which distances to the end of reach are about right for most arms
-INVERSE = 4  # iterations to the least eigenvalue
+N_INVERSIONS = 4  # iterations to the least eigenvalue
 EXACT = SEARCHING._replace(tolerance=1e-8)
 """Iteration for differences, where the end of an arm's reach is seen by how its joints turn."""
 
@@ -88,16 +88,16 @@ def spare_along(arms: Arms, nodes: Array, course: Array) -> tuple[Array, Array]:
     follow_one(arms, nodes, course, q, left)
     spare, start, end = np.empty((n_steps, n_arms + 2)), links.start.copy(), links.end.copy()
     for t in range(n_steps):
-        _reach(arms.chains, q[t], left[t], spare[t])
+        for i in range(n_arms):
+            spare[t, i] = _reach(arms.chains, i, q[t], left[t, i])
         _clearances(arms, nodes[t], q[t], start, end, spare[t])
     return q, spare
 
 
 @kernel
-def _reach(chains: Chains, q: Array, left: Array, out: Array) -> None:
-    """Write the distances of reach of arms that miss the poses of their hands by `left`, array of shape (n_arms,)."""
-    for i in range(left.shape[0]):
-        out[i] = min(ENOUGH, _within_reach(chains, i, q)) if left[i] <= MET else -left[i]
+def _reach(chains: Chains, arm: int, q: Array, left: float) -> float:
+    """Return how far a hand is within its arm's reach, of which it misses its pose by `left` [m]."""
+    return min(ENOUGH, _within_reach(chains, arm, q)) if left <= MET else -left
 
 
 @kernel
@@ -116,7 +116,7 @@ def _within_reach(chains: Chains, arm: int, q: Array) -> float:
     x, y, free, size = np.ones(6), np.empty(6), np.ones(n, dtype=np.bool_), 1.0
     place_arm(chains, arm, q, rotations, points)
     jacobian(chains, arm, rotations, points, jac)
-    for _ in range(INVERSE):
+    for _ in range(N_INVERSIONS):
         solve_damped(jac, free, 1e-9, x, y)
         size = 0.0
         for i in range(6):
@@ -157,7 +157,7 @@ def slopes_along(arms: Arms, blocks: Blocks, at: Array, joints: Array, spare: Ar
         np.empty(n_columns),
         np.empty(joints.shape[1]),
     )
-    left, rotation, value = np.empty(n_kinds - 2), np.empty((3, 3)), np.empty((2, n_kinds))
+    rotation, value = np.empty((3, 3)), np.empty((2, n_kinds))
     n_arms = n_kinds - 2
     for t in range(n_steps):
         counts = spare[t] < near
@@ -171,8 +171,9 @@ def slopes_along(arms: Arms, blocks: Blocks, at: Array, joints: Array, spare: Ar
             for i in range(n_arms):
                 if counts[i] or links_count:
                     hand_rotation(arms.around, nodes, i, rotation)
-                    left[i] = reach_pose(chains, i, rotation, nodes[i], joints[t], EXACT, q)
-            _reach(chains, q, left, value[int(c >= 0)])
+                    left = reach_pose(chains, i, rotation, nodes[i], joints[t], EXACT, q)
+                    if counts[i]:
+                        value[int(c >= 0), i] = _reach(chains, i, q, left)
             if links_count:
                 _clearances(arms, nodes, q, start, end, value[int(c >= 0)])
             for k in range(n_kinds):
