@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from comove.errors import OptionError
+from comove.reaction import twist_qp
 from comove.reaction.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
 from comove.reaction.twists import hand_velocities, nodes_of, poses_of
 from tests.cases import examples
@@ -362,6 +363,30 @@ def test_limits_that_contradict_each_other_still_give_an_answer():
         poses_of(scene, "start"), before, 0 * before, Sighting.still(scene)
     )
     assert np.isfinite(allowed.twists).all()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_rounds_that_would_find_the_same_again_are_not_made(seed, monkeypatch):
+    """Hands that draw apart, or turn about the bar in a way that it cannot, in space."""
+    scene = scene_of(spatial=True, limits={"acceleration": 1.0})
+    before = np.random.default_rng(seed).normal(0.0, 2.0, (2, 3))
+    before[1, :2] = -before[0, :2]
+    poses, rounds = poses_of(scene, "start"), []
+
+    def answer():
+        programme = TwistProgramme(scene)
+        solved = programme._solved
+        monkeypatch.setattr(programme, "_solved", lambda *args: rounds.append(0) or solved(*args))
+        rounds.clear()
+        return programme.allowed(poses, before, 0 * before, Sighting.still(scene)), len(rounds)
+
+    short, n_short = answer()
+    monkeypatch.setattr(twist_qp, "AS_GOOD", -np.inf)
+    long, n_long = answer()
+    assert n_short < n_long == twist_qp.MAX_ROUNDS
+    hands = [hand_velocities(scene, poses, found.twists) for found in (short, long)]
+    slack = np.linalg.norm(hands[1] - before, axis=1).max()  # far more than the acceleration allows
+    assert np.abs(hands[0] - hands[1]).max() < 0.03 * slack
 
 
 @pytest.mark.parametrize("period", [0.0, -0.01, np.nan, np.inf, "fast", None, 2.0, True])

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
 
 from comove.compiled import kernel
 from comove.geometry.distances import CENTER
@@ -123,6 +122,8 @@ def plan_in_time(
 
 def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Array:
     """Smooth a path by several widths, at rest at both ends; array, shape (n_smoothings, n_steps, n_columns)."""
+    from scipy.ndimage import gaussian_filter1d  # a fifth of a second that only moving obstacles are worth
+
     s, smooth = np.linspace(0.0, 1.0, n_steps), []
     for width, ease in SMOOTHINGS:
         sampled = _sampled(space, path, times, _eased(s, ease))

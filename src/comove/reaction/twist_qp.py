@@ -63,6 +63,9 @@ TOLERANCE = 1e-9  # m/s, of rows in the solver
 # Weights of squared slack against the objective's squared velocities: of margins, clearances, limits.
 MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
+AS_GOOD = (
+    0.02  # of a slack, by which a further round may still change it; tangents lie as far inside their balls
+)
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
 EQUAL = 5  # the solver's word for an equation
@@ -181,7 +184,7 @@ class TwistProgramme:
         )
         self._hands = (len(scene.manipulators), 3)
         self._poses = ((len(scene.groups), 3), (len(scene.groups), 4))
-        self._start = scene.nodes_at("start")[: self._hands[0]]
+        self._start, self._limits_slack = scene.nodes_at("start")[: self._hands[0]], 0.0
         self._prepare(len(scene.obstacles))
 
     def _prepare(self, n_obstacles: int) -> None:
@@ -226,14 +229,15 @@ class TwistProgramme:
             wrong, way_out = WRONG[m]
             raise OptionError(wrong, way_out=way_out)
         m = self._sampled_rows(m)
-        twists, gives_way = np.empty((len(poses.center), 6)), HARD
+        twists, gives_way, settled = np.empty((len(poses.center), 6)), HARD, False
         for _ in range(MAX_ROUNDS):
             x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
             n_rows, missed = missing_rows(qp, poses, sighting, x, m, twists)
-            if n_rows == m:
+            settled = n_rows == m
+            if settled or (gives_way == LIMITS and self._are_granted(m, n_rows, x)):
                 break
             m = n_rows
-        else:
+        if not settled:
             x = self._within(x, before)
             _, missed = missing_rows(qp, poses, sighting, x, m, twists)
         relaxed = float(qp.work.slack.max(initial=0.0)) if gives_way else 0.0
@@ -387,7 +391,16 @@ class TwistProgramme:
         slack = np.maximum(z[n:] / np.sqrt(weights), 0.0)
         own = kinds < work.slack.size
         work.slack.ravel()[kinds[own]] = slack[own]
+        self._limits_slack = float(slack[~own].max(initial=0.0))
         return self._taken(np.ascontiguousarray(z[:n])), info["lam"]
+
+    def _are_granted(self, first: int, last: int, x: Array) -> bool:
+        """Return whether slacks of a solution that relaxes all cover further rows too: it would be found again."""
+        work, new = self._work, slice(first, last)
+        owner, lacking = work.owner[new], work.low[new] - work.rows[new] @ x
+        slack = work.slack[work.body[new], owner % work.slack.shape[1]]
+        granted = np.where(owner == LIMIT, self._limits_slack, slack)
+        return bool((lacking <= (1.0 + AS_GOOD) * granted + TOLERANCE).all())
 
     def _blocking(self, multipliers: Array) -> int:
         """Return the owner of the row with the largest multiplier.

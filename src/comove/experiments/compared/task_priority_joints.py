@@ -143,9 +143,9 @@ class JointController(Controller):
         count = link_rows(
             self.arms,
             self.joints,
+            (-self.arms.chains.velocity, self.arms.chains.velocity),
             hands,
-            basis,
-            center,
+            (basis, center),
             Sighting.still(scene),
             (self.needs, self.links),
             work,

@@ -152,11 +152,7 @@ class JointExecutor:
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
         self.programme = JointProgramme(scene, self._arms(), self.carrier.grasp, self.settings.period)
         self._follow_plan()
-        self.position = self.plan.joints.position[0].copy()
-        self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
-        self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
-        self._before = np.zeros((len(scene.manipulators), 3))
-        self._waited = 0.0
+        self.goal = poses_of(scene, "goal")
         self._coordinates = self.plan.motion.motion.coordinates
         stands = ~scene.moving[scene.owners]
         self.pilot = Pilot(
@@ -168,17 +164,25 @@ class JointExecutor:
             seed=seed,
             settings=self.settings.pilot,
         )
-        self._try_kernels()
+        self._rehearse()
+        self._stand_at_start()
 
-    def _try_kernels(self) -> None:
-        """Load all kernels that a control step needs, and make the roadmap: the first step would take seconds."""
-        seen, still = self.observer.observe(0.0), np.zeros_like(self.rates)
-        joints = self.position[self.columns]
-        state = JointState(joints, still, still, still)
-        self.programme.allowed_rates(self.poses, state, self._before, self._before, seen)
-        held(self._arms(), nodes_of(self.scene, self.poses), joints)
+    def _rehearse(self) -> None:
+        """Make a step, which loads all kernels, and the roadmap: the first step of a run would take seconds."""
+        self._stand_at_start()
+        log, self.log = self.log, OnlineLog()
+        seen = self.observer.observe(0.0)
+        self._advance(seen, 0.0)
         if self.scene.moving.any():
             self.pilot.prepare(self._movers(seen))
+        self.log = log
+
+    def _stand_at_start(self) -> None:
+        """Stand at the beginning of the plan."""
+        self.position = self.plan.joints.position[0].copy()
+        self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
+        self.poses, self._before = poses_of(self.scene, "start"), np.zeros((len(self.scene.manipulators), 3))
+        self._waited = self.pilot.clock = 0.0
 
     @property
     def time(self) -> float:

@@ -139,24 +139,49 @@ class JointProgramme(TwistProgramme):
         return self.allowed(poses, before, wanted, sighting)
 
     def _look(self) -> None:
-        """Write the rows of links and joints, once a step: the load's freedom is that of its present pose by now."""
-        (poses, joints, sighting), arms = self._asking, self.arms
-        n_joints, n_hands = len(joints.position), self._hands[0]
-        self._jacobians, hands = np.empty((n_hands, 6, n_joints)), np.empty((n_hands, 3))
-        hand_jacobians(arms, joints.position, self._jacobians, hands)
-        self._link_rows = empty_rows(arms, len(sighting.margin), self._freedom.basis.shape[2])
-        self._nodes = nodes_of(self.scene, poses)
-        link_rows(
+        """Write what the arms ask for, once a step: the load's freedom is that of its present pose by now.
+
+        Their rows come first, and leave room for those of the load.
+        """
+        (poses, joints, sighting), arms, work = self._asking, self.arms, self._work
+        n, n_joints, n_hands = len(work.linear), len(joints.position), self._hands[0]
+        jacobians, hands = np.empty((n_hands, 6, n_joints)), np.empty((n_hands, 3))
+        hand_jacobians(arms, joints.position, jacobians, hands)
+        links = empty_rows(arms, len(sighting.margin), n)
+        nodes, (least, largest) = nodes_of(self.scene, poses), self._joint_bounds(joints)
+        count = link_rows(
             arms,
             joints.position,
-            self._nodes,
-            self._freedom.basis[0],
-            poses.center[0],
+            (least, largest),
+            nodes,
+            (self._freedom.basis[0], poses.center[0]),
             sighting,
             (self.needs, self._rates),
-            self._link_rows,
+            links,
         )
-        self._bounds, self._looked = self._joint_bounds(joints), True
+        *of_joints, last = (count + k * n_joints for k in range(3))
+        self._n_own = last + 6 * n_hands
+        size, weight = self._n_own + len(work.low), self.joint_settings.weight
+        whole = self._whole = Assembled(
+            np.diag(np.full(n + n_joints, weight)),
+            np.concatenate([work.linear, -weight * joints.wanted]),
+            np.zeros((size, n + n_joints)),
+            np.zeros(size),
+            np.full(size, ENDLESS),
+            np.zeros(size, dtype=np.int32),
+            np.full(size, LIMIT),
+            np.zeros(size, dtype=np.int64),
+        )
+        whole.quadratic[:n, :n] = work.quadratic
+        whole.rows[:count], whole.low[:count] = links.rows[:count], links.low[:count]
+        whole.owner[:count] = links.owner[:count]
+        for first, sign, low in zip(of_joints, (1.0, -1.0), (least, -largest), strict=True):
+            whole.rows[range(first, first + n_joints), range(n, n + n_joints)] = sign
+            whole.low[first : first + n_joints] = low
+        hold = slice(last, self._n_own)
+        whole.rows[hold] = self._hold(jacobians, nodes)
+        whole.high[hold], whole.sense[hold] = 0.0, EQUAL
+        self._looked = True
 
     def _joint_bounds(self, joints: JointState) -> tuple[Array, Array]:
         """Return the least and the largest rates; arrays, shape (n_joints,) [rad/s]."""
@@ -177,53 +202,32 @@ class JointProgramme(TwistProgramme):
         return low - bend, high - bend
 
     def _assembled(self, m: int) -> Assembled:
-        """Return the programme with the first m rows of the load, and those of the arms."""
+        """Return the programme with the rows of the arms, and the first m of the load."""
         if not self._looked:
             self._look()
-        work, state, links = self._work, self._asking[1], self._link_rows
-        n, n_joints, count = len(work.linear), len(state.position), int(links.filled[0])
-        quadratic, weight = np.zeros((n + n_joints, n + n_joints)), self.joint_settings.weight
-        quadratic[:n, :n] = work.quadratic
-        quadratic[range(n, n + n_joints), range(n, n + n_joints)] = weight
-        linear = np.concatenate([work.linear, -weight * state.wanted])
-        of_load, of_joints = np.zeros((m, n_joints)), np.hstack([np.zeros((n_joints, n)), np.eye(n_joints)])
-        least, largest = self._bounds
-        hold = self._hold()
-        rows = np.concatenate(
-            [np.hstack([work.rows[:m], of_load]), links.rows[:count], of_joints, -of_joints, hold]
-        )
-        low = np.concatenate([work.low[:m], links.low[:count], least, -largest, np.zeros(len(hold))])
-        limits = np.full(2 * n_joints + len(hold), LIMIT)
-        sense, high = np.zeros(len(low), dtype=np.int32), np.full(len(low), ENDLESS)
-        sense[len(low) - len(hold) :], high[len(low) - len(hold) :] = EQUAL, 0.0
-        return Assembled(
-            quadratic,
-            linear,
-            rows,
-            low,
-            high,
-            sense,
-            np.concatenate([work.owner[:m], links.owner[:count], limits]),
-            np.concatenate([work.body[:m], np.zeros(len(low) - m, dtype=np.int64)]),
-        )
+        work, whole, first, last = self._work, self._whole, self._n_own, self._n_own + m
+        whole.rows[first:last, : len(work.linear)] = work.rows[:m]
+        whole.low[first:last] = work.low[:m]
+        whole.owner[first:last], whole.body[first:last] = work.owner[:m], work.body[:m]
+        return Assembled(*whole[:2], *(array[:last] for array in whole[2:]))
 
-    def _hold(self) -> Array:
+    def _hold(self, jacobians: Array, nodes: Array) -> Array:
         """Return the equations by which hands move and turn with the load; array, shape (6 n_hands, n + n_joints)."""
-        velocities, jacobians = self._work.hands, self._jacobians
+        velocities = self._work.hands
         n_hands, _, n = velocities.shape
         rows = np.zeros((n_hands, 6, n + jacobians.shape[2]))
         rows[:, :, n:] = jacobians
         rows[:, :3, :n] = -velocities
-        rows[:, 5, :n] = -np.outer(self.grasp.turning, self._turning())
+        rows[:, 5, :n] = -np.outer(self.grasp.turning, self._turning(nodes))
         return rows.reshape(6 * n_hands, -1)
 
-    def _turning(self) -> Array:
+    def _turning(self, nodes: Array) -> Array:
         """Return the rate of the load's heading per unit of the variables; array, shape (n,)."""
         holders = self.grasp.holders
         if len(holders) == 1:
             return np.zeros(self._work.hands.shape[2])
         first, second = holders[:2]
-        x, y = (self._nodes[first] - self._nodes[second])[:2]
+        x, y = (nodes[first] - nodes[second])[:2]
         along = self._work.hands[first] - self._work.hands[second]
         return (x * along[1] - y * along[0]) / (x * x + y * y)
 

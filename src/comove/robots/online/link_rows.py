@@ -5,7 +5,8 @@ The variables are those of the twist programme, x, which move the load, and the 
     n . (velocity of a link's nearest point - velocity of the other's) >= -rate(h)
 
 is a control barrier as in `comove.reaction.cbf_constraints`; h is the clearance that is left, n its direction. Links
-are capsules, which are a little wider than the bodies in them.
+are capsules, which are a little wider than the bodies in them. Joints can change their rates only a little in a step,
+so most rows hold whatever they do: those are left out, and mostly not even measured.
 """
 
 from __future__ import annotations
@@ -19,7 +20,8 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge, solid_gradient
 from comove.geometry.distances import CENTER, REACH
-from comove.reaction.cbf_constraints import rate
+from comove.reaction.cbf_constraints import horizon, rate
+from comove.reaction.limits import length_of
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
@@ -35,7 +37,7 @@ class LinkNeeds(NamedTuple):
     ----------
     obstacle : array, shape (n_rows,), from every row of the table of obstacles [m]
     other : from the load and from each other [m]
-    near : clearance below which a row is written [m]
+    near : clearance from which on nothing is looked at [m]
     """
 
     obstacle: Array
@@ -49,7 +51,9 @@ class LinkRows(NamedTuple):
     Attributes
     ----------
     start, end : arrays, shape (n_links, 3), ends of the links' axes [m]
-    turns, places : arrays, shape (n_joints, 3, 3) and (n_joints, 3), frames of the joints
+    middle, half : arrays, shape (n_links, 3) and (n_links,), middles and half lengths of the axes [m]
+    axes, places : arrays, shape (n_joints, 3), axes of the joints in the world's frame, and points on them [m]
+    speed : array, shape (n_links,), bounds of the speed of any point of a link in this step [m/s]
     rows, low : arrays, shape (n_rows, n_variables + n_joints) and (n_rows,)
     owner : array, shape (n_rows,), the row of the table of obstacles, or `HANDS` for load and links
     filled : array, shape (1,), number of the rows that are written
@@ -57,8 +61,11 @@ class LinkRows(NamedTuple):
 
     start: Array
     end: Array
-    turns: Array
+    middle: Array
+    half: Array
+    axes: Array
     places: Array
+    speed: Array
     rows: Array
     low: Array
     owner: NDArray[np.int64]
@@ -72,8 +79,11 @@ def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
     return LinkRows(
         links.start.copy(),
         links.end.copy(),
-        np.empty((n_joints, 3, 3)),
+        np.empty_like(links.start),
+        np.empty(len(links.radius)),
         np.empty((n_joints, 3)),
+        np.empty((n_joints, 3)),
+        np.zeros(len(links.radius)),
         np.zeros((count, n_variables + n_joints)),
         np.zeros(count),
         np.zeros(count, dtype=np.int64),
@@ -103,20 +113,21 @@ def hand_jacobians(arms: Arms, q: Array, out: Array, hands: Array) -> None:
 def link_rows(
     arms: Arms,
     q: Array,
+    bounds: tuple[Array, Array],
     nodes: Array,
-    basis: Array,
-    center: Array,
+    load: tuple[Array, Array],
     sighting: Sighting,
     how: tuple[LinkNeeds, Rates],
     work: LinkRows,
 ) -> int:
-    """Write the rows of all links that are near something; returns their number.
+    """Write the rows of all links that could come too near to something in this step; returns their number.
 
     Parameters
     ----------
     q : array, shape (n_joints,), joint positions
+    bounds : arrays, shape (n_joints,), least and largest rates of the joints in this step
     nodes : array, shape (n_nodes, 3), hands and nodes of the load [m]
-    basis, center : arrays, shape (6, n_variables) and (3,), the load's twists per unit of the variables, and centre
+    load : arrays, shape (6, n_variables) and (3,), the load's twists per unit of the variables, and its centre
     sighting : the obstacles
     how : clearances of links, and rates of the programme
     """
@@ -124,17 +135,22 @@ def link_rows(
     links, around = arms.links, arms.around
     _place(arms, q, work)
     place_links(arms.chains, links, q, work.start, work.end)
+    _describe(arms, bounds, work)
     work.filled[0] = 0
-    near = np.empty(3)
+    nearest = np.empty(3)
     for i in links.moving:
         a, b, thick = work.start[i], work.end[i], links.radius[i]
         for j in range(sighting.table.shape[0]):
             need = thick + needs.obstacle[j] + sighting.margin[j]
-            if not _may_be_near(sighting.table, j, a, b, need + needs.near):
+            comes = length_of(sighting.velocity[j])
+            comes += length_of(sighting.spin[j]) * (sighting.table[j, REACH] + need + needs.near)
+            near = min(needs.near, horizon(work.speed[i] + comes, rates.gain, rates))
+            if not _may_be_near(sighting.table, j, a, b, need + near):
                 continue
-            h, share = near_on_edge(sighting.table, j, a, b, np.inf)
-            if h - need < needs.near:
-                _obstacle_row(arms, i, share, sighting, j, h - need, rates, work)
+            h, share = near_on_edge(sighting.table, j, a, b, need + near)
+            if h - need < near:
+                _obstacle_row(arms, i, share, sighting, j, -rate(h - need, rates.gain, rates), work)
+                _leave_out_what_holds(bounds, work)
         if links.holds[i]:
             continue
         for e in range(around.edges.shape[0]):
@@ -143,20 +159,58 @@ def link_rows(
             h = apart - thick - around.radii[e] - needs.other
             if around.edges[e, 0] != around.edges[e, 1] and h < needs.near and apart > 1e-6:
                 for axis in range(3):
-                    near[axis] = c[axis] + two * (d[axis] - c[axis])
-                _load_row(arms, i, one, near, (basis, center), -rate(h, rates.gain, rates), work)
+                    nearest[axis] = c[axis] + two * (d[axis] - c[axis])
+                _load_row(arms, i, one, nearest, load, -rate(h, rates.gain, rates), work)
     for p in range(links.pairs.shape[0]):
         i, k = links.pairs[p]
+        need = links.radius[i] + links.radius[k] + needs.other
+        spare = _apart(work.middle[i], work.middle[k]) - work.half[i] - work.half[k] - need
+        if spare >= needs.near:
+            continue
+        near = min(needs.near, horizon(work.speed[i] + work.speed[k], rates.gain, rates))
+        if spare >= near:
+            continue
         one, two, apart = nearest_shares(work.start[i], work.end[i], work.start[k], work.end[k])
-        h = apart - links.radius[i] - links.radius[k] - needs.other
-        if h < needs.near and apart > 1e-6:
-            _pair_row(arms, i, one, k, two, -rate(h, rates.gain, rates), work)
+        if apart - need < near and apart > 1e-6:
+            _pair_row(arms, i, one, k, two, -rate(apart - need, rates.gain, rates), work)
+            _leave_out_what_holds(bounds, work)
     return int(work.filled[0])
 
 
 @kernel
+def _describe(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
+    """Write where links are, and bounds of their speeds: a joint's rate times how far they reach from it at most."""
+    chains, links = arms.chains, arms.links
+    for i in range(links.radius.shape[0]):
+        work.half[i] = 0.5 * _apart(work.start[i], work.end[i])
+        for axis in range(3):
+            work.middle[i, axis] = 0.5 * (work.start[i, axis] + work.end[i, axis])
+    for i in links.moving:
+        work.speed[i] = 0.0
+        if links.arm[i] < 0:
+            continue
+        for j in range(chains.first[links.arm[i]], links.joint[i] + 1):
+            fastest, far = max(abs(bounds[0][j]), abs(bounds[1][j])), 1.0
+            if not chains.slides[j]:
+                far = max(_apart(work.start[i], work.places[j]), _apart(work.end[i], work.places[j]))
+            work.speed[i] += fastest * far
+
+
+@kernel
+def _leave_out_what_holds(bounds: tuple[Array, Array], work: LinkRows) -> None:
+    """Leave out the last row, in which the load has no part, where no rates within their bounds break it."""
+    m = work.filled[0] - 1
+    row, worst = work.rows[m], 0.0
+    offset = row.shape[0] - bounds[0].shape[0]
+    for j in range(bounds[0].shape[0]):
+        worst += row[offset + j] * bounds[0 if row[offset + j] > 0.0 else 1][j]
+    if worst >= work.low[m]:
+        work.filled[0] = m
+
+
+@kernel
 def _place(arms: Arms, q: Array, work: LinkRows) -> None:
-    """Write the frames of all joints."""
+    """Write the axes of all joints."""
     chains = arms.chains
     for i in range(chains.first.shape[0] - 1):
         first, n = chains.first[i], chains.first[i + 1] - chains.first[i]
@@ -165,8 +219,9 @@ def _place(arms: Arms, q: Array, work: LinkRows) -> None:
         for k in range(n):
             for a in range(3):
                 work.places[first + k, a] = places[k, a]
+                work.axes[first + k, a] = 0.0
                 for b in range(3):
-                    work.turns[first + k, a, b] = turns[k, a, b]
+                    work.axes[first + k, a] += turns[k, a, b] * chains.axis[first + k, b]
 
 
 @kernel
@@ -175,23 +230,20 @@ def _link_part(arms: Arms, i: int, p: Array, normal: Array, sign: float, work: L
     chains, links = arms.chains, arms.links
     if links.arm[i] < 0:
         return
-    offset = row.shape[0] - chains.lower.shape[0]
+    offset, axes, places = row.shape[0] - chains.lower.shape[0], work.axes, work.places
     for j in range(chains.first[links.arm[i]], links.joint[i] + 1):
-        axis, turn, at = chains.axis[j], work.turns[j], work.places[j]
-        x = turn[0, 0] * axis[0] + turn[0, 1] * axis[1] + turn[0, 2] * axis[2]
-        y = turn[1, 0] * axis[0] + turn[1, 1] * axis[1] + turn[1, 2] * axis[2]
-        z = turn[2, 0] * axis[0] + turn[2, 1] * axis[1] + turn[2, 2] * axis[2]
+        x, y, z = axes[j, 0], axes[j, 1], axes[j, 2]
         if not chains.slides[j]:
-            u, v, w = p[0] - at[0], p[1] - at[1], p[2] - at[2]
+            u, v, w = p[0] - places[j, 0], p[1] - places[j, 1], p[2] - places[j, 2]
             x, y, z = y * w - z * v, z * u - x * w, x * v - y * u
         row[offset + j] += sign * (normal[0] * x + normal[1] * y + normal[2] * z)
 
 
 @kernel
 def _obstacle_row(
-    arms: Arms, i: int, share: float, sighting: Sighting, j: int, h: float, rates: Rates, work: LinkRows
+    arms: Arms, i: int, share: float, sighting: Sighting, j: int, low: float, work: LinkRows
 ) -> None:
-    """Write the row of link i against obstacle j, h [m] away."""
+    """Write the row of link i against obstacle j."""
     p, normal, m = np.empty(3), np.empty(3), work.filled[0]
     _point_on(work, i, share, p)
     _, normal[0], normal[1], normal[2] = solid_gradient(sighting.table, j, p[0], p[1], p[2])
@@ -202,7 +254,7 @@ def _obstacle_row(
     comes += normal[0] * (sighting.velocity[j, 0] + spin[1] * z - spin[2] * y)
     comes += normal[1] * (sighting.velocity[j, 1] + spin[2] * x - spin[0] * z)
     comes += normal[2] * (sighting.velocity[j, 2] + spin[0] * y - spin[1] * x)
-    work.low[m], work.owner[m] = comes - rate(h, rates.gain, rates), j
+    work.low[m], work.owner[m] = comes + low, j
     work.filled[0] += 1
 
 
@@ -250,9 +302,15 @@ def _point_on(work: LinkRows, i: int, share: float, p: Array) -> None:
 
 
 @kernel
+def _apart(a: Array, b: Array) -> float:
+    """Compute the distance of two points [m]."""
+    return sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+
+
+@kernel
 def _direction(a: Array, b: Array, out: Array) -> None:
     """Write the unit vector from a to b."""
-    size = sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+    size = _apart(a, b)
     for axis in range(3):
         out[axis] = (b[axis] - a[axis]) / size
 
