@@ -209,7 +209,16 @@ class JointProgramme(TwistProgramme):
         whole.rows[first:last, : len(work.linear)] = work.rows[:m]
         whole.low[first:last] = work.low[:m]
         whole.owner[first:last], whole.body[first:last] = work.owner[:m], work.body[:m]
-        return Assembled(*whole[:2], *(array[:last] for array in whole[2:]))
+        return Assembled(
+            whole.quadratic,
+            whole.linear,
+            whole.rows[:last],
+            whole.low[:last],
+            whole.high[:last],
+            whole.sense[:last],
+            whole.owner[:last],
+            whole.body[:last],
+        )
 
     def _hold(self, jacobians: Array, nodes: Array) -> Array:
         """Return the equations by which hands move and turn with the load; array, shape (6 n_hands, n + n_joints)."""
