@@ -211,25 +211,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
                     first[n_pieces] = n_points
                     continue
                 axis, at = longest, 0.5 * (a[longest] + b[longest])
-        # Halve the box; its triangles lie at the end of the pool.
-        count = end - begin
-        if begin + 3 * count > pool.shape[0]:
-            pool = np.concatenate((pool, np.empty(pool.shape[0] + 3 * count, dtype=np.int64)))
-        kept = begin + count
-        n_low = 0
-        for m in range(begin, end):
-            corners = solid.corners[pool[m]]
-            if min(corners[0, axis], corners[1, axis], corners[2, axis]) <= at:
-                pool[kept + n_low] = pool[m]
-                n_low += 1
-        n_high = 0
-        for m in range(begin, end):
-            corners = solid.corners[pool[m]]
-            if max(corners[0, axis], corners[1, axis], corners[2, axis]) >= at:
-                pool[kept + n_low + n_high] = pool[m]
-                n_high += 1
-        for m in range(n_low + n_high):
-            pool[begin + m] = pool[kept + m]
+        pool, n_low, n_high = _halved(solid, pool, begin, end, axis, at)
         if top + 2 > boxes.shape[0]:
             boxes = np.concatenate((boxes, np.empty_like(boxes)))
             spans = np.concatenate((spans, np.empty_like(spans)))
@@ -241,6 +223,36 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
         spans[top + 1, 0], spans[top + 1, 1] = begin + n_low, begin + n_low + n_high
         top += 2
     return points[:n_points].copy(), first[: n_pieces + 1].copy()
+
+
+@kernel
+def _halved(solid, pool, begin, end, axis, at):
+    """Divide the triangles of a box, the last of the pool, into those that reach below a plane and those above it.
+
+    Returns
+    -------
+    pool : array of int, which holds from `begin` on first those that reach below, then those above
+    n_low, n_high : their numbers; a triangle may be among both
+    """
+    count = end - begin
+    if begin + 3 * count > pool.shape[0]:
+        pool = np.concatenate((pool, np.empty(pool.shape[0] + 3 * count, dtype=np.int64)))
+    kept = begin + count
+    n_low = 0
+    for m in range(begin, end):
+        corners = solid.corners[pool[m]]
+        if min(corners[0, axis], corners[1, axis], corners[2, axis]) <= at:
+            pool[kept + n_low] = pool[m]
+            n_low += 1
+    n_high = 0
+    for m in range(begin, end):
+        corners = solid.corners[pool[m]]
+        if max(corners[0, axis], corners[1, axis], corners[2, axis]) >= at:
+            pool[kept + n_low + n_high] = pool[m]
+            n_high += 1
+    for m in range(n_low + n_high):
+        pool[begin + m] = pool[kept + m]
+    return pool, n_low, n_high
 
 
 @kernel

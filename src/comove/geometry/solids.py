@@ -276,21 +276,10 @@ def hull_distance(table, j, solid, cutoff, normal, near):
             return wide, wide
         if step > 0 and sqrt(square) - radius - clear <= 0.5 * TOLERANCE:
             break
-        twice = False
-        for i in range(n):
-            if (
-                corners[i, 0] == p - u
-                and corners[i, 1] == q - v
-                and corners[i, 2] == r - w
-                and own[i, 0] == u
-                and own[i, 1] == v
-                and own[i, 2] == w
-            ):
-                twice = True
-        if twice:
-            break
         own[n, 0], own[n, 1], own[n, 2] = u, v, w
         corners[n, 0], corners[n, 1], corners[n, 2] = p - u, q - v, r - w
+        if _has_last_before(corners, own, n):
+            break
         n += 1
         nearer = nearest_of_simplex(corners, n, weights)
         if not nearer < square and n > 1:  # rounding: no progress any more
@@ -314,6 +303,18 @@ def hull_distance(table, j, solid, cutoff, normal, near):
                 table, j, near[0], near[1], near[2]
             )
     return wide, sqrt(square) - radius
+
+
+@kernel
+def _has_last_before(corners, own, n):
+    """Return whether row n of both arrays is among those before."""
+    for i in range(n):
+        same = True
+        for axis in range(3):
+            same = same and corners[i, axis] == corners[n, axis] and own[i, axis] == own[n, axis]
+        if same:
+            return True
+    return False
 
 
 @kernel

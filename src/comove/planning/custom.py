@@ -4,11 +4,13 @@ begins at smooth motions.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.constraints import Constraint
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import Minimiser, minimise
@@ -50,57 +52,92 @@ def improve_own(search: Search, own: OwnFunctions, start: CoordinatedMotion) -> 
     return verified
 
 
-def _minimised(
-    search: Search, own: OwnFunctions, start: CoordinatedMotion, margin: float
-) -> CoordinatedMotion:
-    scene, coordinates = search.scene, load_coordinates(search.scene)
+@dataclass(frozen=True, eq=False)
+class _Variations:
+    """The motions about one, as CMA-ES sees them: a point is a change of the weights of the free basis functions.
+
+    Attributes
+    ----------
+    search, own : the search, and the user's functions
+    start : the motion
+    margin : margin that constraints are kept by [m]
+    """
+
+    search: Search
+    own: OwnFunctions
+    start: CoordinatedMotion
+    margin: float
+
+    @cached_property
+    def kept(self) -> list[tuple[Constraint, float]]:
+        """Return the constraints that are sampled, and the errors that they may have."""
+        scene = self.search.scene
+        ends = np.stack([scene.nodes_at(end)[: len(scene.manipulators)] for end in ("start", "goal")])
+        # What an end needs of a tolerance no margin can keep.
+        return [(c, max(c.tolerance - self.margin, c.error(ends, scene.n_dims).max())) for c in scene.sampled]
+
+    @property
+    def width(self) -> int:
+        """Return the number of coordinates of a point."""
+        return int(self.start.coordinates.search.shape[1]) * N_FREE
+
+    def moved(self, x: Array) -> Array:
+        """Return the weights of a population, (n_points, n) -> (n_points, n_columns, n_basis)."""
+        all_weights = np.repeat(self.start.weights[None], len(x), axis=0)
+        all_weights[:, :, :N_FREE] += self.start.coordinates.search @ x.reshape(len(x), -1, N_FREE)
+        return all_weights
+
+    def values(self, x: Array) -> tuple[Array, Array]:
+        """Return the objectives, (n_points,), and the constraints, (n_points, n): clearance, limits, the user's."""
+        search, scene, start = self.search, self.search.scene, self.start
+        population = self.moved(x)
+        motions = [replace(start, weights=own_weights) for own_weights in population]
+        q = rollouts(start.basis, start.boundary, population, N_STEPS)
+        clearance = search.objective.evaluate(q).clearance
+        hands = start.coordinates.nodes(q)[:, :, : len(scene.manipulators)]
+        flat = hands[..., : scene.n_dims].reshape(len(x), N_STEPS, -1)
+        search.evaluations += len(x)
+        samples = [Samples.of(search.handed(motion)) for motion in motions]
+        limits = Limits.of(scene, scene.duration)
+        fixed = np.column_stack(
+            [
+                (scene.clearance + self.margin - clearance) / SCALE,
+                [limits.excess(own_hands) for own_hands in flat],
+                *(
+                    [(c.error(one, scene.n_dims).max() - most) / SCALE for one in hands]
+                    for c, most in self.kept
+                ),
+            ]
+        )
+        costs = [
+            self.own.value(one) if self.own.function else search.worth(m)
+            for one, m in zip(samples, motions, strict=True)
+        ]
+        own = np.stack([self.own.violations(one) for one in samples])
+        return np.array(costs), np.column_stack([fixed, own])
+
+
+def _with_free_weights(search: Search, start: CoordinatedMotion) -> CoordinatedMotion:
+    """Return the motion in the basis that is searched, fitted to it."""
     basis = motion_basis(N_BASIS, "jerk")
     s = np.linspace(0.0, 1.0, len(basis.shape[0]))
     inner = start.at(s)[0] - basis.boundary[0] @ start.boundary
     weights = np.linalg.lstsq(basis.shape[0], inner, rcond=None)[0].T
-    blank = CoordinatedMotion(scene, coordinates, basis, start.boundary, weights)
-    limits = Limits.of(scene, scene.duration)
-    width = coordinates.search.shape[1] * N_FREE
-    ends = np.stack([scene.nodes_at(end)[: len(scene.manipulators)] for end in ("start", "goal")])
-    # What an end needs of a tolerance no margin can keep.
-    kept = [(c, max(c.tolerance - margin, c.error(ends, scene.n_dims).max())) for c in scene.sampled]
+    return CoordinatedMotion(search.scene, load_coordinates(search.scene), basis, start.boundary, weights)
 
-    def moved(x: Array) -> Array:
-        """Return the weights of a population, (n_points, n) -> (n_points, n_columns, n_basis)."""
-        all_weights = np.repeat(weights[None], len(x), axis=0)
-        all_weights[:, :, :N_FREE] += coordinates.search @ x.reshape(len(x), -1, N_FREE)
-        return all_weights
 
-    def values(x: Array) -> tuple[Array, Array]:
-        """Return the objectives, (n_points,), and the constraints, (n_points, n): clearance, limits, the user's."""
-        population = moved(x)
-        motions = [replace(blank, weights=own_weights) for own_weights in population]
-        q = rollouts(basis, start.boundary, population, N_STEPS)
-        clearance = search.objective.evaluate(q).clearance
-        hands = coordinates.nodes(q)[:, :, : len(scene.manipulators)]
-        flat = hands[..., : scene.n_dims].reshape(len(x), N_STEPS, -1)
-        search.evaluations += len(x)
-        samples = [Samples.of(search.handed(motion)) for motion in motions]
-        fixed = np.column_stack(
-            [
-                (scene.clearance + margin - clearance) / SCALE,
-                [limits.excess(own_hands) for own_hands in flat],
-                *([(c.error(one, scene.n_dims).max() - most) / SCALE for one in hands] for c, most in kept),
-            ]
-        )
-        costs = [
-            own.value(one) if own.function else search.worth(m)
-            for one, m in zip(samples, motions, strict=True)
-        ]
-        return np.array(costs), np.column_stack([fixed, np.stack([own.violations(one) for one in samples])])
-
+def _minimised(
+    search: Search, own: OwnFunctions, start: CoordinatedMotion, margin: float
+) -> CoordinatedMotion:
+    """Return the best motion of one run of CMA-ES from a motion."""
+    about = _Variations(search, own, _with_free_weights(search, start), margin)
     known: dict[bytes, tuple[Array, Array]] = {}
 
     def cached(x: Array) -> tuple[Array, Array]:
         key = x.tobytes()
         if key not in known:
             known.clear()
-            known[key] = values(x)
+            known[key] = about.values(x)
         return known[key]
 
     waited, reference = 0, np.inf
@@ -117,10 +154,10 @@ def _minimised(
 
     found = minimise(
         lambda x: cached(x)[0],
-        np.zeros(width),
+        np.zeros(about.width),
         STEP,
         constraints=lambda x: cached(x)[1],
         seed=int(search.rng.integers(2**31)),
         callback=over,
     )
-    return replace(blank, weights=moved(found.x[None])[0])
+    return replace(about.start, weights=about.moved(found.x[None])[0])

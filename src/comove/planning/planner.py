@@ -175,7 +175,7 @@ def forest(space, flat, start, goal, margin, rng, max_nodes):
         elif draw < BRIDGES + 0.6 * (1.0 - BRIDGES):
             i = _node_to_expand(member, room, count, rng)
             _perturb(space, tree[i], 1.0, rng.random() < 0.5, rng, new)
-            found = _retract(space, new, margin, margin, RETRACTIONS, 1.0, rng, scratch, nodes)
+            found = _retract(space, new, margin, margin, (RETRACTIONS, 1.0), rng, scratch, nodes)
         else:
             random_configuration(space, rng, new)
             found = clearance_of(space, new, nodes, 0.0) > margin
@@ -186,7 +186,7 @@ def forest(space, flat, start, goal, margin, rng, max_nodes):
         copy_to(new, tree[count])
         member[count], room[count] = count, clearance_of(space, new, nodes, 0.0)
         count += 1
-        n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
+        n_links = _link(space, (tree, member), count, links, n_links, margin, scratch, nodes)
         if between >= 0 and count + 2 <= max_nodes:
             middle = count - 1
             for side in range(2):
@@ -198,7 +198,7 @@ def forest(space, flat, start, goal, margin, rng, max_nodes):
                 member[count], room[count] = member[middle], clearance_of(space, new, nodes, 0.0)
                 links[n_links, 0], links[n_links, 1] = middle, count
                 count, n_links = count + 1, n_links + 1
-                n_links = _link(space, tree, member, count, links, n_links, margin, scratch, nodes)
+                n_links = _link(space, (tree, member), count, links, n_links, margin, scratch, nodes)
         if member[0] == member[1]:
             return _path_through(tree, links, n_links, count)
     return np.empty((0, n_columns))
@@ -244,9 +244,9 @@ def _slid(space, q, along, length, out):
 
 
 @kernel
-def _link(space, tree, member, count, links, n_links, margin, scratch, nodes):
+def _link(space, trees, count, links, n_links, margin, scratch, nodes):
     """Connect the newest node to its nearest neighbours in other trees; return the new number of links."""
-    new = count - 1
+    (tree, member), new = trees, count - 1
     distances = np.empty(new)
     for i in range(new):
         distances[i] = span(space, tree[i], tree[new])
@@ -315,7 +315,7 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
             random_orientation(space.blocks.kind[0], n_dims, n_dims, rng, out)
             if space.blocks.kind[0] == QUATERNION and trial % 2 == 0:
                 _fit(space, j, flat, rng, out[n_dims:])
-            if not _retract(space, out, margin, space.cap, SETTLING, IN_PLACE, rng, scratch, nodes):
+            if not _retract(space, out, margin, space.cap, (SETTLING, IN_PLACE), rng, scratch, nodes):
                 continue
             moved = 0.0
             for axis in range(n_dims):
@@ -426,16 +426,18 @@ def quaternion_of(r, out):
 
 
 @kernel
-def _retract(space, q, margin, wished, n_trials, widest, rng, scratch, nodes):
+def _retract(space, q, margin, wished, trials, rng, scratch, nodes):
     """Move a pose, in place, by random steps that gain clearance, until it has the clearance that is wished for.
 
-    Hardly any random pose is free in a narrow passage, but many are near a free one.
+    Hardly any random pose is free in a narrow passage, but many are near a free one. `trials` are the number of steps
+    and the size of the widest.
 
     Returns
     -------
     bool, whether the pose has more clearance than the margin
     """
-    clearance, size = clearance_of(space, q, nodes, -np.inf), widest
+    (n_trials, widest), clearance = trials, clearance_of(space, q, nodes, -np.inf)
+    size = widest
     for _ in range(n_trials):
         if clearance > wished:
             return True

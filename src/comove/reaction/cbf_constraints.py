@@ -87,14 +87,31 @@ def first_rows(
     n_rows : int; where negative, the error in the arguments, see `WRONG`
     clearance : float, least distance to obstacles, less their margins, and to the border [m]
     """
-    points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
-    table, velocity, spin, margin = sighting
-    center, quaternion = poses
-    n_groups, n_hands, n_obstacles = center.shape[0], before.shape[0], table.shape[0]
+    freedom, rates, work, center = qp.freedom, qp.rates, qp.work, poses.center
     wrong = _wrong(poses, before, wanted, sighting)
     if wrong < 0:
         return wrong, 0.0
-    for g in range(n_groups):
+    pace = _set_up(qp, poses, before, wanted, sighting)
+    # Typed: a plain 0 would have all kernels below compiled for it as well.
+    m: int = np.int64(0)  # type: ignore[assignment]
+    m, clearance = _first_of_points(qp, m, center, sighting, pace, np.inf)
+    m, clearance = _first_of_edges(qp, m, center, sighting, pace, clearance)
+    m, clearance = _first_of_solids(qp, m, center, sighting, pace, clearance)
+    m, clearance = _first_of_border(qp, m, center, pace, clearance)
+    for k in range(freedom.pairs.shape[0]):
+        h = _pair_distance(freedom, work.nodes, k)
+        if h <= horizon(2 * pace, _pair_gain(qp, k), rates):
+            m = _pair_row(qp, m, k, h)
+    m = limit_rows(qp, m, before, wanted, m > 0)
+    return m, clearance + rates.clearance
+
+
+@kernel
+def _set_up(qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> float:
+    """Write where all is, the objective and the gains; return how fast a hand may be in this step [m/s]."""
+    points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
+    center, quaternion = poses
+    for g in range(center.shape[0]):
         turn_into(quaternion[g, 0], quaternion[g, 1], quaternion[g, 2], quaternion[g, 3], work.rotation[g])
         if freedom.axis[g] >= 0:  # it turns about its second and third direction; about itself nothing turns
             for axis in range(3):
@@ -106,57 +123,95 @@ def first_rows(
     place(points.group, points.point, center, work.rotation, work.points)
     work.slack[:] = 0.0
     _objective(qp, center, wanted)
-    moved_obstacles(table, velocity, spin, rates.period, work.table_after)
-    clearance, pace = np.inf, 0.0
-    # Typed: a plain 0 would have all kernels below compiled for it as well.
-    m: int = np.int64(0)  # type: ignore[assignment]
+    moved_obstacles(sighting.table, sighting.velocity, sighting.spin, rates.period, work.table_after)
     work.gain[:] = rates.gain
-    for i in range(n_hands):
+    pace = 0.0
+    for i in range(before.shape[0]):
         g, fast = points.node_group[i], length_of(before[i])
         pace = max(pace, fast, length_of(wanted[i]))
         if rates.braking < np.inf:  # a fast group needs long to stop
             work.gain[g] = min(work.gain[g], 2.0 * rates.braking / fast)
-    pace = min(pace, rates.speed)
-    # Obstacles: sampled points, then the nearest points.
-    n_edges = points.edges.shape[0]
-    for j in range(n_obstacles):
-        fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]
+    return min(pace, rates.speed)
+
+
+@kernel
+def _fastest(sighting: Sighting, j: int) -> float:
+    """Return how fast any point of obstacle j moves at most [m/s]."""
+    return length_of(sighting.velocity[j]) + length_of(sighting.spin[j]) * sighting.table[j, REACH]
+
+
+@kernel
+def _near(qp: QP, g: int, pace: float, fastest: float) -> float:
+    """Return the clearance [m] beyond which an obstacle, as fast as that, does not slow down group g at a pace."""
+    return horizon(pace * qp.freedom.lever[g] + fastest, qp.work.gain[g], qp.rates)
+
+
+@kernel
+def _first_of_points(
+    qp: QP, m: int, center: Array, sighting: Sighting, pace: float, clearance: float
+) -> tuple[int, float]:
+    """Write the rows of sampled points against obstacles; return the number of rows and the least clearance [m]."""
+    points, rates, work, table = qp.points, qp.rates, qp.work, sighting.table
+    for j in range(table.shape[0]):
+        fastest = _fastest(sighting, j)
         for k in range(points.group.shape[0]):
             g, p = points.group[k], work.points[k]
-            need = points.radius[k] + rates.clearance + margin[j]
+            need = points.radius[k] + rates.clearance + sighting.margin[j]
             h = point_distance(table, j, p[0], p[1], p[2]) - need
             clearance = min(clearance, h)
-            if h <= horizon(pace * freedom.lever[g] + fastest, work.gain[g], rates):
+            if h <= _near(qp, g, pace, fastest):
                 true, nx, ny, nz = solid_gradient(table, j, p[0], p[1], p[2])
                 h = max(h, true - need)  # planes of a polytope tell less
-                m = _obstacle_row(qp, m, g, center, p, (nx, ny, nz), sighting, j, h)
-        for e in range(n_edges):
+                m = _obstacle_row(qp, m, (g, j), center, p, (nx, ny, nz), sighting, h)
+    return m, clearance
+
+
+@kernel
+def _first_of_edges(
+    qp: QP, m: int, center: Array, sighting: Sighting, pace: float, clearance: float
+) -> tuple[int, float]:
+    """Write the rows of the nearest points of edges, unless they are ends; return as `_first_of_points` does."""
+    points, rates, work = qp.points, qp.rates, qp.work
+    for j in range(sighting.table.shape[0]):
+        fastest = _fastest(sighting, j)
+        for e in range(points.edges.shape[0]):
             a, b = points.edges[e]
-            p, q = work.nodes[a], work.nodes[b]
-            h, share = near_on_edge(table, j, p, q, np.inf)
-            h -= points.edge_radius[e] + rates.clearance + margin[j]
+            h, share = near_on_edge(sighting.table, j, work.nodes[a], work.nodes[b], np.inf)
+            h -= points.edge_radius[e] + rates.clearance + sighting.margin[j]
             work.left[e, j] = h
             clearance = min(clearance, h)
-            g = points.node_group[a]
-            if (
-                a != b
-                and 0.0 < share < 1.0
-                and h <= horizon(pace * freedom.lever[g] + fastest, work.gain[g], rates)
-            ):
+            inside = a != b and 0.0 < share < 1.0
+            if inside and h <= _near(qp, points.node_group[a], pace, fastest):
                 m = _inner_row(qp, m, center, sighting, j, e, share)
-        near = np.empty(3)
+    return m, clearance
+
+
+@kernel
+def _first_of_solids(
+    qp: QP, m: int, center: Array, sighting: Sighting, pace: float, clearance: float
+) -> tuple[int, float]:
+    """Write the rows of the nearest points of all parts of solids; return as `_first_of_points` does."""
+    points, work, table, near = qp.points, qp.work, sighting.table, np.empty(3)
+    for j in range(table.shape[0]):
+        fastest = _fastest(sighting, j)
         for s in range(points.solids.shape[0]):
-            g, need = points.node_group[points.solids[s, 0]], rates.clearance + margin[j]
-            reach = horizon(pace * freedom.lever[g] + fastest, work.gain[g], rates)
-            work.left[n_edges + s, j] = np.inf
+            g, need = points.node_group[points.solids[s, 0]], qp.rates.clearance + sighting.margin[j]
+            reach, e = _near(qp, g, pace, fastest), points.edges.shape[0] + s
+            work.left[e, j] = np.inf
             for part in range(N_PARTS):  # each of them may be the next to touch
                 h = near_on_part(table, j, work.nodes, points.solids[s], part, np.inf, near) - need
-                work.left[n_edges + s, j] = min(work.left[n_edges + s, j], h)
+                work.left[e, j] = min(work.left[e, j], h)
                 if h <= reach:
                     _, nx, ny, nz = solid_gradient(table, j, near[0], near[1], near[2])
-                    m = _obstacle_row(qp, m, g, center, near, (nx, ny, nz), sighting, j, h)
-            clearance = min(clearance, work.left[n_edges + s, j])
-    # The border.
+                    m = _obstacle_row(qp, m, (g, j), center, near, (nx, ny, nz), sighting, h)
+            clearance = min(clearance, work.left[e, j])
+    return m, clearance
+
+
+@kernel
+def _first_of_border(qp: QP, m: int, center: Array, pace: float, clearance: float) -> tuple[int, float]:
+    """Write the rows of all nodes against the border; return as `_first_of_points` does."""
+    points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     for i in range(points.node_group.shape[0]):
         g, p = points.node_group[i], work.nodes[i]
         for axis in range(3):
@@ -165,12 +220,7 @@ def first_rows(
                 clearance = min(clearance, h)
                 if h <= horizon(pace * freedom.lever[g], work.gain[g], rates):
                     m = _border_row(qp, m, g, center, p, axis, side, h)
-    for k in range(freedom.pairs.shape[0]):
-        h = _pair_distance(freedom, work.nodes, k)
-        if h <= horizon(2 * pace, _pair_gain(qp, k), rates):
-            m = _pair_row(qp, m, k, h)
-    m = limit_rows(qp, m, before, wanted, m > 0)
-    return m, clearance + rates.clearance
+    return m, clearance
 
 
 @kernel
@@ -185,55 +235,75 @@ def missing_rows(
     worst : float, largest violation of a distance after the step, divided by the period [m/s]
     """
     points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
-    center, quaternion = poses
-    table, velocity, spin, margin = sighting
-    n_groups, n, n_obstacles = center.shape[0], x.shape[0], table.shape[0]
-    dt, worst = rates.period, 0.0
-    for g in range(n_groups):
+    (center, quaternion), dt, worst = poses, rates.period, 0.0
+    for g in range(center.shape[0]):
         for k in range(6):
             twists[g, k] = 0.0
-            for c in range(n):
+            for c in range(x.shape[0]):
                 twists[g, k] += freedom.basis[g, k, c] * x[c]
     m, far_out = broken_limits(qp, m, x)
     if far_out:  # violations by so large a step say nothing about smaller ones
         return m, worst
     step(center, quaternion, twists, dt, work.center_after, work.quaternion_after)
     after = work.quaternion_after
-    for g in range(n_groups):
+    for g in range(center.shape[0]):
         turn_into(after[g, 0], after[g, 1], after[g, 2], after[g, 3], work.rotation_after[g])
     place(points.node_group, points.node_point, work.center_after, work.rotation_after, work.nodes_after)
     m = bent_limits(qp, m, x, dt)
-    n_edges, near = points.edges.shape[0], np.empty(3)
-    for j in range(n_obstacles):
-        fastest = length_of(velocity[j]) + length_of(spin[j]) * table[j, REACH]
+    m, worst = _missing_of_obstacles(qp, m, center, twists, sighting, worst)
+    m, worst = _missing_of_border(qp, m, center, x, worst)
+    for k in range(freedom.pairs.shape[0]):
+        h, then = _pair_distance(freedom, work.nodes, k), _pair_distance(freedom, work.nodes_after, k)
+        g = points.node_group[freedom.pairs[k, 0]]
+        ask = _promise(h, _pair_gain(qp, k), rates) - work.slack[g, work.slack.shape[1] - 2] * dt
+        if then >= ask:
+            continue
+        worst = max(worst, (ask - then) / dt)
+        m = _pair_row(qp, m, k, h)
+        bend = (then - h) / dt - _value(work, m - 1, x)
+        work.low[m - 1] += SPARE - min(bend, 0.0)
+    return m, worst
+
+
+@kernel
+def _missing_of_obstacles(
+    qp: QP, m: int, center: Array, twists: Array, sighting: Sighting, worst: float
+) -> tuple[int, float]:
+    """Write the rows of edges and solids that come too near to obstacles; return as `missing_rows` does."""
+    points, rates, work = qp.points, qp.rates, qp.work
+    n_edges, near, dt = points.edges.shape[0], np.empty(3), rates.period
+    for j in range(sighting.table.shape[0]):
+        fastest = _fastest(sighting, j)
         for e in range(n_edges + points.solids.shape[0]):
             a = points.edges[e, 0] if e < n_edges else points.solids[e - n_edges, 0]
             g = points.node_group[a]
-            fast = sqrt(twists[g, 0] ** 2 + twists[g, 1] ** 2 + twists[g, 2] ** 2)
-            fast += sqrt(twists[g, 3] ** 2 + twists[g, 4] ** 2 + twists[g, 5] ** 2) * points.reach[g]
+            fast = length_of(twists[g, :3]) + length_of(twists[g, 3:]) * points.reach[g]
             h = work.left[e, j]
             ask = _promise(h, work.gain[g], rates) - work.slack[g, j] * dt
             if h - dt * (fast + fastest) >= ask:
                 continue
-            need = rates.clearance + margin[j]
+            need = rates.clearance + sighting.margin[j]
             if e < n_edges:
                 p, q = work.nodes_after[a], work.nodes_after[points.edges[e, 1]]
                 need += points.edge_radius[e]
                 then, share = near_on_edge(work.table_after, j, p, q, ask + need)
-                if then >= ask + need:
-                    continue
                 for axis in range(3):
                     near[axis] = p[axis] + share * (q[axis] - p[axis])
             else:
-                then = near_on_solid(
-                    work.table_after, j, work.nodes_after, points.solids[e - n_edges], ask + need, near
-                )
-                if then >= ask + need:  # then `near` is nowhere
-                    continue
-            then -= need
-            worst = max(worst, (ask - then) / dt)
-            of_solid = e >= n_edges
-            m = _point_row(qp, m, g, center, twists, near, sighting, j, need, then, of_solid)
+                solid = points.solids[e - n_edges]
+                then = near_on_solid(work.table_after, j, work.nodes_after, solid, ask + need, near)
+            if then >= ask + need:  # of a solid, `near` is nowhere then
+                continue
+            worst = max(worst, (ask + need - then) / dt)
+            gaps = need, then - need
+            m = _point_row(qp, m, (g, j), (center, twists), near, sighting, gaps, e >= n_edges)
+    return m, worst
+
+
+@kernel
+def _missing_of_border(qp: QP, m: int, center: Array, x: Array, worst: float) -> tuple[int, float]:
+    """Write the rows of nodes that come too near to the border; return as `missing_rows` does."""
+    points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     for i in range(points.node_group.shape[0]):
         g = points.node_group[i]
         for axis in range(3):
@@ -241,23 +311,14 @@ def missing_rows(
                 need = points.node_radius[i] + rates.clearance
                 h = _border(freedom, work.nodes[i], axis, side) - need
                 then = _border(freedom, work.nodes_after[i], axis, side) - need
-                ask = _promise(h, work.gain[g], rates) - work.slack[g, n_obstacles + 1] * dt
+                ask = _promise(h, work.gain[g], rates)
+                ask -= work.slack[g, work.slack.shape[1] - 1] * rates.period
                 if then >= ask:
                     continue
-                worst = max(worst, (ask - then) / dt)
+                worst = max(worst, (ask - then) / rates.period)
                 m = _border_row(qp, m, g, center, work.nodes[i], axis, side, h)
-                bend = (then - h) / dt - _value(work, m - 1, x)
+                bend = (then - h) / rates.period - _value(work, m - 1, x)
                 work.low[m - 1] += SPARE - min(bend, 0.0)
-    for k in range(freedom.pairs.shape[0]):
-        h, then = _pair_distance(freedom, work.nodes, k), _pair_distance(freedom, work.nodes_after, k)
-        g = points.node_group[freedom.pairs[k, 0]]
-        ask = _promise(h, _pair_gain(qp, k), rates) - work.slack[g, n_obstacles] * dt
-        if then >= ask:
-            continue
-        worst = max(worst, (ask - then) / dt)
-        m = _pair_row(qp, m, k, h)
-        bend = (then - h) / dt - _value(work, m - 1, x)
-        work.low[m - 1] += SPARE - min(bend, 0.0)
     return m, worst
 
 
@@ -336,16 +397,15 @@ def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: tuple[float, f
 def _obstacle_row(
     qp: QP,
     m: int,
-    g: int,
+    pair: tuple[int, int],
     center: Array,
     p: Array,
     normal: tuple[float, float, float],
     sighting: Sighting,
-    j: int,
     h: float,
 ) -> int:
-    """Write the row of the point p against obstacle `j`, h [m] away; return the number of rows."""
-    rates, work = qp.rates, qp.work
+    """Write the row of the point p of a group against an obstacle h [m] away, a `pair`; return the number of rows."""
+    rates, work, (g, j) = qp.rates, qp.work, pair
     nx, ny, nz = normal
     table, velocity, spin, _ = sighting
     _row(qp, m, g, center, p, normal)
@@ -370,28 +430,29 @@ def _inner_row(qp: QP, m: int, center: Array, sighting: Sighting, j: int, e: int
         p[axis] = work.nodes[a, axis] + share * (work.nodes[b, axis] - work.nodes[a, axis])
     h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
     h -= points.edge_radius[e] + rates.clearance + sighting[3][j]
-    return _obstacle_row(qp, m, points.node_group[a], center, p, (nx, ny, nz), sighting, j, h)
+    return _obstacle_row(qp, m, (points.node_group[a], j), center, p, (nx, ny, nz), sighting, h)
 
 
 @kernel
 def _point_row(
     qp: QP,
     m: int,
-    g: int,
-    center: Array,
-    twists: Array,
+    pair: tuple[int, int],
+    moves: tuple[Array, Array],
     after: Array,
     sighting: Sighting,
-    j: int,
-    need: float,
-    then: float,
+    gaps: tuple[float, float],
     of_solid: bool,
 ) -> int:
-    """Write the row of the point that will be at `after` and `then` [m] from obstacle `j` after the step.
+    """Write the row of the point that will be at `after` when the step is over; return the number of rows.
 
-    Returns the number of rows.
+    Parameters
+    ----------
+    pair : numbers of its group and of the obstacle
+    moves : centres and twists of the groups
+    gaps : distance that is kept, and how much more there will be then [m]
     """
-    rates, work = qp.rates, qp.work
+    rates, work, (g, j), (center, twists), (need, then) = qp.rates, qp.work, pair, moves, gaps
     x, p = np.empty(3), np.empty(3)
     for axis in range(3):
         x[axis] = after[axis] - work.center_after[g, axis]
@@ -408,7 +469,7 @@ def _point_row(
     else:
         h, nx, ny, nz = distance_and_gradient(sighting[0], j, p[0], p[1], p[2])
     h -= need
-    m = _obstacle_row(qp, m, g, center, p, (nx, ny, nz), sighting, j, h)
+    m = _obstacle_row(qp, m, pair, center, p, (nx, ny, nz), sighting, h)
     # What the step does beyond its first order, to this point: rounds of turns, the obstacle's turning.
     x[0], x[1], x[2] = p[0] - center[g, 0], p[1] - center[g, 1], p[2] - center[g, 2]
     v = twists[g]

@@ -42,6 +42,7 @@ from comove.verification.bounds import NodeBounds, node_bounds
 from comove.verification.clearance_kernels import (
     Around,
     CurveArrays,
+    MeshWay,
     Need,
     Paths,
     certified_clearance,
@@ -120,8 +121,8 @@ def certify_curve(scene: Scene, curve: CurveArrays, time: Array, paths: Paths) -
     found = certified_clearance(curve, body.edges, body.radii, around)
     if len(body.solids):
         found = certified_solids(curve, body.solids, around, found)
-    lower, upper, k, nearest = found
-    nearest = int(scene.owners[own][nearest]) if nearest >= 0 else nearest
+    if found.nearest >= 0:
+        found = found._replace(nearest=int(scene.owners[own][found.nearest]))
     parts = (body.edges, body.radii), (body.solids, np.zeros(len(body.solids)))
     for mesh, (obstacle, row) in enumerate(zip(scene.surfaces.owner, scene.surfaces.row, strict=True)):
         way = np.zeros(curve.nodes[:, 0].shape), np.zeros(len(curve.deviation))
@@ -129,12 +130,9 @@ def certify_curve(scene: Scene, curve: CurveArrays, time: Array, paths: Paths) -
             way = np.ascontiguousarray(paths.offset[:, row]), np.ascontiguousarray(paths.sagitta[:, row])
         for hulls, radii in parts:
             if len(hulls):
-                before = lower, upper, k
-                lower, met, k = certified_surface(
-                    curve, hulls, radii, way, scene.surfaces, mesh, need, before
-                )
-                nearest = int(obstacle) if met < upper - need.rounding else nearest
-                upper = met
+                moves = MeshWay(scene.surfaces, mesh, int(obstacle), *way)
+                found = certified_surface(curve, hulls, radii, moves, need, found)
+    lower, upper, k, nearest = found
     if body.filled or len(scene.surfaces.root):  # at the start, a body inside may touch no border
         at_start, _ = scene.clearance_at(curve.nodes[0], float(time[0]))
         lower, upper = min(lower, at_start), min(upper, at_start)

@@ -89,10 +89,40 @@ class Around(NamedTuple):
     need: Need
 
 
+class ClearanceFound(NamedTuple):
+    """The state of a certificate.
+
+    Attributes
+    ----------
+    bound : lower bound of the clearance so far [m]
+    met : least clearance found so far [m]
+    knot, nearest : knot at which it was found, and number of the obstacle; -1 for the border
+    """
+
+    bound: float
+    met: float
+    knot: int
+    nearest: int
+
+
+class EdgeSweep(NamedTuple):
+    """An edge from one knot to the next, as seen from an obstacle.
+
+    Attributes
+    ----------
+    ends : array, shape (4, 3): first and second end at the first knot, then at the next [m]
+    length, radius : largest length of the edge, and its radius [m]
+    swell : how far it strays from the surface that its chord sweeps, at most [m]
+    """
+
+    ends: Array
+    length: float
+    radius: float
+    swell: float
+
+
 @kernel
-def certified_clearance(
-    curve: CurveArrays, edges: Numbers, radii: Array, around: Around
-) -> tuple[float, float, int, int]:
+def certified_clearance(curve: CurveArrays, edges: Numbers, radii: Array, around: Around) -> ClearanceFound:
     """Return a certified lower bound of the clearance, the least clearance found, its knot and its obstacle.
 
     Of several obstacles that are equally near, it is the first.
@@ -101,12 +131,41 @@ def certified_clearance(
     ----------
     edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), the body
     """
-    (nodes, deviation), (obstacles, paths, lower, upper, need) = curve, around
-    n_intervals, n_edges, n_obstacles = deviation.shape[0], edges.shape[0], obstacles.shape[0]
-    bound, met, knot, nearest = np.inf, np.inf, 0, -1
-    for e in range(n_edges):
+    (nodes, deviation), (obstacles, paths, _, _, need) = curve, around
+    found = _edges_at_border(curve, edges, radii, around)
+    found = _first_look(nodes, edges, radii, around, found)
+    ends, stack, cells = np.empty((4, 3)), np.empty((STACK, 4)), 0
+    for k in range(deviation.shape[0]):
+        for e in range(edges.shape[0]):
+            m, n = edges[e, 0], edges[e, 1]
+            strays = max(deviation[k, m], deviation[k, n]) + need.rounding
+            _seen_from(nodes, k, m, n, (0.0, 0.0, 0.0), ends[:2])
+            _seen_from(nodes, k + 1, m, n, (0.0, 0.0, 0.0), ends[2:])
+            length = max(_apart(ends[0], ends[1]), _apart(ends[2], ends[3]))
+            move = max(_apart(ends[0], ends[2]), _apart(ends[1], ends[3]))
+            for j in range(obstacles.shape[0]):
+                swell = strays
+                if paths.offset.shape[0] > 0:  # as seen from the obstacle
+                    _seen_from(nodes, k, m, n, _offset(paths, k, j), ends[:2])
+                    _seen_from(nodes, k + 1, m, n, _offset(paths, k + 1, j), ends[2:])
+                    move = max(_apart(ends[0], ends[2]), _apart(ends[1], ends[3]))
+                    swell = strays + paths.sagitta[k, j]
+                x, y, z = _on_surface(ends, 0.5, 0.5)
+                distance = point_distance(obstacles, j, x, y, z) - radii[e]
+                if distance - 0.5 * move - 0.5 * length - swell > found.met:
+                    continue  # far away: most cells
+                sweep = EdgeSweep(ends, length, radii[e], swell)
+                found, cells = _while_swept(around, j, k, sweep, found, stack, cells)
+    return found
+
+
+@kernel
+def _edges_at_border(curve: CurveArrays, edges: Numbers, radii: Array, around: Around) -> ClearanceFound:
+    """Return the bound of the distance of edges from the border of the workspace."""
+    (nodes, deviation), found = curve, ClearanceFound(np.inf, np.inf, 0, -1)
+    n_intervals = deviation.shape[0]
+    for e in range(edges.shape[0]):
         for k in range(n_intervals + 1):
-            swell = radii[e]
             worst = 0.0
             for i in range(2):
                 n = edges[e, i]
@@ -114,102 +173,113 @@ def certified_clearance(
                     worst = max(worst, deviation[k - 1, n])
                 if k < n_intervals:
                     worst = max(worst, deviation[k, n])
-                for axis in range(3):
-                    border = min(nodes[k, n, axis] - lower[axis], upper[axis] - nodes[k, n, axis])
-                    if border - swell < met:
-                        if border - swell < met - need.rounding:
-                            knot, nearest = k, -1
-                        met = border - swell
-                    bound = min(bound, border - swell - worst)
-    # A first look at every fourth knot gives a good upper bound, so that few cells need halving.
-    for k in range(0, n_intervals + 1, 4):
-        for e in range(n_edges):
+                found = _at_border(nodes, k, n, around, radii[e], worst, found)
+    return found
+
+
+@kernel
+def _at_border(
+    nodes: Array, k: int, n: int, around: Around, swell: float, worst: float, found: ClearanceFound
+) -> ClearanceFound:
+    """Return what is found with the distances of a node from the sides of the workspace, less `swell` [m].
+
+    From there the node strays by `worst` at most [m].
+    """
+    for axis in range(3):
+        border = min(nodes[k, n, axis] - around.lower[axis], around.upper[axis] - nodes[k, n, axis])
+        found = _with_distance(found, border - swell, k, -1, around.need)
+        found = _with_bound(found, border - swell - worst)
+    return found
+
+
+@kernel
+def _with_distance(
+    found: ClearanceFound, distance: float, knot: int, nearest: int, need: Need
+) -> ClearanceFound:
+    """Return what is found with one more distance; of those that are equally near but for rounding, the first."""
+    if distance < found.met - need.rounding:
+        return ClearanceFound(found.bound, distance, knot, nearest)
+    return ClearanceFound(found.bound, min(found.met, distance), found.knot, found.nearest)
+
+
+@kernel
+def _with_bound(found: ClearanceFound, bound: float) -> ClearanceFound:
+    """Return what is found where one more part has this bound."""
+    return ClearanceFound(min(found.bound, bound), found.met, found.knot, found.nearest)
+
+
+@kernel
+def _first_look(
+    nodes: Array, edges: Numbers, radii: Array, around: Around, found: ClearanceFound
+) -> ClearanceFound:
+    """Return what is found at every fourth knot: a good upper bound, so that few cells need halving."""
+    obstacles = around.obstacles
+    for k in range(0, nodes.shape[0], 4):
+        for e in range(edges.shape[0]):
             p, q = nodes[k, edges[e, 0]], nodes[k, edges[e, 1]]
-            for j in range(n_obstacles):
-                x, y, z = _offset(paths, k, j)
+            for j in range(obstacles.shape[0]):
+                x, y, z = _offset(around.paths, k, j)
                 for i in range(3):
                     s = 0.5 * i
-                    distance = (
-                        point_distance(
-                            obstacles,
-                            j,
-                            p[0] + s * (q[0] - p[0]) - x,
-                            p[1] + s * (q[1] - p[1]) - y,
-                            p[2] + s * (q[2] - p[2]) - z,
-                        )
-                        - radii[e]
+                    distance = point_distance(
+                        obstacles,
+                        j,
+                        p[0] + s * (q[0] - p[0]) - x,
+                        p[1] + s * (q[1] - p[1]) - y,
+                        p[2] + s * (q[2] - p[2]) - z,
                     )
-                    if distance < met:
-                        if distance < met - need.rounding:
-                            knot, nearest = k, j
-                        met = distance
-    stack, seen = np.empty((STACK, 4)), np.empty((4, 3))
-    cells = 0
-    for k in range(n_intervals):
-        for e in range(n_edges):
-            m, n = edges[e, 0], edges[e, 1]
-            a0, b0, a1, b1 = nodes[k, m], nodes[k, n], nodes[k + 1, m], nodes[k + 1, n]
-            length = max(_apart(a0, b0), _apart(a1, b1))
-            move_a, move_b = _apart(a0, a1), _apart(b0, b1)
-            swell = max(deviation[k, m], deviation[k, n]) + need.rounding
-            for j in range(n_obstacles):
-                if paths.offset.shape[0] > 0:  # as seen from the obstacle
-                    _seen_from(paths, k, j, nodes[k, m], seen[0])
-                    _seen_from(paths, k, j, nodes[k, n], seen[1])
-                    _seen_from(paths, k + 1, j, nodes[k + 1, m], seen[2])
-                    _seen_from(paths, k + 1, j, nodes[k + 1, n], seen[3])
-                    a0, b0, a1, b1 = seen[0], seen[1], seen[2], seen[3]
-                    move_a, move_b = _apart(a0, a1), _apart(b0, b1)
-                    swell = max(deviation[k, m], deviation[k, n]) + paths.sagitta[k, j] + need.rounding
-                x, y, z = _on_surface(a0, b0, a1, b1, 0.5, 0.5)
-                distance = point_distance(obstacles, j, x, y, z) - radii[e]
-                if distance - 0.5 * max(move_a, move_b) - 0.5 * length - swell > met:
-                    continue  # far away: most cells
-                stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 1.0, 0.0, 1.0
-                top = 1
-                while top > 0:
-                    top -= 1
-                    cells += 1
-                    t0, t1, s0, s1 = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
-                    t, s = 0.5 * (t0 + t1), 0.5 * (s0 + s1)
-                    x, y, z = _on_surface(a0, b0, a1, b1, t, s)
-                    distance = point_distance(obstacles, j, x, y, z) - radii[e]
-                    if distance < met:
-                        if distance < met - need.rounding:
-                            knot, nearest = k, j
-                        met = distance
-                    along = distance - 0.5 * (s1 - s0) * length
-                    sweep = 0.5 * (t1 - t0) * max(_move(a0, a1, b0, b1, s0), _move(a0, a1, b0, b1, s1))
-                    enough = met - _slack(met, need)
-                    if along - sweep < enough:
-                        x, y, z = _on_surface(a0, b0, a1, b1, t, s0)
-                        first = point_distance(obstacles, j, x, y, z) - radii[e]
-                        x, y, z = _on_surface(a0, b0, a1, b1, t, s1)
-                        last = point_distance(obstacles, j, x, y, z) - radii[e]
-                        at_end = min(first, last)
-                        if at_end < met:
-                            if at_end < met - need.rounding:
-                                knot, nearest = k, j
-                            met = at_end
-                        along = max(along, min(distance, 2 * distance - first, 2 * distance - last))
-                    if along - sweep >= enough or top + 2 >= STACK or cells > MAX_CELLS:
-                        bound = min(bound, along - sweep - swell)
-                        continue
-                    stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t1, s0, s1
-                    stack[top + 1, 0], stack[top + 1, 1] = t0, t1
-                    stack[top + 1, 2], stack[top + 1, 3] = s0, s1
-                    if sweep > distance - along:
-                        stack[top, 1], stack[top + 1, 0] = t, t
-                    else:
-                        stack[top, 3], stack[top + 1, 2] = s, s
-                    top += 2
-    return bound, met, knot, nearest
+                    found = _with_distance(found, distance - radii[e], k, j, around.need)
+    return found
+
+
+@kernel
+def _while_swept(
+    around: Around, j: int, k: int, sweep: EdgeSweep, found: ClearanceFound, stack: Array, cells: int
+) -> tuple[ClearanceFound, int]:
+    """Bound the clearance from obstacle j while an edge sweeps from knot k to the next, halving cells where needed.
+
+    `stack` is scratch, `cells` the number of cells looked at so far, which is returned as well.
+    """
+    obstacles, need = around.obstacles, around.need
+    ends, length, radius, swell = sweep
+    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 1.0, 0.0, 1.0
+    top = 1
+    while top > 0:
+        top -= 1
+        cells += 1
+        t0, t1, s0, s1 = stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3]
+        t, s = 0.5 * (t0 + t1), 0.5 * (s0 + s1)
+        x, y, z = _on_surface(ends, t, s)
+        distance = point_distance(obstacles, j, x, y, z) - radius
+        found = _with_distance(found, distance, k, j, need)
+        along = distance - 0.5 * (s1 - s0) * length
+        moved = 0.5 * (t1 - t0) * max(_move(ends, s0), _move(ends, s1))
+        enough = found.met - _slack(found.met, need)
+        if along - moved < enough:
+            x, y, z = _on_surface(ends, t, s0)
+            first = point_distance(obstacles, j, x, y, z) - radius
+            x, y, z = _on_surface(ends, t, s1)
+            last = point_distance(obstacles, j, x, y, z) - radius
+            found = _with_distance(found, min(first, last), k, j, need)
+            along = max(along, min(distance, 2 * distance - first, 2 * distance - last))
+        if along - moved >= enough or top + 2 >= STACK or cells > MAX_CELLS:
+            found = _with_bound(found, along - moved - swell)
+            continue
+        stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t1, s0, s1
+        stack[top + 1, 0], stack[top + 1, 1] = t0, t1
+        stack[top + 1, 2], stack[top + 1, 3] = s0, s1
+        if moved > distance - along:
+            stack[top, 1], stack[top + 1, 0] = t, t
+        else:
+            stack[top, 3], stack[top + 1, 2] = s, s
+        top += 2
+    return found, cells
 
 
 @kernel
 def certified_solids(
-    curve: CurveArrays, solids: Numbers, around: Around, found: tuple[float, float, int, int]
-) -> tuple[float, float, int, int]:
+    curve: CurveArrays, solids: Numbers, around: Around, found: ClearanceFound
+) -> ClearanceFound:
     """Return the results of `certified_clearance` for the whole body, solids included.
 
     Parameters
@@ -217,36 +287,16 @@ def certified_solids(
     solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes at their corners
     found : results for the rest of the body
     """
-    (nodes, deviation), (obstacles, paths, lower, upper, need) = curve, around
-    bound, met, knot, nearest = found
-    n_intervals, n_obstacles = deviation.shape[0], obstacles.shape[0]
+    (nodes, deviation), (obstacles, paths, _, _, need) = curve, around
+    bound, met, knot, nearest = _solids_at_first(curve, solids, around, found)
     begin, end, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
     normal, other = np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
-    stack = np.empty((STACK, 2))
-    cells = 0
+    stack, cells = np.empty((STACK, 2)), 0
     for corners in solids:
-        for k in range(n_intervals + 1):
-            for n in corners:
-                worst = max(deviation[max(k - 1, 0), n], deviation[min(k, n_intervals - 1), n])
-                for axis in range(3):
-                    border = min(nodes[k, n, axis] - lower[axis], upper[axis] - nodes[k, n, axis])
-                    if border < met:
-                        if border < met - need.rounding:
-                            knot, nearest = k, -1
-                        met = border
-                    bound = min(bound, border - worst)
-        for k in range(0, n_intervals + 1, 4):
-            for j in range(n_obstacles):
-                _solid_seen_from(paths, k, j, nodes[k], corners, solid)
-                distance = solid_distance(obstacles, j, solid, met, normal)[1]
-                if distance < met:
-                    if distance < met - need.rounding:
-                        knot, nearest = k, j
-                    met = distance
-        for j in range(n_obstacles):
+        for j in range(obstacles.shape[0]):
             _solid_seen_from(paths, 0, j, nodes[0], corners, end)
             solid_distance(obstacles, j, end, np.inf, normal)
-            for k in range(n_intervals):
+            for k in range(deviation.shape[0]):
                 begin, end = end, begin
                 _solid_seen_from(paths, k + 1, j, nodes[k + 1], corners, end)
                 swell = need.rounding
@@ -283,62 +333,77 @@ def certified_solids(
                             top += 2
                             continue
                     bound = min(bound, clear - swell)
-    return bound, met, knot, nearest
+    return ClearanceFound(bound, met, knot, nearest)
+
+
+@kernel
+def _solids_at_first(
+    curve: CurveArrays, solids: Numbers, around: Around, found: ClearanceFound
+) -> ClearanceFound:
+    """Return what is found of the corners of solids at the border, and of solids at every fourth knot."""
+    nodes, deviation = curve
+    solid, normal, n_intervals = empty_solid(solids), np.array([1.0, 0.0, 0.0]), deviation.shape[0]
+    for corners in solids:
+        for k in range(n_intervals + 1):
+            for n in corners:
+                worst = max(deviation[max(k - 1, 0), n], deviation[min(k, n_intervals - 1), n])
+                found = _at_border(nodes, k, n, around, 0.0, worst, found)
+        for k in range(0, n_intervals + 1, 4):
+            for j in range(around.obstacles.shape[0]):
+                _solid_seen_from(around.paths, k, j, nodes[k], corners, solid)
+                distance = solid_distance(around.obstacles, j, solid, found.met, normal)[1]
+                found = _with_distance(found, distance, k, j, around.need)
+    return found
+
+
+class MeshWay(NamedTuple):
+    """A mesh that moves.
+
+    Attributes
+    ----------
+    surfaces, mesh : the scene's meshes, and the number of the mesh among them
+    obstacle : number of the obstacle that it is
+    offset, sagitta : arrays, shapes (n_knots, 3) and (n_knots - 1,), its motion, as in `Paths` [m]
+    """
+
+    surfaces: Surfaces
+    mesh: int
+    obstacle: int
+    offset: Array
+    sagitta: Array
 
 
 @kernel
 def certified_surface(
-    curve: CurveArrays,
-    hulls: Numbers,
-    radii: Array,
-    way: tuple[Array, Array],
-    surfaces: Surfaces,
-    mesh: int,
-    need: Need,
-    found: tuple[float, float, int],
-) -> tuple[float, float, int]:
-    """Return the lower bound, the least clearance found and its knot for the whole body and one more mesh.
+    curve: CurveArrays, hulls: Numbers, radii: Array, way: MeshWay, need: Need, found: ClearanceFound
+) -> ClearanceFound:
+    """Return the lower bound and the least clearance for the whole body and one more mesh.
 
     Parameters
     ----------
     hulls : array of int, shape (n_hulls, n), nodes of every convex part of the body
     radii : array, shape (n_hulls,), radii by which the parts are thickened [m]
-    way : arrays, shapes (n_knots, 3) and (n_knots - 1,), motion of the mesh, as in `Paths` [m]
-    surfaces, mesh : the scene's meshes, and the number of the mesh among them
     found : results for the obstacles before
     """
-    (nodes, deviation), (offset, sagitta), (bound, met, knot) = curve, way, found
-    n_intervals, n_points = deviation.shape[0], hulls.shape[1]
+    (nodes, _), (surfaces, mesh, obstacle, offset, _), n_points = curve, way, hulls.shape[1]
+    bound, met, knot, who = _hulls_at_first(curve, hulls, radii, way, need, found)
     begin, end, middle = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((n_points, 3))
     normal, other, scratch = np.array([1.0, 0.0, 0.0]), np.empty(3), np.empty((3, 4, 3))
-    low, high = np.empty(3), np.empty(3)
-    boxes, parts, cells = np.empty(DEPTH, dtype=np.int64), np.empty((STACK, 2)), 0
+    box_of_both, boxes, parts = np.empty((2, 3)), np.empty(DEPTH, dtype=np.int64), np.empty((STACK, 2))
+    cells = 0
     for h in range(hulls.shape[0]):
-        for k in range(0, n_intervals + 1, 4):  # a first look
-            _hull_seen_from(nodes[k], hulls[h], offset[k], begin)
-            distance = surface_distance(surfaces, mesh, begin, met + radii[h]) - radii[h]
-            if distance < met:
-                if distance < met - need.rounding:
-                    knot = k
-                met = distance
         _hull_seen_from(nodes[0], hulls[h], offset[0], end)
-        for k in range(n_intervals):
+        for k in range(nodes.shape[0] - 1):
             begin, end = end, begin
             _hull_seen_from(nodes[k + 1], hulls[h], offset[k + 1], end)
-            swell = radii[h] + sagitta[k] + surfaces.slack[mesh] + need.rounding
-            worst = 0.0
-            for node in hulls[h]:
-                worst = max(worst, deviation[k, node])
-            swell += worst
-            for axis in range(3):
-                low[axis] = min(begin[:, axis].min(), end[:, axis].min())
-                high[axis] = max(begin[:, axis].max(), end[:, axis].max())
+            swell = radii[h] + _swell(curve, hulls[h], way, k) + need.rounding
+            _span_box(begin, end, box_of_both)
             boxes[0], top = surfaces.root[mesh], 1
             while top > 0:
                 top -= 1
                 box = boxes[top]
                 enough = met - _slack(met, need) + radii[h]
-                clear = box_distance(surfaces, box, low, high)
+                clear = box_distance(surfaces, box, box_of_both[0], box_of_both[1])
                 if clear < enough:
                     clear = max(clear, box_gap(surfaces, box, begin, end, normal))
                 if clear >= enough:
@@ -362,13 +427,13 @@ def certified_surface(
                             _between(begin, end, t, middle)
                             other[:] = normal
                             at_middle, distance = nearest(triangle, middle, other, scratch)
-                            if distance == 0.0:  # they cut each other: about how deep
-                                distance = at_middle
-                            if distance - radii[h] < met:
-                                if distance - radii[h] < met - need.rounding:
-                                    knot = k
-                                met = distance - radii[h]
-                                slack = _slack(met, need)
+                            distance = (distance if distance > 0.0 else at_middle) - radii[
+                                h
+                            ]  # about how deep they cut
+                            if distance < met - need.rounding:
+                                knot, who = k, obstacle
+                            met = min(met, distance)
+                            slack = _slack(met, need)
                             anew = _hull_gap(triangle, begin, end, t0, t1, middle, other)
                             if anew > clear:
                                 clear = anew
@@ -383,7 +448,38 @@ def certified_surface(
                                 n_parts += 2
                                 continue
                         bound = min(bound, clear - swell)
-    return min(bound, met), met, knot
+    return ClearanceFound(min(bound, met), met, knot, who)
+
+
+@kernel
+def _hulls_at_first(
+    curve: CurveArrays, hulls: Numbers, radii: Array, way: MeshWay, need: Need, found: ClearanceFound
+) -> ClearanceFound:
+    """Return what is found of hulls at every fourth knot."""
+    hull = np.empty((hulls.shape[1], 3))
+    for h in range(hulls.shape[0]):
+        for k in range(0, curve.nodes.shape[0], 4):
+            _hull_seen_from(curve.nodes[k], hulls[h], way.offset[k], hull)
+            distance = surface_distance(way.surfaces, way.mesh, hull, found.met + radii[h]) - radii[h]
+            found = _with_distance(found, distance, k, way.obstacle, need)
+    return found
+
+
+@kernel
+def _swell(curve: CurveArrays, hull: Numbers, way: MeshWay, k: int) -> float:
+    """Return how far a hull and a mesh stray from their chords after knot k, and how inexact the mesh is [m]."""
+    worst = 0.0
+    for node in hull:
+        worst = max(worst, curve.deviation[k, node])
+    return worst + way.sagitta[k] + way.surfaces.slack[way.mesh]
+
+
+@kernel
+def _span_box(begin: Array, end: Array, out: Array) -> None:
+    """Write the lower and upper corner of the axis-parallel box about two hulls; array, shape (2, 3) [m]."""
+    for axis in range(3):
+        out[0, axis] = min(begin[:, axis].min(), end[:, axis].min())
+        out[1, axis] = max(begin[:, axis].max(), end[:, axis].max())
 
 
 @kernel
@@ -417,10 +513,11 @@ def _offset(paths: Paths, k: int, j: int) -> tuple[float, float, float]:
 
 
 @kernel
-def _seen_from(paths: Paths, k: int, j: int, point: Array, out: Array) -> None:
-    """Write in `out` a point at knot k in the frame of obstacle j, which has moved."""
+def _seen_from(nodes: Array, k: int, m: int, n: int, offset: tuple[float, float, float], out: Array) -> None:
+    """Write in `out` two nodes at knot k in the frame of an obstacle that has moved by `offset` [m]."""
     for axis in range(3):
-        out[axis] = point[axis] - paths.offset[k, j, axis]
+        out[0, axis] = nodes[k, m, axis] - offset[axis]
+        out[1, axis] = nodes[k, n, axis] - offset[axis]
 
 
 @kernel
@@ -476,20 +573,20 @@ def _apart(p: Array, q: Array) -> float:
 
 
 @kernel
-def _on_surface(a0: Array, b0: Array, a1: Array, b1: Array, t: float, s: float) -> tuple[float, float, float]:
-    """Return the point (t, s) of the surface that the edge's chord sweeps."""
+def _on_surface(ends: Array, t: float, s: float) -> tuple[float, float, float]:
+    """Return the point (t, s) of the surface that the edge's chord sweeps; `ends` as in `EdgeSweep`."""
     f, g, h, i = (1 - t) * (1 - s), (1 - t) * s, t * (1 - s), t * s
     return (
-        f * a0[0] + g * b0[0] + h * a1[0] + i * b1[0],
-        f * a0[1] + g * b0[1] + h * a1[1] + i * b1[1],
-        f * a0[2] + g * b0[2] + h * a1[2] + i * b1[2],
+        f * ends[0, 0] + g * ends[1, 0] + h * ends[2, 0] + i * ends[3, 0],
+        f * ends[0, 1] + g * ends[1, 1] + h * ends[2, 1] + i * ends[3, 1],
+        f * ends[0, 2] + g * ends[1, 2] + h * ends[2, 2] + i * ends[3, 2],
     )
 
 
 @kernel
-def _move(a0: Array, a1: Array, b0: Array, b1: Array, s: float) -> float:
+def _move(ends: Array, s: float) -> float:
     """Return the distance that the point s of the edge moves along its chord."""
-    x = (1 - s) * (a1[0] - a0[0]) + s * (b1[0] - b0[0])
-    y = (1 - s) * (a1[1] - a0[1]) + s * (b1[1] - b0[1])
-    z = (1 - s) * (a1[2] - a0[2]) + s * (b1[2] - b0[2])
+    x = (1 - s) * (ends[2, 0] - ends[0, 0]) + s * (ends[3, 0] - ends[1, 0])
+    y = (1 - s) * (ends[2, 1] - ends[0, 1]) + s * (ends[3, 1] - ends[1, 1])
+    z = (1 - s) * (ends[2, 2] - ends[0, 2]) + s * (ends[3, 2] - ends[1, 2])
     return sqrt(x * x + y * y + z * z)
