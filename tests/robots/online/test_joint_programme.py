@@ -91,15 +91,19 @@ def test_a_joint_brakes_before_its_limit():
         assert (low <= high).all()
 
 
-def test_a_link_gives_way_to_what_comes():
-    programme, carrier, q, poses = ready()
+def beside_the_elbow():
+    """The centre of a ball, 3 cm from an elbow [m]."""
+    _, carrier, q, _ = ready()
     start, end = carrier.arms.links.start.copy(), carrier.arms.links.end.copy()
     place_links(carrier.arms.chains, carrier.arms.links, q, start, end)
     elbow = int(np.flatnonzero(carrier.arms.links.joint == 3)[0])
     thick = carrier.arms.links.radius[elbow]
     middle = 0.5 * (start[elbow] + end[elbow])
-    ball = tuple((middle + [0.0, thick + 0.05 + 0.03, 0.0]).round(4).tolist())
-    programme, carrier, q, poses = ready(ball)
+    return tuple((middle + [0.0, thick + 0.05 + 0.03, 0.0]).round(4).tolist())
+
+
+def test_a_link_gives_way_to_what_comes():
+    programme, carrier, q, poses = ready(beside_the_elbow())
     seen = Sighting.still(carrier.scene)
     fast = seen._replace(velocity=np.array([[0.0, 0.0, 0.0], [0.0, -0.4, 0.0]]))
     free, _ = asked(programme, carrier, q, poses, wanted=[0.0, 0.0, 0.0], seen=seen)
@@ -125,3 +129,24 @@ def test_loads_of_several_bodies_are_refused():
     }
     with pytest.raises(SceneError, match="one rigid load"):
         JointProgramme(Scene.from_dict(data), carrier.arms, carrier.grasp, PERIOD)
+
+
+def test_what_was_asked_before_changes_nothing():
+    """Obstacles that are known exactly and badly, in turn, and steps with more rows and with fewer."""
+    used, carrier, q, poses = ready(beside_the_elbow())
+    known = Sighting.still(carrier.scene)
+    unsure = known._replace(margin=np.array([0.0, 0.03]))
+    comes = unsure._replace(velocity=np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
+    for seen in (known, unsure, comes, known, comes, unsure):
+        new = JointProgramme(carrier.scene, carrier.arms, carrier.grasp, PERIOD)
+        answers = [
+            asked(programme, carrier, q, poses, wanted=[0.0, 0.4, -0.2], seen=seen)
+            for programme in (used, new)
+        ]
+        (allowed, rates), (expected, expected_rates) = answers
+        np.testing.assert_array_equal(rates, expected_rates)
+        np.testing.assert_array_equal(allowed.twists, expected.twists)
+        assert allowed.relaxed == expected.relaxed
+        for mine, theirs in zip(used._asked, new._asked, strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+        assert used._whole.rows.shape == new._whole.rows.shape  # there is as much room

@@ -289,7 +289,7 @@ class JointExecutor:
         """Return the share of the plan's pace at which it goes on: 1 where arms come along, 0 where it waits."""
         how = self.settings
         left = min(1.0 - behind / how.behind, 2.0 * (1.0 - lag / how.lag))
-        return float(np.clip(left, 0.0, 1.0))
+        return min(max(left, 0.0), 1.0)
 
     def _note(self, relaxed: float, blocking: int) -> None:
         self.log.relaxed = max(self.log.relaxed, relaxed)

@@ -109,7 +109,7 @@ class JointProgramme(TwistProgramme):
         self.arms, self.grasp = arms, grasp
         everything = np.full(len(scene.obstacles), arms.around.clearance)
         self.needs = LinkNeeds(everything, arms.around.clearance, self.joint_settings.near)
-        self.rates = np.zeros(len(arms.chains.lower))
+        self.rates, self._room = np.zeros(len(arms.chains.lower)), (-1, -1)
 
     def follow(self, joints: Array, nodes: Array) -> None:
         """Ask for no more clearance among what stands than a verified motion has by the capsules of its links.
@@ -147,7 +147,9 @@ class JointProgramme(TwistProgramme):
         n, n_joints, n_hands = len(work.linear), len(joints.position), self._hands[0]
         jacobians, hands = np.empty((n_hands, 6, n_joints)), np.empty((n_hands, 3))
         hand_jacobians(arms, joints.position, jacobians, hands)
-        links = empty_rows(arms, len(sighting.margin), n)
+        if (len(sighting.margin), len(work.low)) != self._room:
+            self._make_room(len(sighting.margin))
+        links, whole, weight = self._links, self._whole, self.joint_settings.weight
         nodes, (least, largest) = nodes_of(self.scene, poses), self._joint_bounds(joints)
         count = link_rows(
             arms,
@@ -159,29 +161,37 @@ class JointProgramme(TwistProgramme):
             (self.needs, self._rates),
             links,
         )
-        *of_joints, last = (count + k * n_joints for k in range(3))
-        self._n_own = last + 6 * n_hands
-        size, weight = self._n_own + len(work.low), self.joint_settings.weight
-        whole = self._whole = Assembled(
-            np.diag(np.full(n + n_joints, weight)),
-            np.concatenate([work.linear, -weight * joints.wanted]),
-            np.zeros((size, n + n_joints)),
-            np.zeros(size),
-            np.full(size, ENDLESS),
-            np.zeros(size, dtype=np.int32),
-            np.full(size, LIMIT),
-            np.zeros(size, dtype=np.int64),
-        )
-        whole.quadratic[:n, :n] = work.quadratic
+        whole.quadratic[:n, :n], whole.linear[:n] = work.quadratic, work.linear
+        whole.linear[n:] = -weight * joints.wanted
+        whole.high[:], whole.sense[:], whole.owner[:], whole.body[:] = ENDLESS, 0, LIMIT, 0
         whole.rows[:count], whole.low[:count] = links.rows[:count], links.low[:count]
         whole.owner[:count] = links.owner[:count]
-        for first, sign, low in zip(of_joints, (1.0, -1.0), (least, -largest), strict=True):
-            whole.rows[range(first, first + n_joints), range(n, n + n_joints)] = sign
-            whole.low[first : first + n_joints] = low
+        last = count + 2 * n_joints
+        whole.rows[count:last] = self._own_limits
+        whole.low[count : count + n_joints], whole.low[count + n_joints : last] = least, -largest
+        self._n_own = last + 6 * n_hands
         hold = slice(last, self._n_own)
         whole.rows[hold] = self._hold(jacobians, nodes)
-        whole.high[hold], whole.sense[hold] = 0.0, EQUAL
+        whole.low[hold], whole.high[hold], whole.sense[hold] = 0.0, 0.0, EQUAL
         self._looked = True
+
+    def _make_room(self, n_obstacles: int) -> None:
+        """Allocate the arrays for that many obstacles."""
+        n, n_joints = len(self._work.linear), len(self.rates)
+        self._room, self._links = (n_obstacles, len(self._work.low)), empty_rows(self.arms, n_obstacles, n)
+        ones = np.hstack([np.zeros((n_joints, n)), np.eye(n_joints)])
+        self._own_limits = np.concatenate([ones, -ones])
+        size = len(self._links.low) + 2 * n_joints + 6 * self._hands[0] + len(self._work.low)
+        self._whole = Assembled(
+            np.diag(np.full(n + n_joints, self.joint_settings.weight)),
+            np.zeros(n + n_joints),
+            np.zeros((size, n + n_joints)),
+            np.zeros(size),
+            np.zeros(size),
+            np.zeros(size, dtype=np.int32),
+            np.zeros(size, dtype=np.int64),
+            np.zeros(size, dtype=np.int64),
+        )
 
     def _joint_bounds(self, joints: JointState) -> tuple[Array, Array]:
         """Return the least and the largest rates; arrays, shape (n_joints,) [rad/s]."""
@@ -206,7 +216,8 @@ class JointProgramme(TwistProgramme):
         if not self._looked:
             self._look()
         work, whole, first, last = self._work, self._whole, self._n_own, self._n_own + m
-        whole.rows[first:last, : len(work.linear)] = work.rows[:m]
+        n = len(work.linear)
+        whole.rows[first:last, :n], whole.rows[first:last, n:] = work.rows[:m], 0.0
         whole.low[first:last] = work.low[:m]
         whole.owner[first:last], whole.body[first:last] = work.owner[:m], work.body[:m]
         return Assembled(
