@@ -133,7 +133,12 @@ def test_loads_of_several_bodies_are_refused():
 
 def test_what_was_asked_before_changes_nothing():
     """Obstacles that are known exactly and badly, in turn, and steps with more rows and with fewer."""
-    used, carrier, q, poses = ready(beside_the_elbow())
+    _, _, q, poses = ready(beside_the_elbow())
+    data = scene_data(
+        obstacles=(TABLE, {"shape": "sphere", "center": list(beside_the_elbow()), "radius": 0.05})
+    )
+    carrier = RobotCarrier(robot("baxter"), Scene.from_dict({**data, "limits": {"speed": 0.2}}))
+    used = JointProgramme(carrier.scene, carrier.arms, carrier.grasp, PERIOD)
     known = Sighting.still(carrier.scene)
     unsure = known._replace(margin=np.array([0.0, 0.03]))
     comes = unsure._replace(velocity=np.array([[0.0, 0.0, 0.0], [0.0, -1.0, 0.0]]))
