@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -15,6 +16,7 @@ from comove.geometry.distances import CENTER
 from comove.geometry.solids import N_CORNERS
 from comove.scenes.scene import Scene
 from comove.verification.record import Record
+from comove.views.films import Mover, write_gif
 from comove.views.motion import draw_frame, draw_legend, views_of
 from comove.views.shapes import hull_outline, outline
 from comove.views.style import COLOURS, GOAL, MOVING, draw_way, new_figure
@@ -23,6 +25,7 @@ Array = NDArray[np.float64]
 
 N_STATES, FRAME_RATE, MAX_FRAMES = 13, 15, 240
 TRAIL = 1.0  # s, of the way that an animation shows behind the hands
+FILM_DPI = 70
 
 
 def draw_run(record: Record, title: str | None = None) -> Figure:
@@ -33,9 +36,10 @@ def draw_run(record: Record, title: str | None = None) -> Figure:
         axes = figure.add_subplot(1, len(views), i + 1)
         axes.set_title(title or scene.name)
         draw_frame(axes, scene, view)
+        draw_standing(axes, scene, view)
         for k, step in enumerate(np.linspace(0, len(record.time) - 1, N_STATES).astype(int)):
             share = (k + 1) / N_STATES
-            _draw_obstacles(axes, scene, record.obstacles[step], view, 0.1 + 0.35 * share, still=k == 0)
+            _draw_obstacles(axes, scene, record.obstacles[step], view, 0.1 + 0.35 * share)
             _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
         for hand, name in enumerate(scene.manipulators):
             draw_way(axes, record.nodes[:, hand][:, list(view)], scene.goal[hand][list(view)], hand, name)
@@ -47,46 +51,102 @@ def animate_run(record: Record, path: Path) -> None:
     """Write an execution as an animated GIF in real time, or faster where it is long."""
     scene, views = record.scene, views_of(record.scene)
     n_frames = int(np.clip(record.time[-1] * FRAME_RATE, 2, MAX_FRAMES))
-    steps = np.linspace(0, len(record.time) - 1, n_frames).astype(int)
-    trail = int(TRAIL / max(record.time[1] - record.time[0], 1e-9))
     figure = new_figure(4.4 * len(views) + 0.2, 4.8)
-    panels = [figure.add_subplot(1, len(views), i + 1) for i in range(len(views))]
-
-    def frame(step: int) -> None:
-        for axes, view in zip(panels, views, strict=True):
-            axes.clear()
-            axes.set_title(f"{scene.name}, {record.time[step]:.1f} s")
-            draw_frame(axes, scene, view)
-            _draw_obstacles(axes, scene, record.obstacles[step], view, 0.6, still=True)
-            _draw_load(axes, scene, record.nodes[step][:, list(view)], 1.0)
-            for hand in range(len(scene.manipulators)):
-                colour = COLOURS[hand % len(COLOURS)]
-                way = record.nodes[max(0, step - trail) : step + 1, hand][:, list(view)]
-                axes.plot(*way.T, color=colour, linewidth=1.4)
-                axes.plot(*way[-1], "o", color=colour, markersize=5)
-                axes.plot(*scene.goal[hand][list(view)], "s", color=GOAL, markersize=6, alpha=0.6)
-
-    animation = FuncAnimation(figure, frame, frames=steps.tolist())
-    animation.save(path, writer=PillowWriter(fps=FRAME_RATE), dpi=70)
+    movers: list[Mover] = []
+    for i, view in enumerate(views):
+        axes = figure.add_subplot(1, len(views), i + 1)
+        draw_frame(axes, scene, view)
+        draw_standing(axes, scene, view)
+        for hand in range(len(scene.manipulators)):
+            place = scene.goal[hand][list(view)]
+            axes.plot(*place, "s", color=GOAL, markersize=6, alpha=0.6)
+        movers += [moving_scene(axes, record, view, trail=TRAIL), _moving_title(axes, record)]
+    shown = np.linspace(0.0, min(record.time[-1], n_frames / FRAME_RATE), n_frames + 1)
+    durations = 10 * np.diff(np.round(100 * shown).astype(int))  # ms; a GIF counts in hundredths of a second
+    times = np.linspace(0.0, record.time[-1], n_frames)
+    write_gif(figure, movers, times, path, durations.tolist(), FILM_DPI)
 
 
-def _draw_obstacles(
-    axes: Axes, scene: Scene, centers: Array, view: tuple[int, int], alpha: float, still: bool
-) -> None:
+def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
+    """Draw the obstacles that do not move."""
+    alpha = 1.0 if scene.n_dims == 2 else 0.35
+    for row in scene.obstacles[~scene.moving[scene.owners]]:
+        axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=alpha)
+
+
+def moving_scene(
+    axes: Axes,
+    record: Record,
+    view: tuple[int, int],
+    *,
+    trail: float,
+    tone: Callable[[int], str] = lambda step: "0.1",
+) -> Mover:
+    """Return what draws obstacles that move, the load, the hands and the last part of their ways.
+
+    Parameters
+    ----------
+    trail : how much of the ways is drawn [s]
+    tone : colour of the load by the step
+    """
+    scene, (last, period) = record.scene, (len(record.time) - 1, record.time[1] - record.time[0])
+    moving = scene.moving[scene.owners]
+    rows, owners = scene.obstacles[moving], scene.owners[moving]
+    around = [outline(row, view) - row[CENTER : CENTER + 3][list(view)] for row in rows]
+    alpha = 0.6 * (1.0 if scene.n_dims == 2 else 0.35)
+    fills = [
+        axes.fill([0], [0], facecolor=MOVING, edgecolor="0.25", linewidth=0.6, alpha=alpha)[0] for _ in rows
+    ]
+    colours = [COLOURS[hand % len(COLOURS)] for hand in range(len(scene.manipulators))]
+    ways = [axes.plot([], [], color=colour, linewidth=1.4)[0] for colour in colours]
+    hands = [axes.plot([], [], "o", color=colour, markersize=5)[0] for colour in colours]
+    load = LineCollection([], linewidths=1.6, zorder=3)
+    axes.add_collection(load)
+    artists: list[Artist] = [*fills, *ways, load, *hands]
+    for artist in artists:
+        artist.set_animated(True)
+
+    def move(time: float) -> list[Artist]:
+        step = min(last, round(time / period))
+        centers = record.obstacles[step][owners]
+        for fill, border, center in zip(fills, around, centers, strict=True):
+            fill.set_xy(border + center[list(view)])
+        first, nodes = max(0, step - round(trail / period)), record.nodes[:, :, list(view)]
+        for k, (way, hand) in enumerate(zip(ways, hands, strict=True)):
+            way.set_data(*nodes[first : step + 1, k].T)
+            hand.set_data(*nodes[step : step + 1, k].T)
+        load.set_segments(load_lines(scene, nodes[step]))
+        load.set_color(tone(step))
+        return artists
+
+    return move
+
+
+def _moving_title(axes: Axes, record: Record) -> Mover:
+    """Return what tells the time."""
+
+    def told(time: float) -> str:
+        return f"{record.scene.name}, {time:.1f} s"
+
+    title = axes.set_title(told(record.time[-1]))  # which room is left for
+    title.set_animated(True)
+
+    def move(time: float) -> list[Artist]:
+        title.set_text(told(time))
+        return [title]
+
+    return move
+
+
+def _draw_obstacles(axes: Axes, scene: Scene, centers: Array, view: tuple[int, int], alpha: float) -> None:
+    """Draw the obstacles that move, where their centres are."""
     solid = 1.0 if scene.n_dims == 2 else 0.35
-    owners = scene.owners
-    for row, center, moves in zip(scene.obstacles, centers[owners], scene.moving[owners], strict=True):
-        if not moves and not still:
-            continue
+    moves = scene.moving[scene.owners]
+    for row, center in zip(scene.obstacles[moves], centers[scene.owners[moves]], strict=True):
         row = row.copy()
         row[CENTER : CENTER + 3] = center
-        colour = MOVING if moves else "0.62"
         axes.fill(
-            *outline(row, view).T,
-            facecolor=colour,
-            edgecolor="0.25",
-            linewidth=0.6,
-            alpha=solid * (alpha if moves else 1.0),
+            *outline(row, view).T, facecolor=MOVING, edgecolor="0.25", linewidth=0.6, alpha=solid * alpha
         )
 
 

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
-from PIL import Image
 
 from comove.experiments.modulation.comparison import Compared
 from comove.geometry.distances import CENTER
-from comove.scenes.scene import Scene
+from comove.views.films import Mover, write_gif
 from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, views_of
-from comove.views.run import load_lines
+from comove.views.run import draw_standing, load_lines, moving_scene
 from comove.views.shapes import outline
 from comove.views.style import COLOURS, MOVING, new_figure
 
@@ -35,7 +34,7 @@ TITLES = {
     "motions known": "comove, motions known",
 }
 N_STATES = 11
-FRAME_RATE, MAX_FRAMES, N_TONES = 8, 64, 64  # of the animation: frames a second, frames, colours
+FRAME_RATE, MAX_FRAMES = 8, 64  # of the animation: frames a second, frames
 TRAIL = 1.5  # s, of the way that an animation shows behind the hands
 PAUSE = 1.0  # s, on the last frame
 DPI = 88  # of the animation
@@ -51,7 +50,7 @@ def draw_comparison(compared: Sequence[Compared]) -> Figure:
         record, scene = one.record, one.record.scene
         steps = np.linspace(0, len(record.time) - 1, N_STATES).astype(int)
         for axes, view in zip(column, views_of(scene), strict=False):
-            _draw_standing(axes, scene, view)
+            draw_standing(axes, scene, view)
             for k, step in enumerate(steps):
                 share = (k + 1) / N_STATES
                 for i in np.flatnonzero(scene.moving[scene.owners]):
@@ -81,33 +80,20 @@ def animate_comparison(compared: Sequence[Compared], path: Path) -> None:
     """Write the comparison as an animated GIF, in real time or faster where it is long."""
     figure, panels = _layout(compared, 2.0)
     last = _shown(compared)
-    draws: list[Callable[[float], list[Artist]]] = []
+    movers: list[Mover] = []
     for one, column in zip(compared, panels, strict=True):
         for axes, view in zip(column, views_of(one.record.scene), strict=False):
-            _draw_standing(axes, one.record.scene, view)
-            draws.append(_animated_scene(axes, one, view))
+            draw_standing(axes, one.record.scene, view)
+            movers.append(moving_scene(axes, one.record, view, trail=TRAIL, tone=partial(_tone, one)))
         for axes, values, colour in (
             (column[-2], one.distance_errors, OFF),
             (column[-1], one.clearances, COLOURS[1]),
         ):
-            draws.append(_animated_line(axes, one.record.time, MILLI * values, colour))
+            movers.append(_moving_line(axes, one.record.time, MILLI * values, colour))
     n_frames = int(np.clip(last * FRAME_RATE, 2, MAX_FRAMES))
-    figure.set_dpi(DPI)
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    background, images = canvas.copy_from_bbox(figure.bbox), []
-    for time in np.linspace(0.0, last, n_frames):
-        canvas.restore_region(background)
-        for draw in draws:
-            for artist in draw(float(time)):
-                artist.axes.draw_artist(artist)  # type: ignore[union-attr]  # all have axes
-        images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy()))
-    # One palette for all frames: what does not change costs nothing.
-    tones = images[n_frames // 2].quantize(N_TONES, dither=Image.Dither.NONE)
-    frames = [image.quantize(palette=tones, dither=Image.Dither.NONE) for image in images]
     each = round(1000 * max(last, 1.0) / n_frames) if n_frames < MAX_FRAMES else round(1000 / FRAME_RATE)
     durations = [each] * (n_frames - 1) + [each + round(1000 * PAUSE)]
-    frames[0].save(path, save_all=True, append_images=frames[1:], duration=durations, loop=0, optimize=True)
+    write_gif(figure, movers, np.linspace(0.0, last, n_frames), path, durations, DPI)
 
 
 def _layout(compared: Sequence[Compared], width: float) -> tuple[Figure, list[list[Axes]]]:
@@ -215,49 +201,13 @@ def _number(axes: Axes, step: int, place: Array, colour: str = FINE) -> None:
         )
 
 
-def _draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    alpha = 1.0 if scene.n_dims == 2 else 0.35
-    for row in scene.obstacles[~scene.moving[scene.owners]]:
-        axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=alpha)
-
-
-def _animated_scene(axes: Axes, one: Compared, view: tuple[int, int]) -> Callable[[float], list[Artist]]:
-    """Return the function that draws obstacles, load and the last part of the hands' paths at an instant [s]."""
-    record, scene = one.record, one.record.scene
-    step_of = len(record.time) - 1, record.time[1]
-    moving = scene.moving[scene.owners]
-    rows, owners = scene.obstacles[moving], scene.owners[moving]
-    around = [outline(row, view) - row[CENTER : CENTER + 3][list(view)] for row in rows]
-    fills = [axes.fill([0], [0], facecolor=MOVING, edgecolor="0.25", alpha=0.6)[0] for _ in rows]
-    ways = [axes.plot([], [], color=COLOURS[i % len(COLOURS)])[0] for i in range(len(scene.manipulators))]
-    load = LineCollection([], linewidths=2.0, zorder=3)
-    axes.add_collection(load)
-    artists: list[Artist] = [*fills, *ways, load]
-    for artist in artists:
-        artist.set_animated(True)
-
-    def draw(time: float) -> list[Artist]:
-        step = min(step_of[0], round(time / step_of[1]))
-        centers = rows[:, CENTER : CENTER + 3] + scene.offsets(np.array([time]))[0, owners]
-        for fill, border, center in zip(fills, around, centers, strict=True):
-            fill.set_xy(border + center[list(view)])
-        first = max(0, step - round(TRAIL / step_of[1]))
-        for hand, way in enumerate(ways):
-            way.set_data(*record.nodes[first : step + 1, hand][:, list(view)].T)
-        load.set_segments(load_lines(scene, record.nodes[step][:, list(view)]))
-        load.set_color(_tone(one, step))
-        return artists
-
-    return draw
-
-
-def _animated_line(axes: Axes, time: Array, values: Array, colour: str) -> Callable[[float], list[Artist]]:
-    """Return the function that draws a curve up to an instant [s]."""
+def _moving_line(axes: Axes, time: Array, values: Array, colour: str) -> Mover:
+    """Return what draws a curve up to an instant [s]."""
     (line,) = axes.plot([], [], color=colour, linewidth=1.4, animated=True)
 
-    def draw(until: float) -> list[Artist]:
+    def move(until: float) -> list[Artist]:
         n = int(np.searchsorted(time, until + 1e-9))
         line.set_data(time[:n], values[:n])
         return [line]
 
-    return draw
+    return move

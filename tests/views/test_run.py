@@ -1,0 +1,67 @@
+"""Films of executions: they last as long as these, and show where things are, found by their colours."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from comove.execution import Executor
+from comove.scenes import Scene
+from comove.views.run import MAX_FRAMES, animate_run
+from comove.views.style import COLOURS, MOVING
+
+DRIFTS = {"shape": "circle", "center": [0.5, 0.8], "radius": 0.08, "motion": {"velocity": [0.0, -0.05]}}
+
+
+@pytest.fixture(scope="module")
+def record():
+    data = {
+        "name": "drifting",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "obstacles": [DRIFTS],
+        "load": {"shape": "bar", "length": 0.1},
+        "manipulators": [
+            {"name": "low", "start": [0.2, 0.2], "goal": [0.7, 0.2]},
+            {"name": "high", "start": [0.2, 0.3], "goal": [0.7, 0.3]},
+        ],
+        "limits": {"speed": 1.0},
+    }
+    return Executor(Scene.from_dict(data), seed=0).run(10.0)
+
+
+def frames_of(path):
+    """Pictures, (n, height, width, 3), and how long each is shown [ms]."""
+    with Image.open(path) as film:
+        frames, shown = [], []
+        for k in range(film.n_frames):
+            film.seek(k)
+            frames.append(np.asarray(film.convert("RGB")).astype(int))
+            shown.append(film.info["duration"])
+    return np.array(frames), np.array(shown)
+
+
+def pixels_of(frame, colour):
+    """Pixels of about a colour, (n, 2): across and down."""
+    off = np.abs(frame - 255 * np.array(to_rgb(colour))).max(axis=-1)
+    return np.argwhere(off < 25)[:, ::-1]
+
+
+def test_a_film_lasts_as_long_as_the_execution(record, tmp_path):
+    animate_run(record, tmp_path / "run.gif")
+    frames, shown = frames_of(tmp_path / "run.gif")
+    assert len(frames) == len(shown) <= MAX_FRAMES
+    assert shown.sum() == pytest.approx(1000 * record.time[-1], abs=10)
+
+
+def test_a_film_shows_where_things_are(record, tmp_path):
+    """Half a metre in pixels follows from the way of a hand, and the obstacle's way in pixels from that."""
+    animate_run(record, tmp_path / "run.gif")
+    frames, _ = frames_of(tmp_path / "run.gif")
+    first, last = frames[0], frames[-1]
+    assert (first[:, :5] == last[:, :5]).all()  # what stands is the same
+    half = np.diff([pixels_of(frame, COLOURS[0])[:, 0].max() for frame in (first, last)])[0]
+    assert half > 50
+    pale = 1.0 - 0.6 * (1.0 - np.array(to_rgb(MOVING)))
+    way = pixels_of(last, pale).mean(axis=0) - pixels_of(first, pale).mean(axis=0)
+    np.testing.assert_allclose(way, [0.0, 0.05 * record.time[-1] * 2 * half], atol=3.0)
