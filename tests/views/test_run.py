@@ -7,8 +7,8 @@ from PIL import Image
 
 from comove.execution import Executor
 from comove.scenes import Scene
-from comove.views.run import MAX_FRAMES, animate_run
-from comove.views.style import COLOURS, MOVING
+from comove.views.run import MAX_FRAMES, animate_run, moving_scene
+from comove.views.style import COLOURS, MOVING, new_figure
 
 DRIFTS = {"shape": "circle", "center": [0.5, 0.8], "radius": 0.08, "motion": {"velocity": [0.0, -0.05]}}
 
@@ -52,6 +52,14 @@ def test_a_film_lasts_as_long_as_the_execution(record, tmp_path):
     frames, shown = frames_of(tmp_path / "run.gif")
     assert len(frames) == len(shown) <= MAX_FRAMES
     assert shown.sum() == pytest.approx(1000 * record.time[-1], abs=10)
+
+
+def test_obstacles_go_on_once_an_execution_is_over(record):
+    move = moving_scene(new_figure(1, 1).add_subplot(), record, (0, 1), trail=1.0)
+    end = record.time[-1]
+    places = [move(time)[0].get_xy().mean(axis=0) for time in (end - 0.5, end, end + 1.0)]
+    np.testing.assert_allclose(places[1] - places[0], [0.0, -0.025], atol=1e-3)
+    np.testing.assert_allclose(places[2] - places[1], [0.0, -0.05], atol=1e-3)
 
 
 def test_a_film_shows_where_things_are(record, tmp_path):

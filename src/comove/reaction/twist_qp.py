@@ -63,9 +63,7 @@ TOLERANCE = 1e-9  # m/s, of rows in the solver
 # Weights of squared slack against the objective's squared velocities: of margins, clearances, limits.
 MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
-AS_GOOD = (
-    0.02  # of a slack, by which a further round may still change it; tangents lie as far inside their balls
-)
+AS_GOOD = 0.02  # of a slack, by which further rounds may change it: tangents lie as far inside their balls
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
 EQUAL = 5  # the solver's word for an equation
@@ -184,7 +182,7 @@ class TwistProgramme:
         )
         self._hands = (len(scene.manipulators), 3)
         self._poses = ((len(scene.groups), 3), (len(scene.groups), 4))
-        self._start, self._limits_slack = scene.nodes_at("start")[: self._hands[0]], 0.0
+        self._start = scene.nodes_at("start")[: self._hands[0]]
         self._prepare(len(scene.obstacles))
 
     def _prepare(self, n_obstacles: int) -> None:
@@ -230,6 +228,7 @@ class TwistProgramme:
             raise OptionError(wrong, way_out=way_out)
         m = self._sampled_rows(m)
         twists, gives_way, settled = np.empty((len(poses.center), 6)), HARD, False
+        self._limits_slack = 0.0
         for _ in range(MAX_ROUNDS):
             x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
             n_rows, missed = missing_rows(qp, poses, sighting, x, m, twists)

@@ -268,16 +268,9 @@ def draw_frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    """Draw obstacles as filled outlines: in the plane themselves, in space their projections along the view.
-
-    Moving obstacles are drawn several times, later ones darker, with the paths of their centres.
-    """
-    solid = 1.0 if scene.n_dims == 2 else 0.35
-    moves = scene.moving[scene.owners]
-    for mesh in np.flatnonzero(~scene.moving[scene.surfaces.owner]):
-        _draw_triangles(axes, scene.surfaces.of(int(mesh))[:, :, list(view)])
-    for row in scene.obstacles[~moves & scene.convex_rows]:
-        axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
+    """Draw obstacles; those that move several times, later ones darker, with the paths of their centres."""
+    draw_standing(axes, scene, view)
+    moves, solid = scene.moving[scene.owners], 1.0 if scene.n_dims == 2 else 0.35
     if not moves.any():
         return
     for share in np.linspace(0.0, 1.0, 9):
@@ -287,6 +280,15 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
+
+
+def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
+    """Draw the obstacles that do not move: in the plane themselves, in space their projections along the view."""
+    solid = 1.0 if scene.n_dims == 2 else 0.35
+    for mesh in np.flatnonzero(~scene.moving[scene.surfaces.owner]):
+        _draw_triangles(axes, scene.surfaces.of(int(mesh))[:, :, list(view)])
+    for row in scene.obstacles[~scene.moving[scene.owners] & scene.convex_rows]:
+        axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
 
 
 def _draw_triangles(axes: Axes, triangles: Array) -> None:

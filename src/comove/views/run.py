@@ -17,7 +17,7 @@ from comove.geometry.solids import N_CORNERS
 from comove.scenes.scene import Scene
 from comove.verification.record import Record
 from comove.views.films import Mover, write_gif
-from comove.views.motion import draw_frame, draw_legend, views_of
+from comove.views.motion import draw_frame, draw_legend, draw_standing, views_of
 from comove.views.shapes import hull_outline, outline
 from comove.views.style import COLOURS, GOAL, MOVING, draw_way, new_figure
 
@@ -67,13 +67,6 @@ def animate_run(record: Record, path: Path) -> None:
     write_gif(figure, movers, times, path, durations.tolist(), FILM_DPI)
 
 
-def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
-    """Draw the obstacles that do not move."""
-    alpha = 1.0 if scene.n_dims == 2 else 0.35
-    for row in scene.obstacles[~scene.moving[scene.owners]]:
-        axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=alpha)
-
-
 def moving_scene(
     axes: Axes,
     record: Record,
@@ -83,6 +76,8 @@ def moving_scene(
     tone: Callable[[int], str] = lambda step: "0.1",
 ) -> Mover:
     """Return what draws obstacles that move, the load, the hands and the last part of their ways.
+
+    Once an execution is over, hands stay where they are, and obstacles go on as the scene says.
 
     Parameters
     ----------
@@ -108,7 +103,10 @@ def moving_scene(
 
     def move(time: float) -> list[Artist]:
         step = min(last, round(time / period))
-        centers = record.obstacles[step][owners]
+        over = time > record.time[-1] + period
+        centers = (scene.centers + scene.offsets(np.array([time]))[0] if over else record.obstacles[step])[
+            owners
+        ]
         for fill, border, center in zip(fills, around, centers, strict=True):
             fill.set_xy(border + center[list(view)])
         first, nodes = max(0, step - round(trail / period)), record.nodes[:, :, list(view)]

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from comove.experiments.modulation.comparison import Compared
 from comove.geometry.distances import CENTER
 from comove.views.films import Mover, write_gif
-from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, views_of
-from comove.views.run import draw_standing, load_lines, moving_scene
+from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, draw_standing, views_of
+from comove.views.run import load_lines, moving_scene
 from comove.views.shapes import outline
 from comove.views.style import COLOURS, MOVING, new_figure
 

@@ -150,18 +150,13 @@ def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: flo
 
 
 @kernel
-def _is_far(start: Array, end: Array, t: int, m: int, a: Array, b: Array, far: float) -> bool:
-    """Return whether the ball about a body is farther than `far` [m] from a segment a-b; most are."""
-    along, square, half, off = 0.0, 0.0, 0.0, 0.0
+def _is_far(start: Array, end: Array, t: int, m: int, place: Array, far: float) -> bool:
+    """Return whether the ball about a body is farther than `far` [m] from a place; most are."""
+    off, half = 0.0, 0.0
     for x in range(3):
-        middle, way = 0.5 * (start[t, m, x] + end[t, m, x]) - a[x], b[x] - a[x]
-        along += middle * way
-        square += way * way
-        off += middle * middle
+        off += (0.5 * (start[t, m, x] + end[t, m, x]) - place[x]) ** 2
         half += (0.5 * (end[t, m, x] - start[t, m, x])) ** 2
-    share = min(1.0, max(0.0, along / max(square, 1e-18)))
-    off += share * (share * square - 2.0 * along)
-    return off > (sqrt(half) + far) ** 2 * (1.0 + 1e-9)
+    return off > (sqrt(half) + far) ** 2
 
 
 @kernel
@@ -185,10 +180,8 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
             last[x] = seen.table[j, CENTER + x] + times[-1] * velocity[x]
         for t in range(n_samples):
             for m in range(radius.shape[0]):
-                far = radius[m] + need[1]
-                if _is_far(start, end, t, m, here, last, far + seen.margin[j] + seen.table[j, REACH]):
-                    continue
                 p, q = start[t, m], end[t, m]
+                far = radius[m] + need[1]
                 _, share, apart = nearest_shares(p, q, here, last)
                 if apart > far + seen.margin[j] + seen.table[j, REACH]:
                     continue
@@ -221,7 +214,7 @@ def dangers_along(
                 here[x] = seen.table[j, CENTER + x] + times[t] * seen.velocity[j, x]
             for m in range(radius.shape[0]):
                 far = radius[m] + need[1]
-                if _is_far(start, end, t, m, here, here, far + seen.margin[j] + seen.table[j, REACH]):
+                if _is_far(start, end, t, m, here, far + seen.margin[j] + seen.table[j, REACH]):
                     continue
                 h = _clearance(seen, j, start[t, m], end[t, m], times[t], far) - radius[m]
                 cost[t] = max(cost[t], _cost(h, need, costs))

@@ -6,7 +6,8 @@ The variables are those of the twist programme, x, which move the load, and the 
 
 is a control barrier as in `comove.reaction.cbf_constraints`; h is the clearance that is left, n its direction. Links
 are capsules, which are a little wider than the bodies in them. Joints can change their rates only a little in a step,
-so most rows hold whatever they do: those are left out, and mostly not even measured.
+so most rows hold whatever they do: those are left out, and mostly not even measured. Where limits of joints have to
+give way themselves, the next step sees what came nearer by that.
 """
 
 from __future__ import annotations
