@@ -11,10 +11,10 @@ from hypothesis import strategies as st
 
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
-from comove.robots.verification import bodies, certificate
+from comove.robots.verification import bodies
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.certificate import TIGHT, certify
+from comove.robots.verification.certificate import TIGHT, Cells, Course, Distances, Instants, certify
 from comove.robots.verification.reach import Bases, Reaches
 from comove.scenes import Scene
 from tests.cases import examples
@@ -335,9 +335,9 @@ def test_balls_about_bodies_are_never_further_apart_than_the_bodies(instant):
     """All pairs of a known carry, by coal and by balls, with a load and obstacles."""
     motion, joints = known_carry()
     carried, world = world_of(motion)
-    distances, n_pairs = certificate._Distances(world, carried, joints.curve), len(world.kind)
-    cells = certificate._Cells(np.full(n_pairs, 5 * instant), np.arange(n_pairs))
-    width = float(joints.curve.x[-1]) / certificate.FIRST
-    exact, rough = distances(cells, width), distances.of_balls(cells, width)
+    distances, n_pairs = Distances(world), len(world.kind)
+    at = Instants(Course(baxter(), carried, joints.curve), np.linspace(0.05, 0.95, 10) * joints.duration, 0.1)
+    cells = Cells(at, np.full(n_pairs, 4 * instant), np.arange(n_pairs))
+    exact, rough = distances(cells), distances.of_balls(cells)
     assert n_pairs > 20
     assert (rough <= exact + 1e-9)[exact > 0].all()

@@ -13,7 +13,14 @@ from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import COAL_ERROR, bodies_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.certificate import CONVEX, Nearing, support_function
+from comove.robots.verification.certificate import (
+    CONVEX,
+    Cells,
+    Course,
+    Instants,
+    Nearing,
+    support_function,
+)
 from comove.robots.verification.reach import Bases
 from comove.scenes import Scene
 from tests.cases import examples
@@ -70,14 +77,20 @@ def test_the_hull_of_a_mesh_ends_where_its_outermost_point_is():
     assert support_function(mesh.convex)(n) == pytest.approx((points @ n).max())
 
 
+def cells_of(world, curve, pairs, time, half=0.1):
+    """Cells of pairs about one instant; the load has no part in it."""
+    at = Instants(Course(world.robot, Carried(known_carry()[0]), curve), np.array([time]), half)
+    return Cells(at, np.zeros(len(pairs), dtype=np.int64), pairs)
+
+
 @examples(15)
 @given(st.integers(0, 2**32 - 1))
 def test_slabs_are_nearly_as_wide_as_distances(seed):
     """Coal's normals and distances, and support functions written down by hand, fit together."""
     world, (motion, _) = bodies(), random_motion(seed)
-    nearing = Nearing(world, motion.curve)
+    nearing = Nearing(world)
     pairs = np.flatnonzero(nearing.applies)
-    lost, _ = nearing.first_order(pairs, np.full(len(pairs), 1.0))
+    lost, _ = nearing.first_order(cells_of(world, motion.curve, pairs, 1.0))
     data, placed = world.robot.model.createData(), world.geometry.createData()
     pin.updateGeometryPlacements(world.robot.model, data, world.geometry, placed, motion.position[1])
     apart = np.array([pin.computeDistance(world.geometry, placed, int(p)).min_distance for p in pairs])
@@ -90,12 +103,12 @@ def test_slabs_are_nearly_as_wide_as_distances(seed):
 def test_no_pair_comes_nearer_than_bound(seed):
     """Distances at many instants about another one, for stretches that are short and long."""
     world, (motion, rng) = bodies(), random_motion(seed)
-    nearing, curve = Nearing(world, motion.curve), motion.curve
+    nearing, curve = Nearing(world), motion.curve
     pairs = rng.choice(np.flatnonzero(nearing.applies), 40, replace=False)
     middle, half = float(rng.uniform(0.3, 2.7)), float(10 ** rng.uniform(-3, -0.6))
-    middles = np.full(len(pairs), middle)
-    bulge = 0.5 * half**2 * nearing.second_order(pairs, middles - half, middles + half)
-    lost, speed = nearing.first_order(pairs, middles)
+    cells = cells_of(world, curve, pairs, middle, half)
+    bulge = 0.5 * half**2 * nearing.second_order(cells)
+    lost, speed = nearing.first_order(cells)
     change = lost + half * speed + bulge
     data, placed = world.robot.model.createData(), world.geometry.createData()
 
@@ -117,14 +130,15 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
     world = bodies_of(
         Bases(baxter(), Uncertainty()), baxter().arms, carried, carried.hands(carried.time)[0], 0.0
     )
-    nearing = Nearing(world, joints.curve)
+    nearing = Nearing(world)
     pair = next(
         k
         for k in range(len(world.kind))
         if world.name(k) == "l_gripper_l_finger and obstacles[0] (box)" and nearing.applies[k]
     )
     time = np.linspace(0.5, 9.5, 50)
-    _, speed = nearing.first_order(np.full(50, pair), time)
+    at = Instants(Course(baxter(), carried, joints.curve), time, 0.1)
+    _, speed = nearing.first_order(Cells(at, np.arange(50), np.full(50, pair)))
     assert speed.max() < 1e-3  # m/s, of a hand that moves at 0.15 m/s
     knots = np.searchsorted(joints.time, time)
     assert (np.abs(joints.velocity[knots]) @ world.reach[pair, :-1]).max() > 0.2
@@ -132,7 +146,7 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
 
 def test_loads_and_meshes_are_left_to_the_other_bound():
     world = bodies()
-    nearing = Nearing(world, known_carry()[1].curve)
+    nearing = Nearing(world)
     for pair, applies in zip(world.geometry.collisionPairs, nearing.applies, strict=True):
         names = [world.geometry.geometryObjects[x].name for x in (pair.first, pair.second)]
         assert applies == (not {"load 0", "torso_0", "pedestal_0"} & set(names))

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.geometry.rotations import cross
 from comove.primitives.forcing import N_INTERVALS
 from comove.robots.motion import Ranges
 from comove.verification.bounds import NodeBounds, node_bounds
@@ -174,11 +175,11 @@ def placements(nodes: Array, spanned: tuple[int, ...]) -> tuple[Array, Array]:
     ends = nodes[:, spanned[0]], nodes[:, spanned[-1]]
     if len(spanned) == 2:  # any frame whose z axis is along the rod
         z = _unit(ends[1] - ends[0])
-        x = _unit(np.cross(z, np.eye(3)[np.abs(z).round(9).argmin(axis=1)]))
+        x = _unit(cross(z, np.eye(3)[np.abs(z).round(9).argmin(axis=1)]))
     else:
         x = _unit(nodes[:, spanned[1]] - ends[0])
-        z = _unit(np.cross(x, nodes[:, spanned[2]] - ends[0]))
-    return np.stack([x, np.cross(z, x), z], axis=2), 0.5 * (ends[0] + ends[1])
+        z = _unit(cross(x, nodes[:, spanned[2]] - ends[0]))
+    return np.stack([x, cross(z, x), z], axis=2), 0.5 * (ends[0] + ends[1])
 
 
 def _unit(vectors: Array) -> Array:

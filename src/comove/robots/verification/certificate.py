@@ -31,6 +31,9 @@ a hand that glides over a table comes no nearer to first order, however fast it 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import islice
 from typing import Any, NamedTuple
 
 import coal
@@ -39,6 +42,8 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.geometry.rotations import cross
+from comove.robots.model import Robot
 from comove.robots.motion import Ranges, fastest
 from comove.robots.verification.bodies import Bodies
 from comove.robots.verification.carried import LoadMotion, placements
@@ -77,21 +82,100 @@ class LinkClearance(NamedTuple):
 UNKNOWN = [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3
 
 
-class _Cells(NamedTuple):
-    """Pairs during time intervals of equal length, given by the intervals' numbers; arrays, shape (n_cells,)."""
+@dataclass(frozen=True, eq=False)
+class Course:
+    """The joints of a robot and the load by time.
 
-    stretch: NDArray[np.int64]
+    Attributes
+    ----------
+    robot : the robot whose joints move
+    load : the load, in motion or at rest
+    curve : joint positions by time [s], cubic between samples
+    """
+
+    robot: Robot
+    load: LoadMotion
+    curve: PPoly
+
+    @cached_property
+    def bounds(self) -> Ranges:
+        """Return the largest rates of the joints, then their largest second derivatives, [rad/s] and [rad/s^2]."""
+        bend = np.abs(self.curve(self.curve.x, 2))
+        return Ranges(self.curve.x, np.hstack([fastest(self.curve)[0], np.maximum(bend[1:], bend[:-1])]))
+
+
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """What moves, in the middle of time intervals: all that is asked of it is computed once.
+
+    Attributes
+    ----------
+    course : what moves
+    time : array, shape (n_steps,), middles of the intervals, in ascending order [s]
+    half : half of the intervals' length [s]
+    """
+
+    course: Course
+    time: Array
+    half: float
+
+    @cached_property
+    def positions(self) -> Array:
+        """Return the joints' positions; array, shape (n_steps, n_joints) [rad, m]."""
+        return self.course.curve(self.time)
+
+    @cached_property
+    def placements(self) -> tuple[Array, Array]:
+        """Return the joints' placements, as `joint_placements` computes them."""
+        return joint_placements(self.course.robot, self.positions)
+
+    @cached_property
+    def twists(self) -> Array:
+        """Return what the joints give to what they move, as `joint_twists` computes it."""
+        return joint_twists(self.course.robot, *self.placements, self.course.curve(self.time, 1))
+
+    @cached_property
+    def nodes(self) -> Array:
+        """Return the positions of the load's nodes; array, shape (n_steps, n_nodes, 3) [m]."""
+        return self.course.load.nodes(self.time)
+
+    @cached_property
+    def changes(self) -> tuple[Array, Array]:
+        """Return the largest rates of the joints, and at last of the load's nodes, within the intervals, and the
+        largest second derivatives of the joints; arrays, shape (n_steps, n_joints + 1) and (n_steps, n_joints).
+        """
+        begin, end = self.time - self.half, self.time + self.half
+        rates, bends = np.split(self.course.bounds.over(begin, end), 2, axis=1)
+        load = self.course.load.speed.over(begin, end).max(axis=1, keepdims=True)
+        return np.hstack([rates, load]), bends
+
+
+class Cells(NamedTuple):
+    """Pairs during time intervals of equal length.
+
+    Attributes
+    ----------
+    at : the middles of the intervals
+    row : array, shape (n_cells,), number of each cell's interval in `at`, in ascending order
+    pair : array, shape (n_cells,), number of its pair
+    """
+
+    at: Instants
+    row: NDArray[np.int64]
     pair: NDArray[np.int64]
 
-    def chosen(self, which: NDArray[np.bool_]) -> _Cells:
+    def chosen(self, which: NDArray[np.bool_]) -> Cells:
         """Return some of the cells."""
-        return _Cells(self.stretch[which], self.pair[which])
+        return self._replace(row=self.row[which], pair=self.pair[which])
 
-    def halved(self, chosen: NDArray[np.bool_]) -> _Cells:
+    def halved(self, chosen: NDArray[np.bool_]) -> Cells:
         """Return both halves of the chosen cells."""
-        stretch = np.concatenate([2 * self.stretch[chosen], 2 * self.stretch[chosen] + 1])
-        order = np.argsort(stretch, kind="stable")
-        return _Cells(stretch[order], np.tile(self.pair[chosen], 2)[order])
+        quarter, (rows, row) = 0.5 * self.at.half, np.unique(self.row[chosen], return_inverse=True)
+        time = self.at.time[rows][:, None] + np.array([-quarter, quarter])
+        halves = np.concatenate([2 * row, 2 * row + 1])
+        order = np.argsort(halves, kind="stable")
+        at = Instants(self.at.course, time.ravel(), quarter)
+        return Cells(at, halves[order], np.tile(self.pair[chosen], 2)[order])
 
 
 def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> list[LinkClearance]:
@@ -107,25 +191,24 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
         once a pair is known to violate it. With all of it, no clearance is computed that need not be: convex hulls
         suffice where they keep what is required
     """
-    distances, nearing = _Distances(bodies, carried, curve), Nearing(bodies, curve)
-    cells, width, computed = _first(bodies), float(curve.x[-1]) / FIRST, 0
+    distances, nearing = Distances(bodies), Nearing(bodies)
+    cells, computed = _first(bodies, Course(bodies.robot, carried, curve)), 0
     lower, balls_help = np.full(3, np.inf), True
-    met = UNKNOWN if slack >= 1.0 else _few(distances, cells, width)
+    met = UNKNOWN if slack >= 1.0 else _few(distances, cells)
     for depth in range(DEEPEST):
-        change, bound = distances.changes(cells, width), np.full(len(cells.pair), -np.inf)
+        change, bound = distances.changes(cells), np.full(len(cells.pair), -np.inf)
         if balls_help:
-            bound = distances.of_balls(cells, width) - change
+            bound = distances.of_balls(cells) - change
         near = bound < _enough(met, bodies, slack)[bodies.kind[cells.pair]]  # for all others balls are enough
         balls_help &= near.mean() < WORTH_BALLS
         close, change = cells.chosen(near), change[near]
-        distance = distances(close, width)
-        met = _met(met, bodies, close, width, distance)
-        of_meshes, met = _of_meshes(distances, close, width, distance, met, slack)
+        distance = distances(close)
+        met = _met(met, bodies, close, distance)
+        of_meshes, met = _of_meshes(distances, close, distance, met, slack)
         computed += len(distance) + int(np.isfinite(of_meshes).sum())
         enough = _enough(met, bodies, slack)[bodies.kind[close.pair]]
         spare = np.where(distance > 0, distance - enough, 0.0)
-        middle = (close.stretch.astype(float) + 0.5) * width
-        nearer = nearing.improved(change, spare, close.pair, middle, width / 2)
+        nearer = nearing.improved(change, spare, close)
         bound[near] = np.fmax(distance - nearer, of_meshes)
         done, far = bound[near] >= enough, ~near
         if depth == DEEPEST - 1 or computed > MOST:
@@ -134,26 +217,28 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
         np.minimum.at(lower, bodies.kind[cells.pair[far]], bound[far])
         if far.all():
             break
-        cells, width = cells.halved(~far), width / 2
+        cells = cells.halved(~far)
     return [least._replace(lower=float(bound)) for least, bound in zip(met, lower, strict=True)]
 
 
 def _of_meshes(
-    distances: _Distances, cells: _Cells, width: float, rough: Array, met: list[LinkClearance], slack: float
+    distances: Distances, cells: Cells, rough: Array, met: list[LinkClearance], slack: float
 ) -> tuple[Array, list[LinkClearance]]:
     """Bound the distances of meshes whose hulls are too near, array of shape (n_cells,), NaN for the others [m], and
     return the least clearances so far as well. The nearest come first: what is found there may spare the rest.
     """
     bodies, bound = distances.bodies, np.full(len(rough), np.nan)
     kind, are_hulls = bodies.kind[cells.pair], bodies.exact[cells.pair] != cells.pair
+    if not are_hulls.any():
+        return bound, met
     nearest = _least(np.where(are_hulls, rough, np.inf), kind)
     for wanted in (are_hulls & nearest, are_hulls & ~nearest):
         chosen = wanted & (rough < _enough(met, bodies, slack)[kind])
         own = cells.chosen(chosen)
         own = own._replace(pair=bodies.exact[own.pair])
-        distance = distances(own, width)
-        bound[chosen] = distance - distances.changes(own, width)
-        met = _met(met, bodies, own, width, distance)
+        distance = distances(own)
+        bound[chosen] = distance - distances.changes(own)
+        met = _met(met, bodies, own, distance)
     return bound, met
 
 
@@ -179,25 +264,30 @@ def _enough(met: list[LinkClearance], bodies: Bodies, slack: float) -> Array:
     return np.where(upper < required, upper - LOOSE, enough)
 
 
-def _few(distances: _Distances, cells: _Cells, width: float) -> list[LinkClearance]:
+def _few(distances: Distances, cells: Cells) -> list[LinkClearance]:
     """Return the least clearances among the cells whose balls are nearest, by kind."""
     bodies = distances.bodies
-    few = cells.chosen(_least(distances.of_balls(cells, width), bodies.kind[cells.pair]))
+    few = cells.chosen(_least(distances.of_balls(cells), bodies.kind[cells.pair]))
     few = few._replace(pair=bodies.exact[few.pair])
-    return _met(UNKNOWN, bodies, few, width, distances(few, width))
+    return _met(UNKNOWN, bodies, few, distances(few))
 
 
-def _met(
-    met: list[LinkClearance], bodies: Bodies, cells: _Cells, width: float, distance: Array
-) -> list[LinkClearance]:
+def _met(met: list[LinkClearance], bodies: Bodies, cells: Cells, distance: Array) -> list[LinkClearance]:
     """Return the least clearances so far, by kind; only exact pairs count."""
-    kind, is_exact = bodies.kind[cells.pair], bodies.exact[cells.pair] == cells.pair
-    return [
-        _nearer(met[k], np.where(is_exact & (kind == k), distance, np.inf), cells, width) for k in range(3)
-    ]
+    kind = np.where(bodies.exact[cells.pair] == cells.pair, bodies.kind[cells.pair], -1)
+    return [_nearer(met[k], cells, distance, np.flatnonzero(kind == k)) for k in range(3)]
 
 
-def _first(bodies: Bodies) -> _Cells:
+def _nearer(best: LinkClearance, cells: Cells, distance: Array, own: NDArray[np.int64]) -> LinkClearance:
+    """Return the least clearance of one kind so far, after the cells `own`."""
+    upper = float(distance[own].min(initial=np.inf))
+    if upper >= best.upper:
+        return best
+    k = own[first_least(distance[own])]
+    return LinkClearance(-np.inf, upper, int(cells.pair[k]), float(cells.at.time[cells.row[k]]))
+
+
+def _first(bodies: Bodies, course: Course) -> Cells:
     """Return the cells of all pairs in the first intervals, rough pairs where there are such; one cell for pairs that
     never move.
     """
@@ -206,86 +296,61 @@ def _first(bodies: Bodies) -> _Cells:
     begun[bodies.exact[rough]] = False
     moves = bodies.reach.any(axis=1)
     still, moving = np.flatnonzero(begun & ~moves), np.flatnonzero(begun & moves)
-    stretch = np.concatenate([np.zeros(len(still), dtype=np.int64), np.repeat(np.arange(FIRST), len(moving))])
-    return _Cells(stretch, np.concatenate([still, np.tile(moving, FIRST)]))
+    row = np.concatenate([np.zeros(len(still), dtype=np.int64), np.repeat(np.arange(FIRST), len(moving))])
+    last = float(course.curve.x[-1])
+    half = 0.5 * last / FIRST
+    at = Instants(course, np.linspace(half, last - half, FIRST), half)
+    return Cells(at, row, np.concatenate([still, np.tile(moving, FIRST)]))
 
 
-def _nearer(best: LinkClearance, distance: Array, cells: _Cells, width: float) -> LinkClearance:
-    """Return the least clearance so far."""
-    k = first_least(distance) if len(distance) else -1
-    if k < 0 or distance.min() >= best.upper:
-        return best
-    return LinkClearance(
-        -np.inf, float(distance.min()), int(cells.pair[k]), float((cells.stretch[k] + 0.5) * width)
-    )
-
-
-class _Distances:
+class Distances:
     """Computes distances of pairs at the middle of time intervals, and how much they can change within these."""
 
-    def __init__(self, bodies: Bodies, carried: LoadMotion, curve: PPoly):
-        self.bodies, self.carried, self.curve = bodies, carried, curve
+    def __init__(self, bodies: Bodies):
+        self.bodies = bodies
         self.model, self.data = bodies.robot.model, bodies.robot.model.createData()
         self.placed = bodies.geometry.createData()
-        self.rates = Ranges(curve.x, fastest(curve)[0])
 
-    def __call__(self, cells: _Cells, width: float) -> Array:
-        """Compute distances, less what is taken from them; array, shape (n_cells,) [m].
-
-        Parameters
-        ----------
-        width : length of the intervals [s]
-        """
-        stretches, first, counts = np.unique(cells.stretch, return_index=True, return_counts=True)
-        time = (stretches.astype(float) + 0.5) * width
-        configurations, nodes = self.curve(time), self.carried.nodes(time)
-        rods = [(rod, *placements(nodes, tuple(spanned))) for rod, *spanned in self.bodies.rods]
+    def __call__(self, cells: Cells) -> Array:
+        """Compute distances, less what is taken from them; array, shape (n_cells,) [m]."""
+        counts = np.bincount(cells.row)
         compute, geometry, placed = pin.computeDistance, self.bodies.geometry, self.placed
-        distances: list[float] = []
-        for k, q in enumerate(configurations):
-            pin.updateGeometryPlacements(self.model, self.data, geometry, placed, q)
+        rods = [(rod, *placements(cells.at.nodes, tuple(spanned))) for rod, *spanned in self.bodies.rods]
+        distances, pairs = list[float](), iter(cells.pair.tolist())
+        for k in np.flatnonzero(counts).tolist():
+            pin.updateGeometryPlacements(self.model, self.data, geometry, placed, cells.at.positions[k])
             for rod, turn, middle in rods:
                 placed.oMg[rod] = pin.SE3(turn[k], middle[k])
-            pairs = cells.pair[first[k] : first[k] + counts[k]].tolist()
-            distances += [compute(geometry, placed, pair).min_distance for pair in pairs]
+            distances += [compute(geometry, placed, pair).min_distance for pair in islice(pairs, counts[k])]
         return np.array(distances) - self.bodies.taken[cells.pair]
 
-    def of_balls(self, cells: _Cells, width: float) -> Array:
+    def of_balls(self, cells: Cells) -> Array:
         """Compute lower bounds of the distances, less what is taken, by the balls about the bodies; array, shape
         (n_cells,) [m].
         """
-        stretches, of_cell = np.unique(cells.stretch, return_inverse=True)
-        time = (stretches.astype(float) + 0.5) * width
-        centers, (_, radii) = self._centers(time), self.bodies.balls
-        ends = self.bodies.ends[cells.pair]
-        between = centers[of_cell, ends[:, 0]] - centers[of_cell, ends[:, 1]]
+        (centers, (_, radii)), ends = (
+            (self._centers(cells.at), self.bodies.balls),
+            self.bodies.ends[cells.pair],
+        )
+        between = centers[cells.row, ends[:, 0]] - centers[cells.row, ends[:, 1]]
         distance = np.sqrt((between**2).sum(axis=1)) - radii[ends].sum(axis=1)
         return distance - self.bodies.taken[cells.pair]
 
-    def changes(self, cells: _Cells, width: float) -> Array:
+    def changes(self, cells: Cells) -> Array:
         """Bound how much distances change within half an interval; array, shape (n_cells,) [m]."""
-        stretches, of_cell = np.unique(cells.stretch, return_inverse=True)
-        time = (stretches.astype(float) + 0.5) * width
-        rates = self._rates(time - 0.5 * width, time + 0.5 * width)
-        return 0.5 * width * (self.bodies.reach[cells.pair] * rates[of_cell]).sum(axis=1)
+        rates, _ = cells.at.changes
+        return cells.at.half * (self.bodies.reach[cells.pair] * rates[cells.row]).sum(axis=1)
 
-    def _centers(self, time: Array) -> Array:
+    def _centers(self, at: Instants) -> Array:
         """Compute the centres of the balls; array, shape (n_steps, n_bodies, 3) [m]."""
-        turns, places = joint_placements(self.bodies.robot, self.curve(time))
-        own_centers, _ = self.bodies.balls
-        centers = np.empty((len(time), len(own_centers), 3))
+        (turns, places), (own_centers, _) = at.placements, self.bodies.balls
+        centers = np.empty((len(at.time), len(own_centers), 3))
         for joint in range(self.model.njoints):
             own = np.flatnonzero(self.bodies.joint == joint)
             centers[:, own] = own_centers[own] @ turns[joint].swapaxes(1, 2) + places[joint][:, None]
-        nodes = self.carried.nodes(time)
         for rod, *spanned in self.bodies.rods:
-            centers[:, rod] = placements(nodes, tuple(spanned))[1]
+            centers[:, rod] = placements(at.nodes, tuple(spanned))[1]
         return centers
-
-    def _rates(self, begin: Array, end: Array) -> Array:
-        """Return the largest rates of the joints and the load; array, shape (n_stretches, n_joints + 1)."""
-        load = self.carried.speed.over(begin, end).max(axis=1, keepdims=True)
-        return np.concatenate([self.rates.over(begin, end), load], axis=1)
 
 
 class Nearing:
@@ -296,8 +361,8 @@ class Nearing:
     applies : array, shape (n_pairs,), whether the bound applies to a pair: convex bodies on a robot or in the scene
     """
 
-    def __init__(self, bodies: Bodies, curve: PPoly):
-        self.bodies, self.curve = bodies, curve
+    def __init__(self, bodies: Bodies):
+        self.bodies = bodies
         self._state = bodies.robot.model.createData(), bodies.geometry.createData()
         items = list(bodies.geometry.geometryObjects)
         moved = moved_by(bodies.robot)[bodies.joint[bodies.ends]].swapaxes(0, 1)
@@ -306,84 +371,64 @@ class Nearing:
         plain = [k not in loads and isinstance(item.geometry, CONVEX) for k, item in enumerate(items)]
         first, second = np.array(plain, dtype=bool)[bodies.ends.T]
         self.applies = first & second
-        bend = np.abs(curve(curve.x, 2))
-        self._rates = Ranges(curve.x, np.hstack([fastest(curve)[0], np.maximum(bend[1:], bend[:-1])]))
 
-    def improved(
-        self, change: Array, spare: Array, pair: NDArray[np.int64], time: Array, half: float
-    ) -> Array:
-        """Return smaller bounds of how much a distance changes, where these may help; arrays, shape (n,) [m].
+    def improved(self, change: Array, spare: Array, cells: Cells) -> Array:
+        """Return smaller bounds of how much a distance changes, where these may help; arrays, shape (n_cells,) [m].
 
         Parameters
         ----------
         change : known bounds of the change
         spare : change of the distances that is allowed; not positive where bodies touch or no bound can help
-        time : middle of the time intervals, in ascending order [s]
-        half : half of the intervals' length [s]
         """
-        todo = np.flatnonzero((spare > 0) & (change > spare) & self.applies[pair])
-        bulge = 0.5 * half**2 * self.second_order(pair[todo], time[todo] - half, time[todo] + half)
-        todo, bulge = todo[bulge < spare[todo]], bulge[bulge < spare[todo]]
-        better = change.copy()
-        if len(todo):
-            lost, speed = self.first_order(pair[todo], time[todo])
-            better[todo] = np.fmin(change[todo], lost + half * speed + bulge)
+        todo = (spare > 0) & (change > spare) & self.applies[cells.pair]
+        half, better = cells.at.half, change.copy()
+        bulge = 0.5 * half**2 * self.second_order(cells.chosen(todo))
+        todo[todo] = helps = bulge < spare[todo]
+        if helps.any():
+            lost, speed = self.first_order(cells.chosen(todo))
+            better[todo] = np.fmin(change[todo], lost + half * speed + bulge[helps])
         return better
 
-    def second_order(self, pair: NDArray[np.int64], begin: Array, end: Array) -> Array:
-        """Bound |p''| during time intervals; all arrays of shape (n,), [s] -> [m/s^2]."""
-        rates, bends = np.split(self._rates.over(begin, end), 2, axis=1)
-        reach = self.bodies.reach[pair, :-1]
-        between = self._sides[:, pair].any(axis=0)
+    def second_order(self, cells: Cells) -> Array:
+        """Bound |p''| during time intervals; array, shape (n_cells,) [m/s^2]."""
+        rates, bends = (bound[cells.row] for bound in cells.at.changes)
+        reach = self.bodies.reach[cells.pair, :-1]
+        rates, between = rates[:, :-1], self._sides[:, cells.pair].any(axis=0)
         return (bends * reach).sum(axis=1) + 2 * (rates * between).sum(axis=1) * (rates * reach).sum(axis=1)
 
-    def first_order(self, pair: NDArray[np.int64], time: Array) -> tuple[Array, Array]:
+    def first_order(self, cells: Cells) -> tuple[Array, Array]:
         """Compute distance minus slab width, and how fast points of both bodies come nearer along n.
-
-        Parameters
-        ----------
-        time : array, shape (n,), in ascending order [s]
 
         Returns
         -------
-        arrays, shape (n,), [m] and [m/s]
+        arrays, shape (n_cells,), [m] and [m/s]
         """
         bodies, (centers, radii) = self.bodies, self.bodies.balls
-        instants, of_instant = np.unique(time, return_inverse=True)
-        turns, places = joint_placements(bodies.robot, self.curve(instants))
-        twists = joint_twists(bodies.robot, turns, places, self.curve(instants, 1))
-        apart, normals = self._nearest(pair, of_instant, self.curve(instants))
-        lost, speed, turning = apart, np.zeros(len(pair)), np.zeros(len(pair))
+        turns, places = cells.at.placements
+        apart, normals = self._nearest(cells)
+        lost, speed, turning = apart, np.zeros(len(apart)), np.zeros(len(apart))
         for side, sign in enumerate((1.0, -1.0)):  # normals point from the first body to the second
-            body = bodies.ends[pair, side]
-            turn, place = turns[bodies.joint[body], of_instant], places[bodies.joint[body], of_instant]
+            body = bodies.ends[cells.pair, side]
+            turn, place = turns[bodies.joint[body], cells.row], places[bodies.joint[body], cells.row]
             lost = lost + sign * (normals * place).sum(axis=1)
             lost += self._supports(body, sign * (normals[:, None] @ turn)[:, 0])
-            twist = np.einsum("nji,nj->ni", twists[of_instant], self._sides[side, pair])
+            twist = np.einsum("nji,nj->ni", cells.at.twists[cells.row], self._sides[side, cells.pair])
             center = place + (turn @ centers[body, :, None])[..., 0]
-            velocity = twist[:, :3] + np.cross(twist[:, 3:], center)
+            velocity = twist[:, :3] + cross(twist[:, 3:], center)
             speed = speed + sign * (normals * velocity).sum(axis=1)
-            across = np.linalg.norm(np.cross(normals, twist[:, 3:]), axis=1)
-            turning = turning + across * radii[body]
+            turning = turning + np.linalg.norm(cross(normals, twist[:, 3:]), axis=1) * radii[body]
         return lost, np.abs(speed) + turning
 
-    def _nearest(
-        self, pair: NDArray[np.int64], of_instant: NDArray[np.int64], positions: Array
-    ) -> tuple[Array, Array]:
-        """Compute the distances of pairs and unit vectors along them; arrays, shape (n,) [m] and (n, 3).
-
-        Parameters
-        ----------
-        of_instant : array, shape (n,), in ascending order, rows of `positions`, array of shape (n_steps, n_joints)
-        """
+    def _nearest(self, cells: Cells) -> tuple[Array, Array]:
+        """Compute distances of pairs and unit vectors along them; arrays, shape (n_cells,) [m] and (n_cells, 3)."""
         model, geometry, placed_for = self.bodies.robot.model, self.bodies.geometry, -1
         data, placed = self._state
-        apart, normals = np.empty(len(pair)), np.empty((len(pair), 3))
-        for i, (number, k) in enumerate(zip(pair.tolist(), of_instant.tolist(), strict=True)):
+        apart, normals = np.empty(len(cells.pair)), np.empty((len(cells.pair), 3))
+        for i, (k, pair) in enumerate(zip(cells.row.tolist(), cells.pair.tolist(), strict=True)):
             if k != placed_for:
-                pin.updateGeometryPlacements(model, data, geometry, placed, positions[k])
+                pin.updateGeometryPlacements(model, data, geometry, placed, cells.at.positions[k])
                 placed_for = k
-            found = pin.computeDistance(geometry, placed, number)
+            found = pin.computeDistance(geometry, placed, pair)
             apart[i], normals[i] = found.min_distance, found.normal
         return apart, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 

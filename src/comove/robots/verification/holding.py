@@ -26,6 +26,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.geometry.rotations import cross
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import fastest, subdivided
 from comove.robots.verification.carried import Carried
@@ -154,7 +155,7 @@ def _grasp_frames(
         twist = twists[:, moves[joint]].sum(axis=1)
         places.append(origins[joint] + turns[joint] @ grasp.translation)
         rotations.append(turns[joint] @ grasp.rotation)
-        velocities.append(twist[:, :3] + np.cross(twist[:, 3:], places[-1]))
+        velocities.append(twist[:, :3] + cross(twist[:, 3:], places[-1]))
         spins.append(twist[:, 3:])
     return np.stack(places, 1), np.stack(rotations, 1), np.stack(velocities, 1), np.stack(spins, 1)
 

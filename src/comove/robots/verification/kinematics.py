@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.geometry.rotations import cross
 from comove.robots.model import Robot
 from comove.robots.verification.reach import reaches_of
 
@@ -119,7 +120,7 @@ def joint_twists(robot: Robot, turns: Array, places: Array, rates: Array) -> Arr
     tree = _tree(robot)
     axes = np.einsum("jnik,jk->jni", turns[1:], tree.axis[1:])
     slides = tree.slides[1:, None, None]
-    linear, angular = np.where(slides, axes, np.cross(places[1:], axes)), np.where(slides, 0.0, axes)
+    linear, angular = np.where(slides, axes, cross(places[1:], axes)), np.where(slides, 0.0, axes)
     twists = np.empty((*rates.shape, 6))
     twists[:, tree.columns] = np.concatenate([linear, angular], axis=2).swapaxes(0, 1)
     return twists * rates[:, :, None]
