@@ -330,6 +330,22 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
     assert verdict.report.clearance_scene == pytest.approx(room, abs=1.2e-3)
 
 
+@given(st.integers(0, 2**32 - 1))
+def test_halves_of_cells_cover_the_same_pairs_at_the_same_times(seed):
+    rng, (motion, joints) = np.random.default_rng(seed), known_carry()
+    at = Instants(Course(baxter(), Carried(motion), joints.curve), np.array([1.0, 3.0, 7.0]), 0.5)
+    cells = Cells(at, np.sort(rng.integers(3, size=12)), rng.permutation(12))
+    chosen = rng.random(12) < 0.5
+    halves = cells.halved(chosen)
+    middle = halves.at.time[halves.row]
+    assert (np.diff(halves.row) >= 0).all() and (np.diff(halves.at.time) > 0).all()
+    for pair, time in zip(cells.pair[chosen], at.time[cells.row[chosen]], strict=True):
+        parts = np.sort(middle[halves.pair == pair])
+        edges = np.concatenate([parts - halves.at.half, parts + halves.at.half])
+        assert np.sort(edges) == pytest.approx([time - 0.5, time, time, time + 0.5], abs=1e-12)
+    assert set(halves.pair) == set(cells.pair[chosen])
+
+
 @pytest.mark.parametrize("instant", range(3))
 def test_balls_about_bodies_are_never_further_apart_than_the_bodies(instant):
     """All pairs of a known carry, by coal and by balls, with a load and obstacles."""
