@@ -14,6 +14,7 @@ class Page:
         from websockets.sync.client import connect
 
         options.setdefault("origin", address)
+        options.setdefault("ping_timeout", None)  # a machine that has much to do may not answer for a while
         self.socket = connect(
             address.replace("http", "ws", 1),
             subprotocols=[f"viser-v{viser.__version__}"],

@@ -94,6 +94,8 @@ class Mailbox:
             elif kind == "halt":
                 self._halted = True
             else:
+                if kind == "run":  # what was said before is not meant for it
+                    self._leads, self._halted = {}, False
                 self._others.append(message)
             self._changed.notify()
 
@@ -119,11 +121,6 @@ class Mailbox:
         with self._changed:
             leads, self._leads = self._leads, {}
             return leads
-
-    def begin_run(self) -> None:
-        """Forget what was said to a run before."""
-        with self._changed:
-            self._leads, self._halted = {}, False
 
     @property
     def halted(self) -> bool:
@@ -326,7 +323,6 @@ class Worker:
                 raise OptionError("the scene leaves its duration open", way_out="wait for a verified motion")
             scene = with_limits(scene).timed(self.kept.scene.duration)
         load_kernels(SceneKind.of(scene))
-        self.mailbox.begin_run()
 
         def tell(state: State) -> None:
             arrays = {"nodes": state.nodes, "offsets": state.offsets}
