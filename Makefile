@@ -7,7 +7,7 @@ unexport PYTHONDONTWRITEBYTECODE  # or each of the hundreds of commands that tes
 WORKERS = $(shell $(BIN)/python -c 'from comove.processes.processors import n_processors; print(min(n_processors() + 1, 8))')
 PARALLEL = --numprocesses $(WORKERS) --dist loadfile  # one more than cores: tests wait for the commands that they start
 
-.PHONY: dist docs paper demo reproduce ablation test test-all lint bench clean
+.PHONY: dist docs paper demo reproduce ablation test test-all test-release lint bench clean
 
 demo: $(VENV)/core.stamp  ## solve the examples into demo/, with the scenes and recordings of the pages, and say where the pictures are
 	$(BIN)/comove demo --out demo
@@ -24,8 +24,11 @@ ablation: $(VENV)/dev.stamp  ## leave out each repair of the paper's method and 
 test: $(VENV)/dev.stamp  ## all tests but the slow ones, with a quarter of the random examples
 	$(BIN)/python -m pytest $(PARALLEL)
 
-test-all: $(VENV)/dev.stamp  ## all tests
-	$(BIN)/python -m pytest $(PARALLEL) -m "slow or not slow" --hypothesis-profile=thorough
+test-all: $(VENV)/dev.stamp  ## the slow tests as well, with all random examples
+	$(BIN)/python -m pytest $(PARALLEL) -m "not release" --hypothesis-profile=thorough
+
+test-release: $(VENV)/dev.stamp  ## packages in empty environments, a stranger's first day, small reproductions; an hour
+	$(BIN)/python -m pytest $(PARALLEL) -m release
 
 dist: $(VENV)/docs.stamp  ## wheel and source archive, built, checked, and used in an empty environment
 	rm -rf dist build/empty

@@ -38,7 +38,6 @@ LONG = (
         "bench run",
         "bench scaling",
     ),
-    "bench ablation",
     "comove generate",
     "comove sweep",
     *("--method paper", "--method task-priority", "comove reproduce"),
@@ -53,6 +52,8 @@ LONG = (
 )
 
 
+LONGEST = "bench ablation"
+"""What a command says that takes many minutes however little is asked of it."""
 ELSEWHERE = {SMALL}
 """Commands that take many minutes, and that another test runs word by word."""
 
@@ -66,10 +67,14 @@ def blocks(language: str) -> list[tuple[str, str]]:
 def commands() -> list:
     """The blocks of commands, each once; those that take long are slow tests."""
     once = {code: page for page, code in reversed(blocks("sh"))}
-    return [
-        pytest.param(page, code, marks=[pytest.mark.slow] if any(word in code for word in LONG) else [])
-        for code, page in reversed(once.items())
-    ]
+    return [pytest.param(page, code, marks=how_long(code)) for code, page in reversed(once.items())]
+
+
+def how_long(code: str) -> list:
+    """The marks of a block of commands."""
+    if LONGEST in code:
+        return [pytest.mark.release]
+    return [pytest.mark.slow] if any(word in code for word in LONG) else []
 
 
 @pytest.fixture(scope="module")

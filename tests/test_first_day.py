@@ -64,7 +64,7 @@ def started(stranger):
     return copy, variables
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_start_page_leaves_what_it_says(started):
     copy, _ = started
     files = re.findall(
@@ -75,7 +75,7 @@ def test_the_start_page_leaves_what_it_says(started):
         assert (copy / "demo" / "first" / name).is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("tutorial", TUTORIALS)
 def test_a_tutorial_can_be_followed(tutorial, started):
     copy, variables = started

@@ -95,7 +95,7 @@ def packages(tmp_path_factory):
     return source, archive, wheel
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_the_archive_of_sources_holds_what_is_tracked(packages):
     source, archive, _ = packages
     tracked = subprocess.run(
@@ -127,7 +127,7 @@ def used(packages, python: Path, folder: Path, *constraints: object, tested: boo
     assert "verified" in run([bin / "comove", "verify", "narrow.yaml", "result"], folder, variables)
 
 
-@pytest.mark.slow
+@pytest.mark.release
 @pytest.mark.parametrize("version", VERSIONS)
 def test_packages_work_in_an_empty_environment(version, packages, tmp_path):
     if version not in pythons():
@@ -136,7 +136,7 @@ def test_packages_work_in_an_empty_environment(version, packages, tmp_path):
     used(packages, pythons()[version], tmp_path, tested=version == VERSIONS[-1])
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_packages_work_with_the_oldest_versions(packages, tmp_path):
     if VERSIONS[0] not in pythons():
         pytest.skip(f"there is no Python {VERSIONS[0]} here")

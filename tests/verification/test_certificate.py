@@ -80,10 +80,10 @@ def test_shaken_solutions_are_not_certified_above_the_truth(name):
 
 
 @pytest.mark.slow
-def test_a_thousand_motions():
-    """The same on 1,000 motions; `benchmarks/soundness.py` takes as many as one has time for."""
+def test_two_hundred_motions():
+    """The same on 200 motions; `benchmarks/soundness.py` takes as many as one has time for."""
     outcomes, above, gaps = Counter(), [], []
-    for seed in range(1000):
+    for seed in range(200):
         rng = np.random.default_rng([seed, 13])
         name = "" if seed % 2 else MANY[seed // 2 % len(MANY)]
         motion = perturbed(solved(name).attempt, rng) if name else near_contact(rng)
@@ -97,8 +97,8 @@ def test_a_thousand_motions():
                 above.append((seed, name, clearance, truth))
     print(f"\n{dict(outcomes)}; median gap {np.median(gaps):.2g} m, 99 %: {np.quantile(gaps, 0.99):.2g} m")
     assert not above, above
-    assert outcomes["certified"] > 300
-    assert outcomes["contact"] > 200
+    assert outcomes["certified"] > 60
+    assert outcomes["contact"] > 40
 
 
 def test_the_bound_of_a_rejected_motion_is_a_bound_too():

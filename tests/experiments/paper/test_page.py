@@ -208,7 +208,7 @@ SMALL = "comove reproduce --seeds 2 --out look"
 """A reproduction as the paper's page tells it."""
 
 
-@pytest.mark.slow
+@pytest.mark.release
 def test_a_small_reproduction(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result, small = invoke(*SMALL.split()[1:]), tmp_path / "look"
