@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from comove.errors import OptionError
 from comove.reaction import twist_qp
 from comove.reaction.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
 from comove.reaction.twists import hand_velocities, nodes_of, poses_of
@@ -387,86 +386,3 @@ def test_rounds_that_would_find_the_same_again_are_not_made(seed, monkeypatch):
     hands = [hand_velocities(scene, poses, found.twists) for found in (short, long)]
     slack = np.linalg.norm(hands[1] - before, axis=1).max()  # far more than the acceleration allows
     assert np.abs(hands[0] - hands[1]).max() < 0.03 * slack
-
-
-@pytest.mark.parametrize("period", [0.0, -0.01, np.nan, np.inf, "fast", None, 2.0, True])
-def test_what_is_no_period_is_told(period):
-    with pytest.raises(OptionError, match="period"):
-        TwistProgramme(scene_of(), period)
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"gain": 0},
-        {"gain": np.nan},
-        {"braking_share": 1.5},
-        {"retreat_speed": -1},
-        {"n_points": 1},
-        {"n_points": 2.5},
-        {"turning_weight": 0},
-    ],
-)
-def test_settings_out_of_range_are_told(wrong):
-    with pytest.raises(OptionError, match=next(iter(wrong))):
-        ProgrammeSettings(**wrong)
-
-
-def arguments():
-    scene = scene_of([{"shape": "circle", "center": [2.3, 2.0], "radius": 0.1}])
-    return scene, [poses_of(scene, "start"), np.zeros((2, 3)), np.zeros((2, 3)), World(scene).sighting()]
-
-
-@pytest.mark.parametrize("field", ["table", "velocity", "spin", "margin"])
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_sighting_that_is_not_finite_is_told(field, value):
-    scene, given = arguments()
-    array = getattr(given[3], field).copy()
-    array.flat[1 if array.size > 1 else 0] = value
-    given[3] = given[3]._replace(**{field: array})
-    with pytest.raises(OptionError, match="not finite"):
-        TwistProgramme(scene).allowed(*given)
-
-
-def test_nan_in_sizes_is_told():
-    scene, given = arguments()
-    given[3].table[0, 13] = np.nan
-    with pytest.raises(OptionError, match="not finite"):
-        TwistProgramme(scene).allowed(*given)
-
-
-@pytest.mark.parametrize("i", [1, 2])
-def test_velocities_that_are_not_finite_are_told(i):
-    scene, given = arguments()
-    given[i][0, 0] = np.nan
-    with pytest.raises(OptionError, match="not finite"):
-        TwistProgramme(scene).allowed(*given)
-
-
-def test_wrong_poses_and_margins_are_told():
-    scene, given = arguments()
-    with pytest.raises(OptionError, match="unit"):
-        TwistProgramme(scene).allowed(given[0]._replace(quaternion=np.array([[2.0, 0, 0, 0]])), *given[1:])
-    with pytest.raises(OptionError, match="margin"):
-        TwistProgramme(scene).allowed(*given[:3], given[3]._replace(margin=np.array([-0.1])))
-
-
-@pytest.mark.parametrize(
-    ("i", "wrong", "name"),
-    [
-        (1, np.zeros((2, 2)), "before"),
-        (2, np.zeros((3, 3)), "wanted"),
-        (1, "quick", "numbers"),
-        (3, ("velocity", np.zeros((2, 3))), "velocity"),
-        (3, ("table", np.zeros((1, 5))), "table"),
-        (3, ("margin", np.zeros((1, 1))), "margin"),
-        (3, ("spin", np.zeros(3)), "spin"),
-        (0, ("center", np.zeros((2, 3))), "center"),
-        (0, ("quaternion", np.zeros((1, 3))), "quaternion"),
-    ],
-)
-def test_wrong_shapes_are_told(i, wrong, name):
-    scene, given = arguments()
-    given[i] = given[i]._replace(**{wrong[0]: wrong[1]}) if isinstance(wrong, tuple) else wrong
-    with pytest.raises(OptionError, match=name):
-        TwistProgramme(scene).allowed(*given)

@@ -156,15 +156,7 @@ def test_hand_velocities_are_differences(load, spatial):
     np.testing.assert_allclose(hand_velocities(scene, poses, twists), (ahead - behind) / (2 * dt), atol=1e-8)
 
 
-def test_what_is_no_pose_is_told():
-    scene = loaded("bar", False)
-    poses = poses_of(scene, "start")
-    for wrong in ("middle", np.zeros((3, 2)), np.full((2, 2), np.nan), "goals"):
-        with pytest.raises(OptionError):
-            poses_of(scene, wrong)
-    for twists, dt in ((np.zeros((2, 6)), 0.1), (np.full((1, 6), np.nan), 0.1), (np.zeros((1, 6)), np.inf)):
-        with pytest.raises(OptionError):
-            advanced(poses, twists, dt)
+def test_what_is_no_configuration_is_told():
     for q in (np.zeros(2), np.full(3, np.nan)):
         with pytest.raises(OptionError):
-            poses_at(load_coordinates(scene), q)
+            poses_at(load_coordinates(loaded("bar", False)), q)

@@ -46,12 +46,6 @@ BEND = 0.05  # of a distance: allowance of a step for second-order terms
 ROUNDING = 1e-9  # m, by which a clearance may be missed
 SPARE = 2e-6  # m/s, by which rows that a step has broken are kept the next time: rounds come to an end
 RESERVE = 1e-7  # m, kept on top of every clearance, so that rounding never uses it up
-UNIT = 1e-6  # by which the square of a quaternion may miss 1
-WRONG = {
-    -1: ("poses, velocities or a sighting with entries that are not finite", "give finite numbers"),
-    -2: ("a pose whose quaternion is not of unit length", "divide it by its length"),
-    -3: ("a margin below 0", "give 0 or more metres"),
-}
 
 
 @kernel
@@ -84,13 +78,10 @@ def first_rows(
 
     Returns
     -------
-    n_rows : int; where negative, the error in the arguments, see `WRONG`
+    n_rows : int
     clearance : float, least distance to obstacles, less their margins, and to the border [m]
     """
     freedom, rates, work, center = qp.freedom, qp.rates, qp.work, poses.center
-    wrong = _wrong(poses, before, wanted, sighting)
-    if wrong < 0:
-        return wrong, 0.0
     pace = _set_up(qp, poses, before, wanted, sighting)
     # Typed: a plain 0 would have all kernels below compiled for it as well.
     m: int = np.int64(0)  # type: ignore[assignment]
@@ -538,20 +529,3 @@ def _value(work: QPWorkspace, i: int, x: Array) -> float:
     for c in range(x.shape[0]):
         value += work.rows[i, c] * x[c]
     return value
-
-
-@kernel
-def _wrong(poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> int:
-    """Return a key of `WRONG`, or 0 where the arguments are valid.
-
-    Obstacles that are endless along z may have infinite sizes.
-    """
-    (center, quaternion), (table, velocity, spin, margin) = poses, sighting
-    total = center.sum() + quaternion.sum() + before.sum() + wanted.sum()
-    total += velocity.sum() + spin.sum() + margin.sum() + table[:, : CENTER + 12].sum()
-    if not np.isfinite(total) or np.isnan(table).any():
-        return -1
-    for g in range(quaternion.shape[0]):
-        if abs((quaternion[g] ** 2).sum() - 1.0) > UNIT:
-            return -2
-    return -3 if (margin < 0.0).any() else 0

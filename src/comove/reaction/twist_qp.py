@@ -33,9 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.group_poses import HandPoses
-from comove.errors import OptionError
-from comove.primitives.arguments import is_number, require_positive
-from comove.reaction.cbf_constraints import RESERVE, WRONG, first_rows, missing_rows, rate
+from comove.reaction.cbf_constraints import RESERVE, first_rows, missing_rows, rate
 from comove.reaction.control_points import load_points
 from comove.reaction.qp_workspace import (
     BORDER,
@@ -109,25 +107,6 @@ class ProgrammeSettings:
     turning_weight: float = 1e-4
     spare: float = 0.0
 
-    def __post_init__(self) -> None:
-        for name, most in (
-            ("gain", 1e3),
-            ("braking_share", 1.0),
-            ("retreat_speed", 1e3),
-            ("turning_weight", 1.0),
-        ):
-            require_positive(name, getattr(self, name), most)
-        if not is_number(self.spare) or not 0.0 <= self.spare <= 1.0:
-            raise OptionError(f"spare = {self.spare!r}", key="spare", way_out="give 0 to 1 m")
-        if (
-            isinstance(self.n_points, bool)
-            or not isinstance(self.n_points, int)
-            or not 2 <= self.n_points <= 1000
-        ):
-            raise OptionError(
-                f"n_points = {self.n_points!r}", key="n_points", way_out="give a whole number from 2 to 1000"
-            )
-
 
 class Assembled(NamedTuple):
     """A quadratic programme: minimise ``z' quadratic z / 2 + linear z`` such that ``low <= rows z <= high``.
@@ -158,15 +137,9 @@ class TwistProgramme:
     scene : the scene whose load, hands, limits, clearance and constraints are kept; obstacles come with every call
     period : length of a control step [s]
     settings : see `ProgrammeSettings`
-
-    Raises
-    ------
-    OptionError
-        If the period is not a positive number.
     """
 
     def __init__(self, scene: Scene, period: float = 0.01, settings: ProgrammeSettings | None = None):
-        require_positive("period", period, MAX_PERIOD)
         settings = ProgrammeSettings() if settings is None else settings
         self.scene, self.period, self.settings = scene, float(period), settings
         self._points = load_points(scene, settings.n_points)
@@ -181,7 +154,6 @@ class TwistProgramme:
             scene.clearance + settings.spare + RESERVE,
         )
         self._hands = (len(scene.manipulators), 3)
-        self._poses = ((len(scene.groups), 3), (len(scene.groups), 4))
         self._start = scene.nodes_at("start")[: self._hands[0]]
         self._prepare(len(scene.obstacles))
 
@@ -208,13 +180,11 @@ class TwistProgramme:
         before : array, shape (n_hands, 3), average velocities of the hands in the last step [m/s]
         wanted : array, shape (n_hands, 3), desired velocities of the hands [m/s]
         sighting : the obstacles
-
-        Raises
-        ------
-        OptionError
-            If an array has another shape, or something in it is not finite.
         """
-        poses, before, wanted, sighting = self._checked(poses, before, wanted, sighting)
+        # As the kernels are compiled for.
+        poses = HandPoses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
+        before, wanted = (np.ascontiguousarray(a, dtype=np.float64) for a in (before, wanted))
+        sighting = Sighting(*(np.ascontiguousarray(a, dtype=np.float64) for a in sighting))
         n_obstacles, unsure = len(sighting.margin), np.flatnonzero(sighting.margin > 0.0)
         if len(unsure):
             sighting = Sighting(*(np.concatenate([array, array[unsure]]) for array in sighting))
@@ -223,9 +193,6 @@ class TwistProgramme:
             self._prepare(len(sighting.margin))
         qp = QP(self._points, self._freedom, self._rates, self._work)
         m, clearance = first_rows(qp, poses, before, wanted, sighting)
-        if m < 0:
-            wrong, way_out = WRONG[m]
-            raise OptionError(wrong, way_out=way_out)
         m = self._sampled_rows(m)
         twists, gives_way, settled = np.empty((len(poses.center), 6)), HARD, False
         self._limits_slack = 0.0
@@ -245,35 +212,6 @@ class TwistProgramme:
         if blocking >= n_obstacles:
             blocking = int(unsure[blocking - n_obstacles])
         return Allowed(twists, relaxed if relaxed > TOLD else 0.0, blocking, float(clearance))
-
-    def _checked(
-        self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting
-    ) -> tuple[HandPoses, Array, Array, Sighting]:
-        """Return the arguments as the kernels take them."""
-        try:
-            poses = HandPoses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
-            before, wanted = (np.ascontiguousarray(a, dtype=np.float64) for a in (before, wanted))
-            sighting = Sighting(*(np.ascontiguousarray(a, dtype=np.float64) for a in sighting))
-        except (TypeError, ValueError) as error:
-            raise OptionError(
-                f"what is no array of numbers ({error})", way_out="give arrays of numbers"
-            ) from None
-        n = len(sighting.margin) if sighting.margin.ndim == 1 else len(self.scene.obstacles)
-        for name, given, shape in (
-            ("poses.center", poses.center, self._poses[0]),
-            ("poses.quaternion", poses.quaternion, self._poses[1]),
-            ("before", before, self._hands),
-            ("wanted", wanted, self._hands),
-            ("sighting.table", sighting.table, (n, self.scene.obstacles.shape[1])),
-            ("sighting.velocity", sighting.velocity, (n, 3)),
-            ("sighting.spin", sighting.spin, (n, 3)),
-            ("sighting.margin", sighting.margin, (n,)),
-        ):
-            if given.shape != shape:
-                raise OptionError(
-                    f"{name} of shape {given.shape}", key=name, way_out=f"give an array of shape {shape}"
-                )
-        return poses, before, wanted, sighting
 
     def _sampled_rows(self, m: int) -> int:
         """Write a row for every constraint that nothing else holds, and return the number of rows.
