@@ -3,6 +3,7 @@
 Joints come from Newton's method in Pinocchio, without comove's own kinematics.
 """
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from comove.coordination import CoordinatedDMP, CoordinatedMotion
 from comove.coordination.coordinates import load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.robots import JointMotion, Robot
+from comove.robots.description import Uncertainty
 from comove.scenes import Scene
 from tests.robots.known_path import DISTANCE, DURATION, START, hands
 
@@ -87,6 +89,12 @@ def followed(robot: Robot, frames: np.ndarray, start: np.ndarray) -> np.ndarray:
 def baxter() -> Robot:
     """Loaded once."""
     return Robot.load("baxter")
+
+
+def uncertain_baxter(**tolerances: float) -> Robot:
+    """Baxter on bases that nobody knows exactly; `tolerances` are those of `Uncertainty`."""
+    description = baxter().description.model_copy(update={"uncertainty": Uncertainty(**tolerances)})
+    return replace(baxter(), description=description)
 
 
 @lru_cache(maxsize=8)

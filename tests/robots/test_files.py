@@ -19,12 +19,11 @@ from comove.results import RESULT, write_solution
 from comove.results.sealed import checksum
 from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
-from comove.robots.description import Uncertainty
 from comove.robots.files import JOINTS, read_joints, verify_stored, write_joints
 from comove.scenes import Scene
 from comove.verification.verify import verify
 from tests.cases import examples
-from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data
+from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data, uncertain_baxter
 
 KEYS = {"time", "joint_names", "position", "velocity", "acceleration"}
 
@@ -47,11 +46,11 @@ def solution_of(motion):
     )
 
 
-def write(folder, motion=None, joints=None, **told):
+def write(folder, motion=None, joints=None):
     """A result folder of the known movement, or of another one."""
     known_motion, known = known_carry()
     motion, joints = motion or known_motion, joints or known
-    verdict = verify_joints(baxter(), motion, joints, **told)
+    verdict = verify_joints(baxter(), motion, joints)
     with whole_folder(folder, RESULT) as draft:
         write_solution(solution_of(motion), draft, wall_time_s=1.0)
         write_joints(draft, joints, verdict, baxter(), motion)
@@ -150,18 +149,6 @@ def test_a_scene_with_a_demonstration_keeps_its_checksum_without_it(tmp_path):
     assert verify_stored(tmp_path / "elsewhere").verified is not None
 
 
-def test_what_was_assumed_has_to_be_said_again(tmp_path):
-    told = {"uncertainty": Uncertainty(position=0.002), "mass_shares": [0.25, 0.75]}
-    folder = write(tmp_path / "result", **told)
-    reasons = " ".join(verify_stored(folder).reasons)
-    assert "robot.json says uncertainty = {'position': 0.002, 'rotation_deg': 0.0}, the robot's" in reasons
-    assert "robot.json says mass_shares = [0.25, 0.75], it is judged by None" in reasons
-    verdict = verify_stored(folder, **told)
-    assert verdict.reasons == ()
-    assert verdict.report.hand_uncertainty == pytest.approx(0.002)
-    assert verdict.report.mass_shares == (0.25, 0.75)
-
-
 def test_an_attempt_that_was_not_verified_is_written_with_its_reasons_and_stays_unverified(tmp_path):
     motion, joints = known_carry(3.0)
     folder = write(tmp_path / "result", motion, joints)
@@ -258,13 +245,6 @@ def test_an_edited_field_is_named(folder, edit, told):
     assert any(told in reason for reason in verdict.reasons)
 
 
-def unsure(position=0.05):
-    """Baxter on bases that nobody knows well; on them the known movement is not safe."""
-    robot = baxter()
-    description = robot.description.model_copy(update={"uncertainty": Uncertainty(position=position)})
-    return replace(robot, description=description)
-
-
 LOOSER = [
     {"uncertainty": {"position": 0.0, "rotation_deg": 0.0}},
     {"uncertainty": {}},
@@ -282,10 +262,11 @@ LOOSER = [
 @pytest.mark.few(4)
 def test_nothing_that_the_folder_says_loosens_the_check(folder, edit):
     """The folder was judged on bases that are known exactly, and says so; the description knows better."""
-    assert any("clearance" in reason for reason in verify_joints(unsure(), *known_carry()).reasons)
-    edit_summary(folder, robot_sha256=unsure().sha256, **edit)
+    unsure = uncertain_baxter(position=0.05)
+    assert any("clearance" in reason for reason in verify_joints(unsure, *known_carry()).reasons)
+    edit_summary(folder, robot_sha256=unsure.sha256, **edit)
     sign(folder)
-    verdict = verify_stored(folder, unsure())
+    verdict = verify_stored(folder, unsure)
     assert verdict.verified is None
     assert verdict.report.hand_uncertainty == pytest.approx(0.05)
 

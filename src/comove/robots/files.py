@@ -9,7 +9,7 @@ scene itself, so that the folder can be judged anew and played without other fil
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +33,7 @@ from comove.results.solution import (
     rebuild,
     verify_result,
 )
-from comove.robots.description import Uncertainty, bundled_robots
+from comove.robots.description import bundled_robots
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints
@@ -122,7 +122,6 @@ def write_joints(
         **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
-        "mass_shares": None if report.mass_shares is None else list(report.mass_shares),
         **({"meshes_in": str(motion.scene.folder.resolve())} if motion.scene.meshes else {}),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
@@ -202,17 +201,12 @@ def verified_motion(folder: str | Path) -> VerifiedJointMotion:
 
 
 def verify_stored(
-    folder: str | Path,
-    robot: Robot | None = None,
-    *,
-    scene: Scene | None = None,
-    uncertainty: Uncertainty | None = None,
-    mass_shares: Sequence[float] | None = None,
+    folder: str | Path, robot: Robot | None = None, *, scene: Scene | None = None
 ) -> JointVerdict:
     """Judge a stored joint motion anew.
 
-    The judge's assumptions come from the scene, the robot's description and the caller, never from `robot.json`,
-    which must agree with them.
+    The judge's assumptions come from the scene and the robot's description, never from `robot.json`, which must agree
+    with them.
 
     Parameters
     ----------
@@ -220,10 +214,6 @@ def verify_stored(
         The robot; the one that `robot.json` names unless given.
     scene
         Scene on which the motion is judged; `scene.json` unless given.
-    uncertainty
-        Tolerances of the places of the bases; the description's unless given.
-    mass_shares
-        Parts of the load's mass that its holders carry; equal unless given.
 
     Raises
     ------
@@ -233,10 +223,9 @@ def verify_stored(
     stored, solution = steadily(Path(folder), lambda: (read_joints(folder), read_result(folder)))
     robot = robot_in(stored) if robot is None else robot
     scene = stored.scene if scene is None else scene
-    uncertainty = robot.description.uncertainty if uncertainty is None else uncertainty
     hands = verify_result(solution, scene)
     edits = [*hands.reasons, *_edited_checksums(stored, solution, robot)]
-    edits += _other_assumptions(stored.summary, uncertainty, mass_shares)
+    edits += _other_assumptions(stored.summary, robot)
     if stored.scene.sha256 != scene.sha256:
         edits.append(f"{SCENE} is not the scene that it is judged on: its checksum differs")
     flaws = _misshapen(stored.arrays) or unfit_joints(robot, scene, stored.joints)
@@ -244,9 +233,7 @@ def verify_stored(
         motion = rebuild(solution.arrays, scene)
         verdict = _NOTHING
         if not flaws:
-            verdict = verify_joints(
-                robot, motion, stored.joints, uncertainty=uncertainty, mass_shares=mass_shares
-            )
+            verdict = verify_joints(robot, motion, stored.joints)
     except (InputError, ValueError) as error:
         flaws, verdict = [*flaws, " ".join(str(error).split())], _NOTHING
     if not flaws:
@@ -299,13 +286,11 @@ def robot_in(stored: StoredJoints) -> Robot:
         ) from error
 
 
-def _other_assumptions(
-    summary: Mapping[str, Any], uncertainty: Uncertainty, mass_shares: Sequence[float] | None
-) -> list[str]:
+def _other_assumptions(summary: Mapping[str, Any], robot: Robot) -> list[str]:
     """List the assumptions in the summary that differ from the judge's, in words."""
     assumed = {
-        "uncertainty": (uncertainty.model_dump(), "the robot's description says"),
-        "mass_shares": (None if mass_shares is None else [float(x) for x in mass_shares], "it is judged by"),
+        "uncertainty": (robot.description.uncertainty.model_dump(), "the robot's description says"),
+        "mass_shares": (None, "it is judged by"),  # equal ones; former versions could be told of others
     }
     return [
         f"{JOINTS.summary} says {key} = {shortened(repr(summary.get(key)))}, {says} {right}"

@@ -10,7 +10,6 @@ import pytest
 from comove.errors import OptionError
 from comove.experiments.examples import example
 from comove.robots import JointMotion, verify_joints
-from comove.robots.description import Uncertainty
 from comove.robots.verification.checks import unfit_scene
 from comove.robots.verification.verify import JointReport, VerifiedJointMotion
 from comove.scenes import Scene
@@ -24,6 +23,7 @@ from tests.robots.known_carry import (
     on_scene,
     posts,
     scene_data,
+    uncertain_baxter,
 )
 from tests.robots.known_path import DURATION
 
@@ -244,8 +244,6 @@ def test_a_planar_scene_and_hands_without_arms_are_refused_in_words():
 def test_something_else_than_a_motion_of_hands_is_an_error():
     with pytest.raises(OptionError, match="give the VerifiedMotion"):
         verify_joints(baxter(), known_carry()[1], known_carry()[1])
-    with pytest.raises(OptionError, match="give 2 parts of 1"):
-        verify_joints(baxter(), *known_carry(), mass_shares=[1.0])
 
 
 def test_a_table_through_the_robots_base_is_no_fault_of_the_motion():
@@ -279,14 +277,14 @@ def test_arms_that_meet_are_refused():
 def test_bases_that_may_stand_elsewhere_take_from_the_clearance():
     motion, joints = known_carry()
     sure = verify_joints(baxter(), motion, joints).report
-    unsure = verify_joints(baxter(), motion, joints, uncertainty=Uncertainty(position=0.01))
+    unsure = verify_joints(uncertain_baxter(position=0.01), motion, joints)
     assert unsure.report.hand_uncertainty == pytest.approx(0.01)
     assert unsure.report.clearance_scene == pytest.approx(sure.clearance_scene - 0.01, abs=1e-3)
     assert unsure.report.clearance_self == pytest.approx(sure.clearance_self, abs=1e-6)  # on one base
     assert unsure.verified is not None
-    turned = verify_joints(baxter(), motion, joints, uncertainty=Uncertainty(rotation_deg=1.0))
+    turned = verify_joints(uncertain_baxter(rotation_deg=1.0), motion, joints)
     reach = np.linalg.norm(motion.hands(np.linspace(0.0, 1.0, 1001))[0], axis=2).max()
     assert turned.report.hand_uncertainty == pytest.approx(np.deg2rad(1.0) * reach, rel=1e-6)
     assert any("0.005 m is to be kept" in reason for reason in turned.reasons)
-    far = verify_joints(baxter(), motion, joints, uncertainty=Uncertainty(position=0.029))
+    far = verify_joints(uncertain_baxter(position=0.029), motion, joints)
     assert any("where the bases stand" in reason for reason in far.reasons)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.errors import OptionError, RobotError
+from comove.errors import RobotError
 from comove.robots.effort import largest_torque, load_mass
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Extreme, JointMotion, largest_acceleration, largest_velocity, least_margin
@@ -151,20 +150,11 @@ def _units(robot: Robot) -> list[str]:
     return ["m" if slide else "rad" for slide in slides]
 
 
-def masses(scene: Scene, shares: Sequence[float] | None) -> Array:
-    """Return the mass that every hand carries; array, shape (n_hands,) [kg]."""
+def masses(scene: Scene) -> Array:
+    """Return the mass that every hand carries, its holders equally; array, shape (n_hands,) [kg]."""
     masses = np.zeros(len(scene.manipulators))
     holders = [scene.manipulators.index(name) for name in scene.file.holders]
-    if not holders:
-        return masses
-    parts = np.full(len(holders), 1.0 / len(holders)) if shares is None else np.array(shares, dtype=float)
-    if parts.shape != (len(holders),) or not (parts >= 0).all() or not abs(parts.sum() - 1.0) <= 1e-6:
-        raise OptionError(
-            f"the shares of the load's mass are {parts.tolist()}",
-            key="mass_shares",
-            way_out=f"give {len(holders)} parts of 1",
-        )
-    masses[holders] = parts * load_mass(scene)
+    masses[holders] = load_mass(scene) / max(len(holders), 1)
     return masses
 
 

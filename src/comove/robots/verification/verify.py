@@ -16,7 +16,7 @@ hands, load and scene  bound at every instant by `comove.verification`
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
 
@@ -59,7 +59,6 @@ class JointReport:
         reduced by the effect of that tolerance
     load_mass : mass with which torques were computed [kg]
     uncertainty : tolerance that was assumed of the bases' places
-    mass_shares : shares of the load's mass that were assumed (None: shared equally)
     where : by measure, the name of the joint, hand or pair that has it, and the time [s]
 
     A clearance is infinite where there is no pair of bodies. Measures that were not computed are NaN.
@@ -80,7 +79,6 @@ class JointReport:
     hand_uncertainty: float = math.nan
     load_mass: float = math.nan
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
-    mass_shares: tuple[float, ...] | None = None
     where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def asdict(self) -> dict[str, float]:
@@ -167,8 +165,6 @@ def verify_joints(
     motion: VerifiedMotion | CoordinatedMotion,
     joints: JointMotion,
     *,
-    uncertainty: Uncertainty | None = None,
-    mass_shares: Sequence[float] | None = None,
     slack: float = 0.0,
 ) -> JointVerdict:
     """Verify a robot's motion: limits, torques, hands on the load and clearance.
@@ -179,10 +175,6 @@ def verify_joints(
         Motion of the hands and the load; a CoordinatedMotion is verified first.
     joints
         The robot's motion that carries out `motion`.
-    uncertainty
-        Tolerances of the places of the bases; the description's unless given.
-    mass_shares
-        Shares of the load's mass that its holders carry, in their order; equal unless given.
     slack
         Share of the links' clearance beyond the required one that its bounds in the report may give away, as a search
         does: what is verified is the same, but faster known. Unless it is 0, the first check that fails is the last.
@@ -205,14 +197,14 @@ def verify_joints(
         return _refused(unfit)
     joints = _own_copy(joints)
     arms = tuple(robot.arm(name) for name in scene.manipulators)
-    bases = Bases(robot, robot.description.uncertainty if uncertainty is None else uncertainty)
+    bases = Bases(robot, robot.description.uncertainty)
     carried, curve = Carried(motion.motion), joints.curve
     errors = cache(lambda: holding_errors(robot, arms, carried, curve))
     findings = list[checks.JointFinding]()
     for check in (
         lambda: checks.rest(robot, curve),
         lambda: checks.limits(robot, curve),
-        lambda: checks.torques(robot, curve, arms, checks.masses(scene, mass_shares)),
+        lambda: checks.torques(robot, curve, arms, checks.masses(scene)),
         lambda: checks.hands(errors(), motion),
         lambda: checks.calibration(bases, arms, errors(), motion),
         lambda: checks.clearances(
@@ -224,8 +216,7 @@ def verify_joints(
             break
     measures = {name: value for finding in findings for name, value in finding.measures.items()}
     where = {name: place for finding in findings for name, place in finding.where.items()}
-    shares = None if mass_shares is None else tuple(float(share) for share in mass_shares)
-    report = JointReport(**measures, uncertainty=bases.uncertainty, mass_shares=shares, where=where)
+    report = JointReport(**measures, uncertainty=bases.uncertainty, where=where)
     reasons = tuple(reason for finding in findings for reason in finding.reasons)
     verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, seal=_SEAL)
     return JointVerdict(verified, report, reasons)
