@@ -9,7 +9,7 @@ release; hands may be near it on the straight part only. The motion of the open 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import InitVar, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ DAMPING = 1e-8
 _JUDGED = object()
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class Transfers(Sealed):
     """Approach and release of a carry, which passed every check. Only `plan_transfers` makes it.
 
@@ -64,25 +65,10 @@ class Transfers(Sealed):
     release: JointMotion
     grip_time: float
     clearance_min: float
+    seal: InitVar[object] = field(default=None, kw_only=True)
 
-    def __init__(
-        self,
-        carry: VerifiedJointMotion,
-        approach: JointMotion,
-        release: JointMotion,
-        grip_time: float,
-        clearance_min: float,
-        *,
-        seal: object = None,
-    ):
-        self._fill(
-            seal is _JUDGED,
-            carry=carry,
-            approach=approach,
-            release=release,
-            grip_time=grip_time,
-            clearance_min=clearance_min,
-        )
+    def __post_init__(self, seal: object) -> None:
+        self._require(seal is _JUDGED)
 
 
 def plan_transfers(

@@ -1,4 +1,4 @@
-"""Base class of results that only their check can create, and that can be neither changed nor pickled."""
+"""Base class of results that only their check can create, and that are not pickled."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import ClassVar, NoReturn, Self
 
 
 class Sealed:
-    """A result of a check that only the check's function can create, and that cannot be changed afterwards.
+    """A result of a check that only the check's function can create; a frozen dataclass, so that it does not change.
 
     Other callers of the constructor get an error that names this function.
 
@@ -19,18 +19,10 @@ class Sealed:
     MAKER: ClassVar[str]
     INSTEAD: ClassVar[str]
 
-    def _fill(self, judged: bool, **values: object) -> None:
-        """Set the slots, if `judged` says that the caller has the maker's seal; else raise a TypeError."""
-        if not judged:
+    def _require(self, sealed: bool) -> None:
+        """Raise a TypeError unless the caller of the constructor had the maker's seal."""
+        if not sealed:
             raise TypeError(f"{type(self).__name__} comes from {self.MAKER}, not from its constructor")
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"{type(self).__name__} does not change")
-
-    def __delattr__(self, name: str) -> None:
-        raise AttributeError(f"{type(self).__name__} does not change")
 
     def __copy__(self) -> Self:
         return self

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import InitVar, asdict, dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -77,6 +77,7 @@ class Report:
         return {name: value for name, value in asdict(self).items() if value is not None}
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class VerifiedMotion(Sealed):
     """A motion that has passed every check; only `verify` creates it.
 
@@ -87,13 +88,15 @@ class VerifiedMotion(Sealed):
     """
 
     __slots__ = ("motion", "report")
-    motion: CoordinatedMotion
-    report: Report
     MAKER = "comove.verification.verify"
     INSTEAD = "send its `motion` and verify that anew"
 
-    def __init__(self, motion: CoordinatedMotion, report: Report, *, seal: object = None):
-        self._fill(seal is _SEAL, motion=motion, report=report)
+    motion: CoordinatedMotion
+    report: Report
+    seal: InitVar[object] = field(default=None, kw_only=True)
+
+    def __post_init__(self, seal: object) -> None:
+        self._require(seal is _SEAL)
 
     @property
     def clearance_min(self) -> float:

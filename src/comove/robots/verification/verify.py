@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import InitVar, dataclass, field, fields
 from functools import cache
 
 import numpy as np
@@ -86,6 +86,7 @@ class JointReport:
         return {item.name: getattr(self, item.name) for item in fields(self) if item.type == "float"}
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class VerifiedJointMotion(Sealed):
     """A robot's motion that passed every check; only `verify_joints` makes it.
 
@@ -105,17 +106,10 @@ class VerifiedJointMotion(Sealed):
     motion: VerifiedMotion
     joints: JointMotion
     report: JointReport
+    seal: InitVar[object] = field(default=None, kw_only=True)
 
-    def __init__(
-        self,
-        robot: Robot,
-        motion: VerifiedMotion,
-        joints: JointMotion,
-        report: JointReport,
-        *,
-        seal: object = None,
-    ):
-        self._fill(seal is _SEAL, robot=robot, motion=motion, joints=joints, report=report)
+    def __post_init__(self, seal: object) -> None:
+        self._require(seal is _SEAL)
 
     @property
     def scene(self) -> Scene:
