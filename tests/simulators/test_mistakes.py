@@ -170,7 +170,7 @@ def test_what_broke_down_at_once_is_written_and_drawn_or_told(tmp_path, state):
 def test_the_film_of_no_time_has_a_picture(tmp_path, monkeypatch):
     from comove.simulators import pictures
 
-    monkeypatch.setattr(pictures, "encoder", lambda: None)
+    monkeypatch.setattr(pictures, "encodes", lambda: False)
     try:
         path = draw_film(broken_down(None), tmp_path / "film.mp4", width=64)
     except OptionError:

@@ -1,17 +1,15 @@
 """Pictures of an execution: a sheet of instants and a film, drawn by MuJoCo without a screen.
 
-Films are MP4 by ffmpeg, where there is one, else GIF by Pillow.
+Films are MP4 by PyAV, where it is installed, else GIF by Pillow.
 """
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from comove.errors import OptionError, ResultError
+from comove.errors import ExtraError, OptionError, ResultError
 from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.io.files import whole_file, whole_path
+from comove.io.videos import encode, require_videos
 from comove.robots.model import Robot
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
@@ -35,6 +34,7 @@ LARGEST = (1080, 1920)  # pixels of a picture, height and width
 FIELD = 40.0  # degrees, that the camera sees from top to bottom
 LARGE = 2.0  # m, of a box that need not be seen to its ends
 GAP = 6  # pixels between the pictures of a sheet
+OF_FILMS = {"encoder": {"crf": "23"}, "container": {"movflags": "+faststart"}}  # they play while they load
 INK, PAPER = (40, 44, 52), (255, 255, 255)
 
 
@@ -109,14 +109,27 @@ def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, wid
     OptionError, ResultError
         As `draw_sheet`.
     """
-    ffmpeg = encoder()
-    path = Path(path).with_suffix(".gif" if ffmpeg is None else ".mp4")
+    path = Path(path).with_suffix(".mp4" if encodes() else ".gif")
     width, height = width // 2 * 2, round(width * 3 / 8) * 2  # encoders want even numbers
     times = np.arange(0.0, max(execution.time[-1], 1 / rate), 1 / rate)  # one at least
     steps = np.searchsorted(execution.time, times - 1e-9).clip(max=len(execution.time) - 1)
     with camera(execution, width, height, shadows=False) as shot:
-        write_film((shot(step) for step in steps), path, rate, ffmpeg)
+        pictures = (shot(step) for step in steps)
+        with whole_path(path, ResultError) as draft:
+            if path.suffix == ".gif":
+                _write_gif(pictures, draft, rate)
+            else:
+                encode(((np.asarray(picture),) for picture in pictures), [str(draft)], rate, **OF_FILMS)
     return path
+
+
+def encodes() -> bool:
+    """Return whether there is an encoder of films."""
+    try:
+        require_videos()
+    except ExtraError:
+        return False
+    return True
 
 
 def _steps(execution: Execution, count: int) -> list[int]:
@@ -335,57 +348,6 @@ def front_of(robot: Robot, work: Array) -> float:
     if np.hypot(x, y) < 0.1:  # robots around what they do have no front
         return 180.0
     return float(90.0 * np.round(2 / np.pi * np.arctan2(y, x)))
-
-
-def encoder() -> str | None:
-    """Return the ffmpeg that comes with imageio-ffmpeg, else the system's, None where there is none."""
-    try:
-        import imageio_ffmpeg
-
-        return imageio_ffmpeg.get_ffmpeg_exe()
-    except (ImportError, RuntimeError):
-        return shutil.which("ffmpeg")
-
-
-def write_film(pictures: Iterable[Image.Image], path: Path, rate: float, ffmpeg: str | None) -> None:
-    """Write pictures of one size as a film.
-
-    Parameters
-    ----------
-    path : path of the file, an MP4 if there is an encoder, else a GIF
-    rate : pictures a second
-    ffmpeg : path of the encoder; None writes a GIF
-
-    Raises
-    ------
-    ResultError
-        If the file cannot be written.
-    """
-    with whole_path(path, ResultError) as draft:
-        if ffmpeg is None:
-            _write_gif(pictures, draft, rate)
-        else:
-            _write_mp4(pictures, draft, rate, ffmpeg)
-
-
-def _write_mp4(pictures: Iterable[Image.Image], path: Path, rate: float, ffmpeg: str) -> None:
-    pictures = iter(pictures)
-    first = next(pictures)
-    size = f"{first.width}x{first.height}"
-    given = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", f"{rate:g}", "-i", "-", "-an"]
-    wanted = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-crf", "23", "-movflags", "+faststart", "-f", "mp4"]
-    command = [ffmpeg, "-y", "-loglevel", "error", *given, *wanted, str(path)]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdin is not None
-        with suppress(BrokenPipeError):  # what it has to say comes below
-            for picture in chain([first], pictures):
-                process.stdin.write(picture.tobytes())
-        _, said = process.communicate()
-    if process.returncode:
-        reason = said.decode(errors="replace").strip().splitlines()[-1:] or ["it failed"]
-        raise ResultError(
-            f"ffmpeg: {reason[0]}", file=path, way_out="remove that ffmpeg to get a GIF instead"
-        )
 
 
 def _write_gif(pictures: Iterable[Image.Image], path: Path, rate: float) -> None:

@@ -14,7 +14,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from comove.io.keys import Number, Part, Wrong, as_tuple
 from comove.io.messages import show
-from comove.studies.videos import encoded, require_videos
+from comove.io.videos import require_videos
+from comove.studies.videos import encoded
 
 if TYPE_CHECKING:
     from comove.simulators import Execution

@@ -8,39 +8,20 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from comove.errors import ExtraError, ResultError
+from comove.errors import ResultError
+from comove.io.videos import Picture, encode, require_videos
 
-Picture = NDArray[np.uint8]
-
-CODEC, PIXELS = "h264", "yuv420p"
+CODEC = "h264"
 OPTIONS = {"crf": "20", "g": "2", "bf": "0", "preset": "medium", "threads": "1"}
 """Of the encoder: on one thread, so that the same pictures give the same bytes."""
-
-
-def require_videos() -> ModuleType:
-    """Import and return PyAV.
-
-    Raises
-    ------
-    ExtraError
-        If it is not installed.
-    """
-    try:
-        import av
-    except ImportError as error:
-        raise ExtraError("video of cameras", "video") from error
-    return av
 
 
 def encoded(pictures: Iterable[Sequence[Picture]], count: int, rate: int) -> list[bytes]:
@@ -52,26 +33,9 @@ def encoded(pictures: Iterable[Sequence[Picture]], count: int, rate: int) -> lis
     count : number of cameras
     rate : pictures a second [Hz]
     """
-    av = require_videos()
     files = [io.BytesIO() for _ in range(count)]
-    with ExitStack() as stack:
-        containers = [stack.enter_context(av.open(file, "w", format="mp4")) for file in files]
-        streams: list[Any] = []
-        for seen in pictures:
-            if not streams:
-                streams = [_stream(container, seen[0].shape, rate) for container in containers]
-            for container, stream, picture in zip(containers, streams, seen, strict=True):
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        for container, stream in zip(containers, streams, strict=True):
-            container.mux(stream.encode())
+    encode(pictures, files, rate, encoder=OPTIONS)
     return [file.getvalue() for file in files]
-
-
-def _stream(container: Any, shape: tuple[int, ...], rate: int) -> Any:
-    stream = container.add_stream("libx264", rate=rate, options=OPTIONS)
-    stream.height, stream.width = shape[:2]
-    stream.pix_fmt = PIXELS
-    return stream
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.io.files import extra
+from comove.io.videos import PIXELS
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
-from comove.studies.videos import CODEC, PIXELS, Video, VideoFile
+from comove.studies.videos import CODEC, Video, VideoFile
 
 STATE, ACTION, ENVIRONMENT = "observation.state", "action", "observation.environment_state"
 HANDS, IMAGES = "observation.hands", "observation.images."
