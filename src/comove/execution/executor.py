@@ -33,7 +33,7 @@ from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
-from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, ProgrammeSettings, TwistProgramme
+from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene
@@ -122,27 +122,46 @@ class Event:
 
 
 @dataclass(eq=False)
-class ExecutionLog:
-    """The log that an executor keeps.
+class StepLog:
+    """The log of what an executor does step by step.
 
     Attributes
     ----------
     events : events in their order
-    control, planning, evading : computing time of every control step, of every attempt to plan, and of every search
-        for a course without a plan [s]
+    control, planning : computing time of every control step, and of every attempt to plan [s]
     blocking : number of control steps in which an obstacle hindered most, by the obstacle's number; -1 for the
-        border, the number of the file's obstacles for all that clouds show
+        border, the number of the file's obstacles for all else that is seen
     relaxed : by how much the programme had to relax its rows at most [m/s]
-    evaluations, generations : totals of all plans
-    first_plan : computing time until the first plan was found [s], None where there was none
     """
 
     events: list[Event] = field(default_factory=list)
     control: array[float] = field(default_factory=lambda: array("d"))
     planning: list[float] = field(default_factory=list)
-    evading: list[float] = field(default_factory=list)
     blocking: dict[int, int] = field(default_factory=dict)
     relaxed: float = 0.0
+
+    def note(self, allowed: Allowed, scene: Scene) -> None:
+        """Note what the programme allowed in a control step: what hindered, and how far rows were relaxed."""
+        self.relaxed = max(self.relaxed, allowed.relaxed)
+        if allowed.blocking != NOTHING:
+            row, named = allowed.blocking, len(scene.owners)
+            # What clouds show has no lasting number.
+            who = scene.owner_of(row) if row < named else len(scene.motions)
+            self.blocking[who] = self.blocking.get(who, 0) + 1
+
+
+@dataclass(eq=False)
+class ExecutionLog(StepLog):
+    """The log that an executor keeps, see `StepLog`.
+
+    Attributes
+    ----------
+    evading : computing time of every search for a course without a plan [s]
+    evaluations, generations : totals of all plans
+    first_plan : computing time until the first plan was found [s], None where there was none
+    """
+
+    evading: list[float] = field(default_factory=list)
     evaluations: int = 0
     generations: int = 0
     first_plan: float | None = None
@@ -330,12 +349,7 @@ class Executor:
             twists = twists + twists_between(self.scene, self.poses, here, SETTINGS.catch_up)
             wanted = hand_velocities(self.scene, self.poses, twists)
         allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
-        if allowed.blocking != NOTHING:
-            row, named = allowed.blocking, len(self.scene.owners)
-            # What clouds show has no lasting number.
-            who = self.scene.owner_of(row) if row < named else len(self.scene.motions)
-            self.log.blocking[who] = self.log.blocking.get(who, 0) + 1
-        self.log.relaxed = max(self.log.relaxed, allowed.relaxed)
+        self.log.note(allowed, self.scene)
         return allowed.twists
 
     def _keep_a_course(self) -> None:

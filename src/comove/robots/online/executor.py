@@ -12,7 +12,6 @@ rounding, however long a run is. Measured joints slow the plan down where the ro
 from __future__ import annotations
 
 import time as clock
-from array import array
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,12 +21,11 @@ from comove.compiled import kernel
 from comove.coordination.blocks import write_pose
 from comove.coordination.group_poses import HandPoses, poses_at
 from comove.errors import OptionError, RobotError
-from comove.execution.executor import Event
+from comove.execution.executor import Event, StepLog
 from comove.execution.observers import Functions, Observer
 from comove.geometry.rotations import matrices
 from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
-from comove.reaction.twist_qp import NOTHING
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.robots.carry import carry
 from comove.robots.carrying import RobotCarrier
@@ -86,23 +84,9 @@ class OnlineSettings:
 
 
 @dataclass(eq=False)
-class OnlineLog:
-    """The log of a run.
+class OnlineLog(StepLog):
+    """The log of a run, see `StepLog`; `stopped` control steps are those in which the robot had to stand at once."""
 
-    Attributes
-    ----------
-    events : events in their order
-    control, planning : computing time of every control step and of every attempt to plan [s]
-    relaxed : by how much rows of the programme had to be relaxed at most [m/s]
-    blocking : number of control steps in which an obstacle hindered most, by its number; -1 for the border
-    stopped : number of control steps in which the robot had to stand at once
-    """
-
-    events: list[Event] = field(default_factory=list)
-    control: array[float] = field(default_factory=lambda: array("d"))
-    planning: list[float] = field(default_factory=list)
-    relaxed: float = 0.0
-    blocking: dict[int, int] = field(default_factory=dict)
     stopped: int = 0
 
 
@@ -244,7 +228,7 @@ class JointExecutor:
         drawn = pace * wanted_rates + (there - joints) / how.catch_up
         state = JointState(joints, self.rates, drawn, self._bend)
         allowed = self.programme.allowed_rates(self.poses, state, self._before, wanted, seen)
-        self._note(allowed.relaxed, allowed.blocking)
+        self.log.note(allowed, self.scene)
         self._move(allowed.twists, self.programme.rates)
         pilot = self.pilot
         pilot.clock = min(pilot.clock + pace * period, pilot.reference.duration)
@@ -290,12 +274,6 @@ class JointExecutor:
         how = self.settings
         left = min(1.0 - behind / how.behind, 2.0 * (1.0 - lag / how.lag))
         return min(max(left, 0.0), 1.0)
-
-    def _note(self, relaxed: float, blocking: int) -> None:
-        self.log.relaxed = max(self.log.relaxed, relaxed)
-        if blocking != NOTHING:
-            who = self.scene.owner_of(blocking)
-            self.log.blocking[who] = self.log.blocking.get(who, 0) + 1
 
     def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
         begun = clock.perf_counter()
