@@ -228,7 +228,7 @@ def test_hands_at_one_height_rise_together():
     np.testing.assert_allclose(rising, [0.2, 0.5, 0.2], atol=1e-12)
 
 
-def test_it_says_what_blocks_and_how_near_it_is():
+def test_it_says_what_blocks():
     ball = {"shape": "circle", "center": [2.2, 2.0], "radius": 0.1}
     far = {"shape": "circle", "center": [0.5, 0.5], "radius": 0.1}
     scene = scene_of([far, ball], limits={"clearance": 0.02})
@@ -236,9 +236,7 @@ def test_it_says_what_blocks_and_how_near_it_is():
     world = World(scene)
     allowed = TwistProgramme(scene).allowed(poses, 0 * wanted, wanted, world.sighting())
     assert allowed.blocking == 1
-    assert allowed.clearance == pytest.approx(0.09, abs=1e-9) == world.clearance(nodes_of(scene, poses))
     seen = TwistProgramme(scene).allowed(poses, 0 * wanted, wanted, world.sighting(margin=0.03))
-    assert seen.clearance == pytest.approx(0.06, abs=1e-9)
     approach = [a.twists[0, 0] for a in (allowed, seen)]
     np.testing.assert_allclose(np.diff(approach), -0.03 * GAIN, rtol=1e-5)
     away = TwistProgramme(scene).allowed(poses, 0 * wanted, -wanted / 4, world.sighting())
@@ -249,7 +247,6 @@ def test_it_says_what_blocks_and_how_near_it_is():
         poses_of(small, "start"), 0 * wanted, wanted, Sighting.still(small)
     )
     assert border.blocking == -1
-    assert border.clearance == pytest.approx(0.04, abs=1e-9)
 
 
 def test_a_wall_that_recedes_is_followed():

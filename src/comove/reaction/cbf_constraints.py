@@ -71,30 +71,21 @@ def horizon(speed: float, gain: float, rates: Rates) -> float:
 
 
 @kernel
-def first_rows(
-    qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting
-) -> tuple[int, float]:
-    """Write the objective and the rows of all that is near now.
-
-    Returns
-    -------
-    n_rows : int
-    clearance : float, least distance to obstacles, less their margins, and to the border [m]
-    """
+def first_rows(qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> int:
+    """Write the objective and the rows of all that is near now, and return the number of rows."""
     freedom, rates, work, center = qp.freedom, qp.rates, qp.work, poses.center
     pace = _set_up(qp, poses, before, wanted, sighting)
     # Typed: a plain 0 would have all kernels below compiled for it as well.
     m: int = np.int64(0)  # type: ignore[assignment]
-    m, clearance = _first_of_points(qp, m, center, sighting, pace, np.inf)
-    m, clearance = _first_of_edges(qp, m, center, sighting, pace, clearance)
-    m, clearance = _first_of_solids(qp, m, center, sighting, pace, clearance)
-    m, clearance = _first_of_border(qp, m, center, pace, clearance)
+    m = _first_of_points(qp, m, center, sighting, pace)
+    m = _first_of_edges(qp, m, center, sighting, pace)
+    m = _first_of_solids(qp, m, center, sighting, pace)
+    m = _first_of_border(qp, m, center, pace)
     for k in range(freedom.pairs.shape[0]):
         h = _pair_distance(freedom, work.nodes, k)
         if h <= horizon(2 * pace, _pair_gain(qp, k), rates):
             m = _pair_row(qp, m, k, h)
-    m = limit_rows(qp, m, before, wanted, m > 0)
-    return m, clearance + rates.clearance
+    return limit_rows(qp, m, before, wanted, m > 0)
 
 
 @kernel
@@ -138,10 +129,8 @@ def _near(qp: QP, g: int, pace: float, fastest: float) -> float:
 
 
 @kernel
-def _first_of_points(
-    qp: QP, m: int, center: Array, sighting: Sighting, pace: float, clearance: float
-) -> tuple[int, float]:
-    """Write the rows of sampled points against obstacles; return the number of rows and the least clearance [m]."""
+def _first_of_points(qp: QP, m: int, center: Array, sighting: Sighting, pace: float) -> int:
+    """Write the rows of sampled points against obstacles; return the number of rows."""
     points, rates, work, table = qp.points, qp.rates, qp.work, sighting.table
     for j in range(table.shape[0]):
         fastest = _fastest(sighting, j)
@@ -149,19 +138,16 @@ def _first_of_points(
             g, p = points.group[k], work.points[k]
             need = points.radius[k] + rates.clearance + sighting.margin[j]
             h = point_distance(table, j, p[0], p[1], p[2]) - need
-            clearance = min(clearance, h)
             if h <= _near(qp, g, pace, fastest):
                 true, nx, ny, nz = solid_gradient(table, j, p[0], p[1], p[2])
                 h = max(h, true - need)  # planes of a polytope tell less
                 m = _obstacle_row(qp, m, (g, j), center, p, (nx, ny, nz), sighting, h)
-    return m, clearance
+    return m
 
 
 @kernel
-def _first_of_edges(
-    qp: QP, m: int, center: Array, sighting: Sighting, pace: float, clearance: float
-) -> tuple[int, float]:
-    """Write the rows of the nearest points of edges, unless they are ends; return as `_first_of_points` does."""
+def _first_of_edges(qp: QP, m: int, center: Array, sighting: Sighting, pace: float) -> int:
+    """Write the rows of the nearest points of edges, unless they are ends."""
     points, rates, work = qp.points, qp.rates, qp.work
     for j in range(sighting.table.shape[0]):
         fastest = _fastest(sighting, j)
@@ -170,18 +156,15 @@ def _first_of_edges(
             h, share = near_on_edge(sighting.table, j, work.nodes[a], work.nodes[b], np.inf)
             h -= points.edge_radius[e] + rates.clearance + sighting.margin[j]
             work.left[e, j] = h
-            clearance = min(clearance, h)
             inside = a != b and 0.0 < share < 1.0
             if inside and h <= _near(qp, points.node_group[a], pace, fastest):
                 m = _inner_row(qp, m, center, sighting, j, e, share)
-    return m, clearance
+    return m
 
 
 @kernel
-def _first_of_solids(
-    qp: QP, m: int, center: Array, sighting: Sighting, pace: float, clearance: float
-) -> tuple[int, float]:
-    """Write the rows of the nearest points of all parts of solids; return as `_first_of_points` does."""
+def _first_of_solids(qp: QP, m: int, center: Array, sighting: Sighting, pace: float) -> int:
+    """Write the rows of the nearest points of all parts of solids."""
     points, work, table, near = qp.points, qp.work, sighting.table, np.empty(3)
     for j in range(table.shape[0]):
         fastest = _fastest(sighting, j)
@@ -195,23 +178,21 @@ def _first_of_solids(
                 if h <= reach:
                     _, nx, ny, nz = solid_gradient(table, j, near[0], near[1], near[2])
                     m = _obstacle_row(qp, m, (g, j), center, near, (nx, ny, nz), sighting, h)
-            clearance = min(clearance, work.left[e, j])
-    return m, clearance
+    return m
 
 
 @kernel
-def _first_of_border(qp: QP, m: int, center: Array, pace: float, clearance: float) -> tuple[int, float]:
-    """Write the rows of all nodes against the border; return as `_first_of_points` does."""
+def _first_of_border(qp: QP, m: int, center: Array, pace: float) -> int:
+    """Write the rows of all nodes against the border."""
     points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     for i in range(points.node_group.shape[0]):
         g, p = points.node_group[i], work.nodes[i]
         for axis in range(3):
             for side in range(2):
                 h = _border(freedom, p, axis, side) - points.node_radius[i] - rates.clearance
-                clearance = min(clearance, h)
                 if h <= horizon(pace * freedom.lever[g], work.gain[g], rates):
                     m = _border_row(qp, m, g, center, p, axis, side, h)
-    return m, clearance
+    return m
 
 
 @kernel

@@ -76,13 +76,11 @@ class Allowed(NamedTuple):
     relaxed : by how much rows had to be relaxed [m/s]; 0 where all could be kept
     blocking : the row of the table with the largest multiplier; -1 for the border, -2 where neither hinders the
         motion
-    clearance : present least distance to obstacles, less their margins, and to the border [m]; infinite without any
     """
 
     twists: Array
     relaxed: float
     blocking: int
-    clearance: float
 
 
 @dataclass(frozen=True)
@@ -192,7 +190,7 @@ class TwistProgramme:
         if len(sighting.margin) != self._work.left.shape[1]:
             self._prepare(len(sighting.margin))
         qp = QP(self._points, self._freedom, self._rates, self._work)
-        m, clearance = first_rows(qp, poses, before, wanted, sighting)
+        m = first_rows(qp, poses, before, wanted, sighting)
         m = self._sampled_rows(m)
         twists, gives_way, settled = np.empty((len(poses.center), 6)), HARD, False
         self._limits_slack = 0.0
@@ -211,7 +209,7 @@ class TwistProgramme:
         blocking = self._blocking(multipliers)
         if blocking >= n_obstacles:
             blocking = int(unsure[blocking - n_obstacles])
-        return Allowed(twists, relaxed if relaxed > TOLD else 0.0, blocking, float(clearance))
+        return Allowed(twists, relaxed if relaxed > TOLD else 0.0, blocking)
 
     def _sampled_rows(self, m: int) -> int:
         """Write a row for every constraint that nothing else holds, and return the number of rows.
