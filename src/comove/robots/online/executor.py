@@ -17,7 +17,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.compiled import kernel
 from comove.coordination.blocks import write_pose
 from comove.coordination.group_poses import HandPoses, poses_at
 from comove.errors import OptionError, RobotError
@@ -34,8 +33,9 @@ from comove.robots.online.joint_programme import JointProgramme, JointState
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.reference import Reference
 from comove.robots.online.roadmap import Way
-from comove.robots.search.chains import Iteration, inside, reach_pose
-from comove.robots.search.following import Arms, hand_rotation
+from comove.robots.search.chains import Iteration
+from comove.robots.search.following import Arms
+from comove.robots.search.tracking import tracked
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene
@@ -244,10 +244,15 @@ class JointExecutor:
         for share in SHARES:
             there = advanced(self.poses, share * twists, period)
             then = nodes_of(scene, there)
-            solved, missed = held(self._arms(), then, joints + share * period * rates)
+            guess = joints + share * period * rates
+            (solved,), missed = tracked(self._arms(), then[None], guess[None], HOLDING)
             moved = (solved - joints) / period
             rough = float((np.abs(moved - self.rates) / (chains.acceleration * period)).max())
-            if missed <= HOLDING.tolerance and (np.abs(moved) <= chains.velocity).all() and rough < roughest:
+            if (
+                missed.max() <= HOLDING.tolerance
+                and (np.abs(moved) <= chains.velocity).all()
+                and rough < roughest
+            ):
                 poses, nodes, following, roughest = there, then, solved, rough
                 if share == 1.0:
                     self._bend = moved - rates  # of the way that joints go in a step
@@ -322,21 +327,3 @@ class JointExecutor:
 
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))
-
-
-@kernel
-def held(arms: Arms, nodes: Array, guess: Array) -> tuple[Array, float]:
-    """Solve the joints that hold the load where it is, near a guess; returns them and the largest residual [m].
-
-    Parameters
-    ----------
-    nodes : array, shape (n_nodes, 3), hands first [m]
-    guess : array, shape (n_joints,) [rad]
-    """
-    q, rotation, worst = guess.copy(), np.empty((3, 3)), 0.0
-    for j in range(q.shape[0]):
-        q[j] = inside(arms.chains, j, q[j], 0.0)
-    for i in range(arms.chains.first.shape[0] - 1):
-        hand_rotation(arms.around, nodes, i, rotation)
-        worst = max(worst, reach_pose(arms.chains, i, rotation, nodes[i], guess, HOLDING, q))
-    return q, worst

@@ -98,9 +98,9 @@ def _solved(
     when, joints, residual = time, posture, np.zeros((0, len(holders)))
     if haste > 1:
         few = np.append(np.arange(0, n_steps - 1, haste), n_steps - 1)
-        when, residual = time[few], _tracked(arms, np.ascontiguousarray(nodes[few]), posture[few])[1]
+        when, residual = time[few], tracked(arms, np.ascontiguousarray(nodes[few]), posture[few], EXACT)[1]
     if residual.max(initial=0.0) <= EXACT.tolerance:
-        when, (joints, residual) = time, _tracked(arms, nodes, posture)
+        when, (joints, residual) = time, tracked(arms, nodes, posture, EXACT)
     position = np.repeat(robot.home[None], n_steps, axis=0)
     position[:, columns] = joints
     worst, arm = np.unravel_index(first_largest(residual), residual.shape)
@@ -135,9 +135,14 @@ def _smooth(time: Array, joints: Array, at: Array, pieces: int = 24) -> Array:
 
 
 @kernel
-def _tracked(arms: Arms, nodes: Array, posture: Array) -> tuple[Array, Array]:
+def tracked(arms: Arms, nodes: Array, posture: Array, how: Iteration) -> tuple[Array, Array]:
     """Solve the joints at every sample, shape (n_steps, n_joints), and their residuals, shape (n_steps, n_arms)
     [m].
+
+    Parameters
+    ----------
+    nodes : array, shape (n_steps, n_nodes, 3), hands first [m]
+    posture : array, shape (n_steps, n_joints), to which redundant joints are drawn, and near which all begin [rad]
     """
     chains, n_steps = arms.chains, nodes.shape[0]
     joints, residual = posture.copy(), np.zeros((n_steps, chains.first.shape[0] - 1))
@@ -148,5 +153,5 @@ def _tracked(arms: Arms, nodes: Array, posture: Array) -> tuple[Array, Array]:
             joints[t, j] = inside(chains, j, posture[t, j] + off, 0.0)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(arms.around, nodes[t], i, rotation)
-            residual[t, i] = reach_pose(chains, i, rotation, nodes[t, i], posture[t], EXACT, joints[t])
+            residual[t, i] = reach_pose(chains, i, rotation, nodes[t, i], posture[t], how, joints[t])
     return joints, residual
