@@ -41,6 +41,7 @@ from comove.reaction.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace
 from comove.reaction.twists import place, step, turn_into
 
 Array = NDArray[np.float64]
+Direction = tuple[float, float, float]
 
 BEND = 0.05  # of a distance: allowance of a step for second-order terms
 ROUNDING = 1e-9  # m, by which a clearance may be missed
@@ -346,15 +347,20 @@ def _objective(qp: QP, center: Array, wanted: Array) -> None:
 
 
 @kernel
-def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: tuple[float, float, float]) -> None:
-    """Write in row m the velocity of the point p of group g along a normal."""
-    freedom, work = qp.freedom, qp.work
+def write_along(basis: Array, center: Array, p: Array, normal: Direction, sign: float, row: Array) -> None:
+    """Write in a row the velocity along a normal of the point p [m] of a body, per unit of the variables.
+
+    Parameters
+    ----------
+    basis : array, shape (6, n_variables), twists of the body per unit of the variables
+    center : array, shape (3,), its centre [m]
+    sign : factor
+    """
     nx, ny, nz = normal
-    x, y, z = p[0] - center[g, 0], p[1] - center[g, 1], p[2] - center[g, 2]
+    x, y, z = p[0] - center[0], p[1] - center[1], p[2] - center[2]
     a, b, c = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
-    basis = freedom.basis[g]
     for k in range(basis.shape[1]):
-        work.rows[m, k] = (
+        row[k] = sign * (
             nx * basis[0, k]
             + ny * basis[1, k]
             + nz * basis[2, k]
@@ -362,7 +368,25 @@ def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: tuple[float, f
             + b * basis[4, k]
             + c * basis[5, k]
         )
-    work.body[m] = g
+
+
+@kernel
+def speed_along(sighting: Sighting, j: int, p: Array, normal: Direction) -> float:
+    """Return the velocity along a normal of the point p [m] of obstacle j [m/s]."""
+    table, velocity, spin, _ = sighting
+    x, y, z = p[0] - table[j, CENTER], p[1] - table[j, CENTER + 1], p[2] - table[j, CENTER + 2]
+    return (
+        normal[0] * (velocity[j, 0] + spin[j, 1] * z - spin[j, 2] * y)
+        + normal[1] * (velocity[j, 1] + spin[j, 2] * x - spin[j, 0] * z)
+        + normal[2] * (velocity[j, 2] + spin[j, 0] * y - spin[j, 1] * x)
+    )
+
+
+@kernel
+def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: Direction) -> None:
+    """Write in row m the velocity of the point p of group g along a normal."""
+    write_along(qp.freedom.basis[g], center[g], p, normal, 1.0, qp.work.rows[m])
+    qp.work.body[m] = g
 
 
 @kernel
@@ -372,22 +396,14 @@ def _obstacle_row(
     pair: tuple[int, int],
     center: Array,
     p: Array,
-    normal: tuple[float, float, float],
+    normal: Direction,
     sighting: Sighting,
     h: float,
 ) -> int:
     """Write the row of the point p of a group against an obstacle h [m] away, a `pair`; return the number of rows."""
     rates, work, (g, j) = qp.rates, qp.work, pair
-    nx, ny, nz = normal
-    table, velocity, spin, _ = sighting
     _row(qp, m, g, center, p, normal)
-    x, y, z = p[0] - table[j, CENTER], p[1] - table[j, CENTER + 1], p[2] - table[j, CENTER + 2]
-    comes = (
-        nx * (velocity[j, 0] + spin[j, 1] * z - spin[j, 2] * y)
-        + ny * (velocity[j, 1] + spin[j, 2] * x - spin[j, 0] * z)
-        + nz * (velocity[j, 2] + spin[j, 0] * y - spin[j, 1] * x)
-    )
-    work.low[m] = comes - rate(h, work.gain[g], rates)
+    work.low[m] = speed_along(sighting, j, p, normal) - rate(h, work.gain[g], rates)
     work.owner[m] = j
     return m + 1
 

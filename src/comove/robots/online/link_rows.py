@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge, solid_gradient
 from comove.geometry.distances import CENTER, REACH
-from comove.reaction.cbf_constraints import horizon, rate
+from comove.reaction.cbf_constraints import Direction, horizon, rate, speed_along, write_along
 from comove.reaction.limits import length_of
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
@@ -226,7 +226,9 @@ def _place(arms: Arms, q: Array, work: LinkRows) -> None:
 
 
 @kernel
-def _link_part(arms: Arms, i: int, p: Array, normal: Array, sign: float, work: LinkRows, row: Array) -> None:
+def _link_part(
+    arms: Arms, i: int, p: Array, normal: Direction, sign: float, work: LinkRows, row: Array
+) -> None:
     """Add to a row the velocity along a normal of the point p [m] of link i, times a sign."""
     chains, links = arms.chains, arms.links
     if links.arm[i] < 0:
@@ -245,17 +247,12 @@ def _obstacle_row(
     arms: Arms, i: int, share: float, sighting: Sighting, j: int, low: float, work: LinkRows
 ) -> None:
     """Write the row of link i against obstacle j."""
-    p, normal, m = np.empty(3), np.empty(3), work.filled[0]
+    p, m = np.empty(3), work.filled[0]
     _point_on(work, i, share, p)
-    _, normal[0], normal[1], normal[2] = solid_gradient(sighting.table, j, p[0], p[1], p[2])
+    _, nx, ny, nz = solid_gradient(sighting.table, j, p[0], p[1], p[2])
     work.rows[m, :] = 0.0
-    _link_part(arms, i, p, normal, 1.0, work, work.rows[m])
-    spin, at, comes = sighting.spin[j], sighting.table[j, CENTER : CENTER + 3], 0.0
-    x, y, z = p[0] - at[0], p[1] - at[1], p[2] - at[2]
-    comes += normal[0] * (sighting.velocity[j, 0] + spin[1] * z - spin[2] * y)
-    comes += normal[1] * (sighting.velocity[j, 1] + spin[2] * x - spin[0] * z)
-    comes += normal[2] * (sighting.velocity[j, 2] + spin[0] * y - spin[1] * x)
-    work.low[m], work.owner[m] = comes + low, j
+    _link_part(arms, i, p, (nx, ny, nz), 1.0, work, work.rows[m])
+    work.low[m], work.owner[m] = speed_along(sighting, j, p, (nx, ny, nz)) + low, j
     work.filled[0] += 1
 
 
@@ -264,19 +261,13 @@ def _load_row(
     arms: Arms, i: int, share: float, near: Array, load: tuple[Array, Array], low: float, work: LinkRows
 ) -> None:
     """Write the row of link i against the point `near` of the load, whose `basis` and `center` are `load`."""
-    (basis, center), p, normal, m = load, np.empty(3), np.empty(3), work.filled[0]
+    (basis, center), p, m = load, np.empty(3), work.filled[0]
     _point_on(work, i, share, p)
-    _direction(near, p, normal)
+    normal = _direction(near, p)
     row = work.rows[m]
     row[:] = 0.0
     _link_part(arms, i, p, normal, 1.0, work, row)
-    x, y, z = near[0] - center[0], near[1] - center[1], near[2] - center[2]
-    a = y * normal[2] - z * normal[1]
-    b = z * normal[0] - x * normal[2]
-    c = x * normal[1] - y * normal[0]
-    for k in range(basis.shape[1]):
-        row[k] -= normal[0] * basis[0, k] + normal[1] * basis[1, k] + normal[2] * basis[2, k]
-        row[k] -= a * basis[3, k] + b * basis[4, k] + c * basis[5, k]
+    write_along(basis, center, near, normal, -1.0, row)
     work.low[m], work.owner[m] = low, HANDS
     work.filled[0] += 1
 
@@ -284,10 +275,10 @@ def _load_row(
 @kernel
 def _pair_row(arms: Arms, i: int, one: float, k: int, two: float, low: float, work: LinkRows) -> None:
     """Write the row of two links, at shares of their axes."""
-    p, r, normal, m = np.empty(3), np.empty(3), np.empty(3), work.filled[0]
+    p, r, m = np.empty(3), np.empty(3), work.filled[0]
     _point_on(work, i, one, p)
     _point_on(work, k, two, r)
-    _direction(r, p, normal)
+    normal = _direction(r, p)
     work.rows[m, :] = 0.0
     _link_part(arms, i, p, normal, 1.0, work, work.rows[m])
     _link_part(arms, k, r, normal, -1.0, work, work.rows[m])
@@ -309,11 +300,10 @@ def _apart(a: Array, b: Array) -> float:
 
 
 @kernel
-def _direction(a: Array, b: Array, out: Array) -> None:
-    """Write the unit vector from a to b."""
+def _direction(a: Array, b: Array) -> Direction:
+    """Return the unit vector from a to b."""
     size = _apart(a, b)
-    for axis in range(3):
-        out[axis] = (b[axis] - a[axis]) / size
+    return (b[0] - a[0]) / size, (b[1] - a[1]) / size, (b[2] - a[2]) / size
 
 
 @kernel
