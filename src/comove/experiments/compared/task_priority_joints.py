@@ -71,8 +71,7 @@ class JointController(Controller):
     ) -> tuple[Array, float]:
         """Solve the tasks for the rates of the joints, move these, and return the hands' velocities and the slack."""
         n_hands, n_joints = len(before), len(self.joints)
-        jacobians, hands = np.empty((n_hands, 6, n_joints)), np.empty((n_hands, 3))
-        hand_jacobians(self.arms, self.joints, jacobians, hands)
+        jacobians, hands = hand_jacobians(self.arms, self.joints)
         moving = jacobians[:, :3].reshape(3 * n_hands, n_joints)
         relative, *others = [PriorityTask(task.matrix @ moving, task.target) for task in tasks]
         held = self._held(jacobians, hands, moving)
@@ -84,8 +83,7 @@ class JointController(Controller):
         x, slack = self._inside_balls(tasks, rows, low, before, moving)
         self.rates, self.joints = x, self.joints + self.period * x
         self.path.append(self.joints)
-        there = np.empty((n_hands, 3))
-        hand_jacobians(self.arms, self.joints, jacobians, there)
+        _, there = hand_jacobians(self.arms, self.joints)
         return (there - hands) / self.period, slack
 
     def _held(self, jacobians: Array, hands: Array, moving: Array) -> PriorityTask:

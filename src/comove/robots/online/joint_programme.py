@@ -145,8 +145,7 @@ class JointProgramme(TwistProgramme):
         """
         (poses, joints, sighting), arms, work = self._asking, self.arms, self._work
         n, n_joints, n_hands = len(work.linear), len(joints.position), self._hands[0]
-        jacobians, hands = np.empty((n_hands, 6, n_joints)), np.empty((n_hands, 3))
-        hand_jacobians(arms, joints.position, jacobians, hands)
+        jacobians, _ = hand_jacobians(arms, joints.position)
         if (len(sighting.margin), len(work.low)) != self._room:
             self._make_room(len(sighting.margin))
         links, whole, weight = self._links, self._whole, self.joint_settings.weight

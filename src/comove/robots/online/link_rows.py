@@ -93,21 +93,20 @@ def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
 
 
 @kernel
-def hand_jacobians(arms: Arms, q: Array, out: Array, hands: Array) -> None:
-    """Write the Jacobians of the grasps, array of shape (n_arms, 6, n_joints), zero for joints of other arms, and the
-    positions of the grasps, array of shape (n_arms, 3) [m].
+def hand_jacobians(arms: Arms, q: Array) -> tuple[Array, Array]:
+    """Return the Jacobians of the grasps, array of shape (n_arms, 6, n_joints), zero for joints of other arms, and
+    the positions of the grasps, array of shape (n_arms, 3) [m].
     """
-    chains = arms.chains
-    for i in range(chains.first.shape[0] - 1):
+    chains, n_arms = arms.chains, arms.chains.first.shape[0] - 1
+    jacobians, hands = np.zeros((n_arms, 6, q.shape[0])), np.empty((n_arms, 3))
+    for i in range(n_arms):
         first, n = chains.first[i], chains.first[i + 1] - chains.first[i]
         turns, places, own = np.empty((n + 1, 3, 3)), np.empty((n + 1, 3)), np.empty((6, n))
         place_arm(chains, i, q, turns, places)
         jacobian(chains, i, turns, places, own)
-        for row in range(6):
-            for j in range(out.shape[2]):
-                out[i, row, j] = own[row, j - first] if first <= j < first + n else 0.0
-        for axis in range(3):
-            hands[i, axis] = places[n, axis]
+        jacobians[i, :, first : first + n] = own
+        hands[i] = places[n]
+    return jacobians, hands
 
 
 @kernel
