@@ -60,7 +60,7 @@ def test_arms_follow_a_movement_within_what_a_search_allows(name):
     assert np.abs(np.diff(q, axis=0)).max() < 0.15
 
 
-def test_rates_and_margins_are_those_that_the_verification_finds():
+def test_rates_are_those_that_the_verification_finds():
     motion, _ = known_carry()
     carrying = RobotCarrier(robot("baxter"), motion.scene)
     joints, miss = carrying.track(motion)
@@ -72,7 +72,6 @@ def test_rates_and_margins_are_those_that_the_verification_finds():
     assert speed == pytest.approx(report.velocity_ratio_max, rel=0.1)
     assert acceleration == pytest.approx(report.acceleration_ratio_max, rel=0.2)
     assert torque == pytest.approx(report.torque_ratio_max, rel=0.05)
-    assert strain.margin.min() == pytest.approx(report.joint_margin_min, abs=0.05)
     around = carrying.arms.around
     assert strain.clearance[0] == pytest.approx(around.clearance + around.spare)
     assert strain.contact[0] == 0.0
@@ -84,11 +83,11 @@ def test_a_faster_movement_strains_in_proportion():
     nodes = sampled_nodes(movement(carrying.scene), 101)[None]
     course = carrying.best_course(nodes[0])
     slow, fast = (follow(carrying.arms, nodes, course, duration) for duration in (100.0, 50.0))
-    np.testing.assert_allclose(fast[2][..., 0], 2 * slow[2][..., 0], rtol=1e-12)
-    np.testing.assert_allclose(fast[2][..., 1], 4 * slow[2][..., 1], rtol=1e-12)
-    np.testing.assert_allclose(fast[2][..., 2], slow[2][..., 2], rtol=1e-2)
+    np.testing.assert_allclose(fast[1][..., 0], 2 * slow[1][..., 0], rtol=1e-12)
+    np.testing.assert_allclose(fast[1][..., 1], 4 * slow[1][..., 1], rtol=1e-12)
+    np.testing.assert_allclose(fast[1][..., 2], slow[1][..., 2], rtol=1e-2)
     weights = 9.81 * (2.0 + 2.0 + 0.5)  # N, of z, yaw and half of the load
-    assert slow[2][0, 0, 2] == pytest.approx(weights / 200.0, rel=1e-2)
+    assert slow[1][0, 0, 2] == pytest.approx(weights / 200.0, rel=1e-2)
 
 
 def test_what_links_pass_between_two_samples_is_noticed():

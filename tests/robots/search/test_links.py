@@ -19,8 +19,8 @@ from comove.robots.search.links import (
     links_clearance,
     links_of,
     near_enough,
+    nearest_shares,
     place_links,
-    segments_apart,
 )
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, posts, scene_data
@@ -108,13 +108,13 @@ def test_a_robot_without_collision_bodies_has_no_links(tmp_path):
 
 @given(POINT, POINT, POINT, POINT)
 def test_the_distance_of_segments_is_that_of_capsules_in_coal(a, b, c, d):
-    apart = segments_apart(a, b, c, d)
+    apart = nearest_shares(a, b, c, d)[2]
     u = np.linspace(0, 1, 41)
     p, q = a + u[:, None] * (b - a), c + u[:, None] * (d - c)
     grid = np.linalg.norm(p[:, None] - q[None], axis=2).min()
     step = (np.linalg.norm(b - a) + np.linalg.norm(d - c)) / 80
     assert grid - step - 1e-9 <= apart <= grid + 1e-7
-    assert segments_apart(c, d, a, b) == pytest.approx(apart, abs=1e-7)
+    assert nearest_shares(c, d, a, b)[2] == pytest.approx(apart, abs=1e-7)
     assert near_enough(a, b, c, d, apart + 1e-6)
 
 

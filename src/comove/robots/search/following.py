@@ -51,7 +51,6 @@ class Strain(NamedTuple):
     Attributes
     ----------
     missing : largest distance by which a hand's pose is out of reach [m] (a radian counts `TURN`)
-    margin : least distance to a joint limit [rad]
     rates : array, shape (n_rollouts, n_arms, 3), largest share of the limits of speed, acceleration and torque
     jolt : mean square of the accelerations as shares of their limits
     penalty : penalty of the arm, 0 where every limit is kept
@@ -60,7 +59,6 @@ class Strain(NamedTuple):
     """
 
     missing: Array
-    margin: Array
     rates: Array
     jolt: Array
     penalty: Array
@@ -132,9 +130,8 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
     wished = 0.15  # rad, of margin to the limits, below which it costs something
     chains, around = arms.chains, arms.around
     n_rollouts, n_steps, n_arms = nodes.shape[0], nodes.shape[1], chains.first.shape[0] - 1
-    missing, margin = np.zeros((n_rollouts, n_arms)), np.full((n_rollouts, n_arms), np.inf)
+    missing, penalty = np.zeros((n_rollouts, n_arms)), np.zeros((n_rollouts, n_arms))
     rates, jolt = np.zeros((n_rollouts, n_arms, 3)), np.zeros((n_rollouts, n_arms))
-    penalty = np.zeros((n_rollouts, n_arms))
     clearance, contact = np.zeros(n_rollouts), np.zeros(n_rollouts)
     q, left = np.empty((n_steps, course.shape[1])), np.empty((n_steps, n_arms))
     for k in range(n_rollouts):
@@ -150,14 +147,13 @@ def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Ar
                 least = np.inf
                 for j in range(chains.first[i], chains.first[i + 1]):
                     least = min(least, q[t, j] - chains.lower[j], chains.upper[j] - q[t, j])
-                margin[k, i] = min(margin[k, i], least)
                 penalty[k, i] += 2.0 * max(0.0, wished - least) / n_steps
         _rates(arms, q, nodes[k], duration / (n_steps - 1), rates[k], jolt[k])
         for i in range(n_arms):
             for ratio in rates[k, i]:
                 if ratio > around.share:
                     penalty[k, i] += 0.05 + (ratio - around.share)
-    return missing, margin, rates, jolt, penalty, clearance, contact
+    return missing, rates, jolt, penalty, clearance, contact
 
 
 @kernel

@@ -176,7 +176,7 @@ def _pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
             i, j = links.pairs[p, 0], links.pairs[p, 1]
             thick = links.radius[i] + links.radius[j]
             if near_enough(start[i], end[i], start[j], end[j], ENOUGH + thick):
-                least[p] = min(least[p], segments_apart(start[i], end[i], start[j], end[j]) - thick)
+                least[p] = min(least[p], nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
     return least
 
 
@@ -236,12 +236,6 @@ def nearest_shares(a: Array, b: Array, c: Array, d: Array) -> tuple[float, float
     for x in range(3):
         square += (a[x] + s * (b[x] - a[x]) - c[x] - t * (d[x] - c[x])) ** 2
     return s, t, sqrt(square)
-
-
-@kernel
-def segments_apart(a: Array, b: Array, c: Array, d: Array) -> float:
-    """Compute the distance [m] of the segments a-b and c-d."""
-    return nearest_shares(a, b, c, d)[2]
 
 
 @kernel
@@ -307,7 +301,7 @@ def clearance_around(
         for e in range(edges.shape[0]):
             c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
             if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
-                least = min(least, segments_apart(a, b, c, d) - thick)
+                least = min(least, nearest_shares(a, b, c, d)[2] - thick)
     return least
 
 
@@ -338,7 +332,7 @@ def clearance_between(links: Links, start: Array, end: Array, cap: float) -> flo
         far = reach[i] + reach[j] + least
         if x * x + y * y + z * z < far * far:
             thick = links.radius[i] + links.radius[j]
-            least = min(least, segments_apart(start[i], end[i], start[j], end[j]) - thick)
+            least = min(least, nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
     return least
 
 
