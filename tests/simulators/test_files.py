@@ -1,6 +1,7 @@
 """Simulations in result folders."""
 
 import json
+from dataclasses import asdict
 from functools import lru_cache
 
 import numpy as np
@@ -35,7 +36,7 @@ def test_the_summary_says_what_happened_and_how_to_do_it_again(tmp_path):
     assert summary["versions"]["mujoco"]
     assert summary["slip_max"] < 2e-3
     again = Perturbation.drawn(np.random.default_rng(summary["seed"]), 14)
-    assert json.loads(json.dumps(again.asdict())) == json.loads(json.dumps(summary["perturbation"]))
+    assert json.loads(json.dumps(asdict(again))) == json.loads(json.dumps(summary["perturbation"]))
 
 
 def test_nothing_but_the_files_is_left_in_the_folder(tmp_path):

@@ -52,6 +52,12 @@ def inflated(table: Array, margin: Array) -> Array:
 
 
 @kernel
+def points_apart(p, q):
+    """Return the distance [m] of two points."""
+    return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+
+
+@kernel
 def point_distance(table, j, x, y, z):
     """Return the signed distance [m] from the point (x, y, z) to obstacle `j`; negative inside."""
     kind = int(table[j, 0])

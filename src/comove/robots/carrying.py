@@ -30,9 +30,8 @@ from comove.robots.search.links import (
     FAT,
     Links,
     LinkSurroundings,
-    links_clearance,
+    clearance_at,
     links_of,
-    place_links,
 )
 from comove.robots.search.planner import plan_with_arms
 from comove.robots.search.ranges import WristRanges, ranges_of
@@ -100,7 +99,6 @@ class RobotCarrier:
     ----------
     robot, scene : the robot, and the scene whose load it carries
     caution : number of times that the constraints were tightened
-    settings : settings of the search
     begin : array, shape (n_joints,), the robot's joints at the start, where they are known [rad]; None to find some
     found : function that is called with every joint motion that is verified
     kept : motions whose joints were verified, or given (`keep`), with what slack, and these, for all copies: what is
@@ -110,7 +108,6 @@ class RobotCarrier:
     robot: Robot
     scene: Scene
     caution: int = 0
-    settings: CarrierSettings = SETTINGS
     begin: Array | None = None
     found: Callable[[VerifiedJointMotion], None] | None = None
     kept: list[tuple[CoordinatedMotion, float, tuple[JointMotion, JointVerdict]]] = field(
@@ -165,8 +162,8 @@ class RobotCarrier:
             radii=np.concatenate([scene.body.radii, np.zeros(len(lattice))]),
             carried=carried,
             clearance=scene.clearance,
-            spare=self.settings.spare * (1 + self.caution),
-            share=self.settings.share * 0.9**self.caution,
+            spare=SETTINGS.spare * (1 + self.caution),
+            share=SETTINGS.share * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
             ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
@@ -178,11 +175,11 @@ class RobotCarrier:
     def _busy(self) -> Arms:
         """Return `arms` with only the pairs of links that may meet between the joints of start and goal."""
         first, last = (np.array(ends) for ends in zip(*self._ends, strict=True))
-        rng, n_between = np.random.default_rng(0), self.settings.n_between
+        rng, n_between = np.random.default_rng(0), SETTINGS.n_between
         shares = rng.uniform(size=(n_between, 1))
         drawn = rng.integers(len(first), size=n_between)
         between = first[drawn] + shares * (last[drawn] - first[drawn])
-        between += rng.normal(0.0, self.settings.wander, between.shape)
+        between += rng.normal(0.0, SETTINGS.wander, between.shape)
         chains = self.arms.chains
         samples = np.clip(between, chains.lower, chains.upper)
         return self.arms._replace(links=self.arms.links.near(chains, samples))
@@ -240,7 +237,7 @@ class RobotCarrier:
         """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
         tally, drawn = self._tally, 0  # the likeliest pair first
         if tally.any():  # then Thompson sampling (1933) of what has led to plans so far
-            against = self.settings.unlikely * np.arange(len(self._ends))
+            against = SETTINGS.unlikely * np.arange(len(self._ends))
             drawn = int(rng.beta(1.0 + tally[0], 1.0 + against + tally[1]).argmax())
         first, last = self._ends[drawn]
         ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
@@ -299,12 +296,12 @@ class RobotCarrier:
         -------
         penalty, possible : arrays, shape (n_rollouts,)
         """
-        steps = np.linspace(0, nodes.shape[1] - 1, self.settings.n_samples).round().astype(int)
+        steps = np.linspace(0, nodes.shape[1] - 1, SETTINGS.n_samples).round().astype(int)
         nodes = np.ascontiguousarray(nodes[:, steps])
         strain, around = self.strain(nodes, self.best_course(nodes[0])), self.arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
         possible &= strain.clearance > around.clearance
-        return (strain.penalty + self.settings.ease * strain.jolt).sum(axis=1) + strain.contact, possible
+        return (strain.penalty + SETTINGS.ease * strain.jolt).sum(axis=1) + strain.contact, possible
 
     def shortest(self, motion: CoordinatedMotion, timed: float = 4.0, slower: float = 1.002) -> float:
         """Return the least duration in which the joints can follow a motion of the hands [s].
@@ -327,7 +324,7 @@ class RobotCarrier:
 
     def reasons(self, motion: CoordinatedMotion) -> tuple[str, ...]:
         """Return the reasons why the robot cannot carry out a motion; none if it can."""
-        return self._carried_out(motion, self.settings.slack)[1].reasons
+        return self._carried_out(motion, SETTINGS.slack)[1].reasons
 
     def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
         """Compute and verify the joints that follow a motion of the hands, with bounds as tight as they can be."""
@@ -342,7 +339,7 @@ class RobotCarrier:
         if known:
             joints = known[0][1][0]
         else:
-            joints, miss = self.track(motion, haste=self.settings.haste if slack > 0.0 else 1)
+            joints, miss = self.track(motion, haste=SETTINGS.haste if slack > 0.0 else 1)
             if miss is not None:
                 return joints, JointVerdict(None, JointReport(), (str(miss),))
         result = joints, verify_joints(self.robot, motion, joints, slack=slack)
@@ -420,7 +417,7 @@ class RobotCarrier:
         nodes : array, shape (n_steps, n_nodes, 3) [m]
         """
         n_most = max(map(len, self.starts))
-        nodes = np.ascontiguousarray(nodes[None, :: self.settings.coarser])
+        nodes = np.ascontiguousarray(nodes[None, :: SETTINGS.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
         cost = (2, np.inf)
         if led is not None:
@@ -457,10 +454,8 @@ class RobotCarrier:
         nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
         some : the links that are looked at; None for all
         """
-        chains, around, links = self.arms.chains, self.arms.around, some or self.arms.links
-        a, b = links.start.copy(), links.end.copy()
-        place_links(chains, links, q, a, b)
-        return links_clearance(links, around, a, b, nodes, ENOUGH)
+        arms = self.arms
+        return clearance_at(arms.chains, some or arms.links, arms.around, q, nodes, ENOUGH)
 
     def _branches(self, end: str) -> tuple[Array, ...]:
         """Compute the joint positions at an end, by arm; those in which the arm by itself touches something are kept
@@ -493,13 +488,13 @@ class RobotCarrier:
         chains, posture = self.arms.chains, self.arms.around.posture
         *_, forms = _of_robot(self.robot, self.holders)
         if (form := forms[i]) is not None:
-            seeds = closed_seeds(form, chains, i, rotation, point, posture, self.settings.n_angles)
+            seeds = closed_seeds(form, chains, i, rotation, point, posture, SETTINGS.n_angles)
             if len(seeds):
                 joints, missing = solutions(chains, i, rotation, point, posture, seeds)
                 if missing.min() <= MET:
                     return joints, missing
         rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (self.settings.n_seeds, len(posture)))
+        draws = rng.uniform(chains.lower, chains.upper, (SETTINGS.n_seeds, len(posture)))
         return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
 
     def _distinct(self, joints: Array, posture: Array) -> Array:
@@ -508,9 +503,9 @@ class RobotCarrier:
         """
         kept: list[Array] = []
         for q in sorted(joints, key=lambda q: _apart(q, posture)):
-            if all(np.abs(q - other).max() > self.settings.same_branch for other in kept):
+            if all(np.abs(q - other).max() > SETTINGS.same_branch for other in kept):
                 kept.append(q)
-        return np.array(kept[: self.settings.n_branches])
+        return np.array(kept[: SETTINGS.n_branches])
 
     def _out_of_reach(self, arm: Arm, end: str, joints: Array, rotation: Array, point: Array) -> SceneError:
         """Return the error that an arm cannot reach its pose at an end, and what is missing from its best joints."""

@@ -8,6 +8,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -353,14 +354,8 @@ def _with_posture(
 
 def _leaders_first(mimics: dict[str, Mimic]) -> list[tuple[str, Mimic]]:
     """Sort joints that mimic others so that each comes after the joint it follows; none follows itself."""
-
-    def followed(name: str) -> int:
-        n = 0
-        while name in mimics:
-            n, name = n + 1, mimics[name].joint
-        return n
-
-    return sorted(mimics.items(), key=lambda item: followed(item[0]))
+    order = TopologicalSorter({name: [mimic.joint] for name, mimic in mimics.items()}).static_order()
+    return [(name, mimics[name]) for name in order if name in mimics]
 
 
 def _locked_at(description: RobotFile, model: Any, rounding: float = 1e-9) -> Array:

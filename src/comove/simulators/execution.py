@@ -102,11 +102,6 @@ class Execution:
         """Return the numbers of the hands that hold the load."""
         return [] if self.load is None else list(self.load.holders)
 
-    @property
-    def pairs(self) -> tuple[tuple[int, int], ...]:
-        """Return the pairs of holders, by number of the hand."""
-        return tuple((a, b) for i, a in enumerate(self.holders) for b in self.holders[i + 1 :])
-
     @cached_property
     def held(self) -> Array:
         """Return the load's pose in the frame of each holder; array, shape (n_steps, n_holders, 4, 4)."""

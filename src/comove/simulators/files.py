@@ -83,7 +83,7 @@ def _summary_of(execution: Execution, seed: int | None) -> Summary:
         **{name: finite(value) for name, value in execution.measures.items()},
         "contacts": [asdict(contact) for contact in execution.contacts],
         "seed": seed,
-        "perturbation": execution.perturbation.asdict(),
+        "perturbation": asdict(execution.perturbation),
         "settings": asdict(execution.settings),
         "scene": execution.scene.name,
         "scene_sha256": execution.scene.sha256,

@@ -16,7 +16,7 @@ from comove.simulators.execution import Contact
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.live_record import OnlineRecord
 from comove.simulators.loads import hand_poses, load_of
-from comove.simulators.settings import PLAN, USUAL, Perturbation, Settings
+from comove.simulators.settings import PLAN, USUAL, Perturbation
 from comove.simulators.simulate import at_start, broken, note_contacts
 from comove.simulators.world import World, moving_body
 
@@ -28,8 +28,6 @@ def run_live(
     budget: float,
     grasp: GraspModel | None = None,
     perturbation: Perturbation | None = None,
-    *,
-    settings: Settings = USUAL,
 ) -> OnlineRecord:
     """Run a robot in MuJoCo until the load has arrived, or for `budget` [s] of simulated time.
 
@@ -67,7 +65,7 @@ def run_live(
         _move_obstacles(world, data, executor)
         if load is not None:
             grasp.close(world, data)
-        engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
+        engine().mj_step(world.model, data, round(USUAL.settle / TIMESTEP))
         return _run(world, data, executor, budget, every)
 
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError
 from comove.robots.model import Robot
+from comove.robots.verification.reach import joint_axes
 from comove.simulators.engine import engine
 from comove.simulators.world import World
 
@@ -31,7 +32,7 @@ def servo_gains(robot: Robot) -> tuple[Array, Array]:
     RobotError
         If the description does not give one stiffness a joint.
     """
-    sliding = np.array([_slides(robot, i) for i in range(len(robot.joint_names))], dtype=int)
+    sliding = joint_axes(robot.model)[1].astype(int)
     stiffness = robot.effort / np.array(FULL_EFFORT)[sliding]
     servo = robot.description.servo
     given = () if servo is None else servo.stiffness
@@ -44,11 +45,6 @@ def servo_gains(robot: Robot) -> tuple[Array, Array]:
             )
         stiffness[arm.columns] = given
     return stiffness, 2 * np.sqrt(np.array(INERTIA)[sliding] * stiffness)
-
-
-def _slides(robot: Robot, joint: int) -> bool:
-    """Return whether a joint is one of Pinocchio's PX, PY, PZ, PrismaticUnaligned."""
-    return robot.model.joints[joint + 1].shortname().startswith("JointModelP")
 
 
 def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import inf
 from numbers import Real
-from typing import Any
 
 import numpy as np
 
@@ -110,10 +109,6 @@ class Perturbation:
             start_error=(0.005 * float(np.cos(angle)), 0.005 * float(np.sin(angle)), 0.0),
             push=Push(at=float(rng.uniform(0.3, 0.7)), duration=0.1, force=(x, y, z)),
         )
-
-    def asdict(self) -> dict[str, Any]:
-        """Return the perturbation as plain values."""
-        return asdict(self)
 
 
 def _require(key: str, *values: float, positive: bool = False) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.distances import point_distance
+from comove.geometry.distances import point_distance, points_apart
 from comove.geometry.solids import empty_solid, gap, move_solid, solid_at, solid_distance
 from comove.geometry.surfaces import (
     DEPTH,
@@ -141,14 +141,14 @@ def certified_clearance(curve: CurveArrays, edges: Numbers, radii: Array, around
             strays = max(deviation[k, m], deviation[k, n]) + need.rounding
             _seen_from(nodes, k, m, n, (0.0, 0.0, 0.0), ends[:2])
             _seen_from(nodes, k + 1, m, n, (0.0, 0.0, 0.0), ends[2:])
-            length = max(_apart(ends[0], ends[1]), _apart(ends[2], ends[3]))
-            move = max(_apart(ends[0], ends[2]), _apart(ends[1], ends[3]))
+            length = max(points_apart(ends[0], ends[1]), points_apart(ends[2], ends[3]))
+            move = max(points_apart(ends[0], ends[2]), points_apart(ends[1], ends[3]))
             for j in range(obstacles.shape[0]):
                 swell = strays
                 if paths.offset.shape[0] > 0:  # as seen from the obstacle
                     _seen_from(nodes, k, m, n, _offset(paths, k, j), ends[:2])
                     _seen_from(nodes, k + 1, m, n, _offset(paths, k + 1, j), ends[2:])
-                    move = max(_apart(ends[0], ends[2]), _apart(ends[1], ends[3]))
+                    move = max(points_apart(ends[0], ends[2]), points_apart(ends[1], ends[3]))
                     swell = strays + paths.sagitta[k, j]
                 x, y, z = _on_surface(ends, 0.5, 0.5)
                 distance = point_distance(obstacles, j, x, y, z) - radii[e]
@@ -565,11 +565,6 @@ def _slack(met: float, need: Need) -> float:
     """
     spare = 0.5 * (met - need.clearance)
     return need.loose if spare < 0.0 else min(need.loose, max(need.tight, spare))
-
-
-@kernel
-def _apart(p: Array, q: Array) -> float:
-    return sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
 @kernel

@@ -55,6 +55,9 @@ class JointSettings:
     load: ProgrammeSettings = field(default_factory=lambda: ProgrammeSettings(spare=5e-4))
 
 
+SETTINGS = JointSettings()
+
+
 @dataclass(frozen=True, eq=False)
 class JointState:
     """The state of the joints at the beginning of a step.
@@ -94,11 +97,8 @@ class JointProgramme(TwistProgramme):
         If the hands do not hold one rigid body.
     """
 
-    def __init__(
-        self, scene: Scene, arms: Arms, grasp: Grasp, period: float, settings: JointSettings | None = None
-    ):
-        self.joint_settings = settings or JointSettings()
-        super().__init__(scene, period, self.joint_settings.load)
+    def __init__(self, scene: Scene, arms: Arms, grasp: Grasp, period: float):
+        super().__init__(scene, period, SETTINGS.load)
         if len(scene.groups) != 1:
             raise SceneError(
                 "arms are run with one rigid load in all hands, and here are several",
@@ -108,7 +108,7 @@ class JointProgramme(TwistProgramme):
             )
         self.arms, self.grasp = arms, grasp
         everything = np.full(len(scene.obstacles), arms.around.clearance)
-        self.needs = LinkNeeds(everything, arms.around.clearance, self.joint_settings.near)
+        self.needs = LinkNeeds(everything, arms.around.clearance, SETTINGS.near)
         self.rates, self._room = np.zeros(len(arms.chains.lower)), (-1, -1)
 
     def follow(self, joints: Array, nodes: Array) -> None:
@@ -123,7 +123,7 @@ class JointProgramme(TwistProgramme):
         full = self.arms.around.clearance
         keep, other = clearances_along(self.arms, joints, nodes, self.scene.obstacles, full)
         keep[self.scene.moving[self.scene.owners]] = full
-        self.needs = LinkNeeds(keep, other, self.joint_settings.near)
+        self.needs = LinkNeeds(keep, other, SETTINGS.near)
 
     def allowed_rates(
         self, poses: HandPoses, joints: JointState, before: Array, wanted: Array, sighting: Sighting
@@ -148,7 +148,7 @@ class JointProgramme(TwistProgramme):
         jacobians, _ = hand_jacobians(arms, joints.position)
         if (len(sighting.margin), len(work.low)) != self._room:
             self._make_room(len(sighting.margin))
-        links, whole, weight = self._links, self._whole, self.joint_settings.weight
+        links, whole, weight = self._links, self._whole, SETTINGS.weight
         nodes, (least, largest) = nodes_of(self.scene, poses), self._joint_bounds(joints)
         count = link_rows(
             arms,
@@ -182,7 +182,7 @@ class JointProgramme(TwistProgramme):
         self._own_limits = np.concatenate([ones, -ones])
         size = len(self._links.low) + 2 * n_joints + 6 * self._hands[0] + len(self._work.low)
         self._whole = Assembled(
-            np.diag(np.full(n + n_joints, self.joint_settings.weight)),
+            np.diag(np.full(n + n_joints, SETTINGS.weight)),
             np.zeros(n + n_joints),
             np.zeros((size, n + n_joints)),
             np.zeros(size),
@@ -194,7 +194,7 @@ class JointProgramme(TwistProgramme):
 
     def _joint_bounds(self, joints: JointState) -> tuple[Array, Array]:
         """Return the least and the largest rates; arrays, shape (n_joints,) [rad/s]."""
-        chains, how = self.arms.chains, self.joint_settings
+        chains, how = self.arms.chains, SETTINGS
         most = how.share * chains.acceleration
         change, brake = most * self.period, how.share * most
         up, down = chains.upper - joints.position, joints.position - chains.lower

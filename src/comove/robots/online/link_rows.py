@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge, solid_gradient
-from comove.geometry.distances import CENTER, REACH
+from comove.geometry.distances import CENTER, REACH, points_apart
 from comove.reaction.cbf_constraints import Direction, horizon, rate, speed_along, write_along
 from comove.reaction.limits import length_of
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
@@ -164,7 +164,7 @@ def link_rows(
     for p in range(links.pairs.shape[0]):
         i, k = links.pairs[p]
         need = links.radius[i] + links.radius[k] + needs.other
-        spare = _apart(work.middle[i], work.middle[k]) - work.half[i] - work.half[k] - need
+        spare = points_apart(work.middle[i], work.middle[k]) - work.half[i] - work.half[k] - need
         if spare >= needs.near:
             continue
         near = min(needs.near, horizon(work.speed[i] + work.speed[k], rates.gain, rates))
@@ -182,7 +182,7 @@ def _describe(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
     """Write where links are, and bounds of their speeds: a joint's rate times how far they reach from it at most."""
     chains, links = arms.chains, arms.links
     for i in range(links.radius.shape[0]):
-        work.half[i] = 0.5 * _apart(work.start[i], work.end[i])
+        work.half[i] = 0.5 * points_apart(work.start[i], work.end[i])
         for axis in range(3):
             work.middle[i, axis] = 0.5 * (work.start[i, axis] + work.end[i, axis])
     for i in links.moving:
@@ -192,7 +192,9 @@ def _describe(arms: Arms, bounds: tuple[Array, Array], work: LinkRows) -> None:
         for j in range(chains.first[links.arm[i]], links.joint[i] + 1):
             fastest, far = max(abs(bounds[0][j]), abs(bounds[1][j])), 1.0
             if not chains.slides[j]:
-                far = max(_apart(work.start[i], work.places[j]), _apart(work.end[i], work.places[j]))
+                far = max(
+                    points_apart(work.start[i], work.places[j]), points_apart(work.end[i], work.places[j])
+                )
             work.speed[i] += fastest * far
 
 
@@ -293,15 +295,9 @@ def _point_on(work: LinkRows, i: int, share: float, p: Array) -> None:
 
 
 @kernel
-def _apart(a: Array, b: Array) -> float:
-    """Compute the distance of two points [m]."""
-    return sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-
-
-@kernel
 def _direction(a: Array, b: Array) -> Direction:
     """Return the unit vector from a to b."""
-    size = _apart(a, b)
+    size = points_apart(a, b)
     return (b[0] - a[0]) / size, (b[1] - a[1]) / size, (b[2] - a[2]) / size
 
 

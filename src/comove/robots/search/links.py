@@ -268,6 +268,16 @@ def links_clearance(
 
 
 @kernel
+def clearance_at(
+    chains: Chains, links: Links, around: LinkSurroundings, q: Array, nodes: Array, cap: float
+) -> float:
+    """Compute the clearance of the links, see `links_clearance`, at the joints q, array of shape (n_joints,) [m]."""
+    start, end = links.start.copy(), links.end.copy()
+    place_links(chains, links, q, start, end)
+    return links_clearance(links, around, start, end, nodes, cap)
+
+
+@kernel
 def clearance_around(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:

@@ -31,7 +31,7 @@ from comove.planning.planner import continuous
 from comove.planning.trees import copy_to, rrt_connect, shortened
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import KEEP, Arms, hand_rotation, posture_on
-from comove.robots.search.links import ENOUGH, ROUGH, links_clearance, place_links
+from comove.robots.search.links import ENOUGH, ROUGH, clearance_at, links_clearance, place_links
 from comove.robots.search.ranges import may_reach
 
 Array = NDArray[np.float64]
@@ -116,11 +116,9 @@ def plan_with_arms(
 
 def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
     """Compute the clearance of the links at a configuration of the load with these joints [m]."""
-    links, around, nodes = arms.links, arms.around, np.empty((space.blocks.node.shape[0], 3))
+    nodes = np.empty((space.blocks.node.shape[0], 3))
     place_one(space.blocks, q, 1.0, nodes)
-    a, b = links.start.copy(), links.end.copy()
-    place_links(arms.chains, links, joints, a, b)
-    return links_clearance(links, around, a, b, nodes, ENOUGH)
+    return clearance_at(arms.chains, arms.links, arms.around, joints, nodes, ENOUGH)
 
 
 def _dense(space: Space, path: Array) -> Array:
