@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 TINY = 1e-150
 SMALL = 1e-3  # rad, below which the limit replaces what would cancel
 ROUNDING = 1e-12  # of the numbers of a unit quaternion
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -211,14 +212,21 @@ def levelling(along: Array, up: Array) -> Array:
     return similarity(across / size, up) if size > 0.1 else np.eye(3)
 
 
-def standing(x: Array) -> Array:
-    """Return the rotation whose x axis is `x` and whose z axis leans least; array, shape (3, 3).
+def standing(x: Array, up: Array = UP) -> Array:
+    """Return the rotation whose x axis is `x` and whose z axis leans least from `up`; array, shape (3, 3).
 
-    `x` is a unit vector that is not vertical.
+    `x` and `up` are unit vectors, and not parallel.
     """
-    z = np.array([0.0, 0.0, 1.0]) - x[2] * x
+    z = up - (x @ up) * x
     z /= np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def facing(x: Array) -> Array:
+    """Return the rotation whose x axis is the unit vector `x`, and whose z axis is as upright as it can be; where `x`
+    is nearly vertical, z is as near to the world's x.
+    """
+    return standing(x, UP if abs(x[2]) < 0.999 else np.array([1.0, 0.0, 0.0]))
 
 
 def _about_middle(points: Array) -> Array:

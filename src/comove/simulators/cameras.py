@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import matrices, quaternion_of_rotation
+from comove.geometry.rotations import facing, matrices, quaternion_of_rotation
 from comove.simulators.engine import engine, no_pictures, require_pictures
 from comove.simulators.execution import Execution
 from comove.simulators.pictures import View, front_of, furnish, in_sight, sight, stage
@@ -137,11 +137,7 @@ def _turn(stand: CameraPose) -> Array:
     The third axis of its frame is up in the picture, or the first where it looks along the third.
     """
     back = np.subtract(stand.position, stand.target)
-    back /= np.linalg.norm(back)
-    above = np.array([0.0, 0.0, 1.0]) if abs(back[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
-    right = np.cross(above, back)
-    right /= np.linalg.norm(right)
-    return np.stack([right, np.cross(back, right), back], axis=1)
+    return np.roll(facing(back / np.linalg.norm(back)), -1, axis=1)
 
 
 def _reduced(picture: Picture) -> Picture:

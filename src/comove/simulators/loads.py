@@ -14,12 +14,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
+from comove.geometry.rotations import facing
 from comove.robots.effort import load_mass
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.model import BarLoad
 from comove.scenes.scene import Scene
-from comove.ties import first_largest, first_least
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -143,33 +144,21 @@ def _lug(box: LoadPart, grasp: Array, sides: tuple[float, float]) -> LoadPart | 
     if off < LUG_BEYOND:
         return None
     x = (grasp - box.position - box.rotation @ nearest) / off
-    y = np.cross([0.0, 0.0, 1.0], x) if abs(x[2]) < 0.999 else np.array([0.0, 1.0, 0.0])
-    y /= np.linalg.norm(y)
     half = (off + LUG_BEYOND) / 2
     middle = box.position + box.rotation @ nearest + half * x
-    return LoadPart(
-        "box", middle, np.stack([x, y, np.cross(x, y)], axis=1), (half, sides[0] / 2, sides[1] / 2)
-    )
+    return LoadPart("box", middle, facing(x), (half, sides[0] / 2, sides[1] / 2))
 
 
 def _rod(a: Array, b: Array, radius: float) -> LoadPart:
     along = float(np.linalg.norm(a - b))
-    z = (a - b) / along
-    x = np.cross(np.eye(3)[first_least(np.abs(z))], z)
-    x /= np.linalg.norm(x)
-    return LoadPart(
-        "capsule", (a + b) / 2, np.stack([x, np.cross(z, x), z], axis=1), (max(radius, THINNEST), along / 2)
-    )
+    turned = np.roll(facing((a - b) / along), -1, axis=1)  # along its z
+    return LoadPart("capsule", (a + b) / 2, turned, (max(radius, THINNEST), along / 2))
 
 
 def _frame(points: Array) -> Array:
     """Compute the axes of a load held at `points`, array of shape (n_holders, 3); array, shape (3, 3)."""
     x = points[0] - points[1] if len(points) > 1 else np.array([1.0, 0.0, 0.0])
-    x = x / np.linalg.norm(x)
-    up = np.array([0.0, 0.0, 1.0]) if abs(x[2]) < 0.999 else np.array([1.0, 0.0, 0.0])
-    y = np.cross(up, x)
-    y /= np.linalg.norm(y)
-    return np.stack([x, y, np.cross(x, y)], axis=1)
+    return facing(x / np.linalg.norm(x))
 
 
 def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
