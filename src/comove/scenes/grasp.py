@@ -95,7 +95,7 @@ def grasp_of(file: SceneFile, carried: tuple[int, ...]) -> Grasp | None:
     if part.quaternion_wxyz is not None:
         held = matrices(np.array(part.quaternion_wxyz))
     return Grasp(
-        holders=tuple(file.names.index(name) for name in file.holders),
+        holders=file.holder_numbers,
         at_rest=np.stack([rotation_in_plane(np.deg2rad(angle)) @ held for angle in offsets]),
         turning=np.isin(np.arange(len(file.names)), carried),
     )

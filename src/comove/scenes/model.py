@@ -430,6 +430,11 @@ class SceneFile(Sparse):
             return ()
         return self.load.held_by or self.names
 
+    @property
+    def holder_numbers(self) -> tuple[int, ...]:
+        """Return the numbers of the hands that hold the load, in the order of `holders`."""
+        return tuple(self.names.index(name) for name in self.holders)
+
 
 _OBSTACLES: dict[str, type[BaseModel]] = {
     "box": BoxObstacle,

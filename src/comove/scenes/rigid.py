@@ -72,7 +72,7 @@ class LoadBodies:
             If distances tie hands together that may still move against each other.
         """
         names = self.file.names
-        held = list(combinations(sorted(names.index(name) for name in self.file.holders), 2))
+        held = list(combinations(sorted(self.file.holder_numbers), 2))
         posed = [c.hands for c in self.constraints if isinstance(c, RelativePoseConstraint)]
         apart = [c.hands for c in self.constraints if isinstance(c, DistanceConstraint)]
         bodies = connected(len(names), held + posed)

@@ -552,7 +552,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
 
 def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
     """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
-    hands = Hands(file.names, tuple(file.names.index(name) for name in file.holders), start)
+    hands = Hands(file.names, file.holder_numbers, start)
     constraints = [keys.resolved(hands) for keys in file.constraints]
     if file.grasp is not None and not any(isinstance(c, UprightConstraint) for c in constraints):
         # Hands that keep their tilt also keep the tilt of the load.
@@ -562,7 +562,7 @@ def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
 
 def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
     """Return the numbers of the hands that form one rigid body with the load."""
-    holders = {file.names.index(name) for name in file.holders}
+    holders = set(file.holder_numbers)
     return next((group.members for group in groups if holders & set(group.members)), ())
 
 

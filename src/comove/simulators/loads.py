@@ -83,11 +83,6 @@ def _round(radius: float) -> None:
     """Return None: bars are round."""
 
 
-def holders_of(scene: Scene) -> tuple[int, ...]:
-    """Return the numbers of the hands that hold the scene's load."""
-    return tuple(scene.manipulators.index(name) for name in scene.file.holders)
-
-
 def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | None:
     """Build the scene's load, None where it has none.
 
@@ -100,7 +95,7 @@ def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | Non
     load = scene.file.load
     if load is None:
         return None
-    holders = holders_of(scene)
+    holders = scene.file.holder_numbers
     points = hands[list(holders)][:, :3, 3]
     pose = np.eye(4)
     pose[:3, :3] = _frame(points)
@@ -130,7 +125,7 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
         box = LoadPart("box", (first + last) / 2, (edges / size[:, None]).T, tuple(size / 2))
         yield box
         if sides := section(LUG):
-            grasps = nodes[list(holders_of(scene))]
+            grasps = nodes[list(scene.file.holder_numbers)]
             yield from (lug for grasp in grasps if (lug := _lug(box, grasp, sides)))
 
 

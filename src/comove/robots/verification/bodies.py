@@ -121,7 +121,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs]
     pairs = [p for p in pairs if _parent(geometry, p[0]) != _parent(geometry, p[1])]
     pairs += _add_obstacles(geometry, names, scene)
-    rods, with_load = _add_load(robot, geometry, names, carried, [arms[i] for i in _holders(scene)])
+    rods, with_load = _add_load(robot, geometry, names, carried, [arms[i] for i in scene.file.holder_numbers])
     pairs, exact = _with_hulls(geometry, names, pairs + with_load)
     geometry.removeAllCollisionPairs()
     for first, second, _ in pairs:
@@ -129,7 +129,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     kind = np.array([p[2] for p in pairs], dtype=np.int64)
     keep = scene.clearance if scene.file.on_robot else max(scene.clearance, ROBOT_CLEARANCE)
     reach, pull, base = _links_of(geometry, bases, names)
-    pulls = [bases.of_hand(arms[i], hands[:, i]) for i in _holders(scene)]
+    pulls = [bases.of_hand(arms[i], hands[:, i]) for i in scene.file.holder_numbers]
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
         pull[rod] = max(amount for _, amount in pulls) * lever
@@ -244,11 +244,6 @@ def _some_point(shape: Any) -> Array:
     if isinstance(shape, coal.BVHModelBase):
         return np.array(shape.vertices()[0])
     return np.array(shape.point(0)) if isinstance(shape, coal.ConvexBase) else np.zeros(3)
-
-
-def _holders(scene: Scene) -> list[int]:
-    """Return the numbers of the hands that hold the load."""
-    return [scene.manipulators.index(name) for name in scene.file.holders]
 
 
 def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:

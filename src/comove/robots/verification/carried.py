@@ -194,7 +194,7 @@ def leverage(carried: Carried) -> float:
     """
     scene = carried.motion.scene
     nodes = scene.nodes_at("start")
-    hands = nodes[[scene.manipulators.index(name) for name in scene.file.holders]]
+    hands = nodes[list(scene.file.holder_numbers)]
     corners = nodes[len(scene.manipulators) :]
     if not len(hands) or not len(corners):
         return 1.0

@@ -153,7 +153,7 @@ def _units(robot: Robot) -> list[str]:
 def masses(scene: Scene) -> Array:
     """Return the mass that every hand carries, its holders equally; array, shape (n_hands,) [kg]."""
     masses = np.zeros(len(scene.manipulators))
-    holders = [scene.manipulators.index(name) for name in scene.file.holders]
+    holders = list(scene.file.holder_numbers)
     masses[holders] = load_mass(scene) / max(len(holders), 1)
     return masses
 
