@@ -44,6 +44,14 @@ def test_the_heading_points_from_the_second_holder_to_the_first(psi, tilt):
     assert abs(np.cos(turn / 2)) < 1e-9
 
 
+def test_the_rate_of_the_heading_is_its_derivative():
+    grasp, hands, rng = held().grasp, stick(0.7, 0.3), np.random.default_rng(0)
+    velocities, step = rng.standard_normal((2, 3, 4)), 1e-6
+    ahead, behind = (grasp.heading(hands + t * np.moveaxis(velocities, -1, 0)) for t in (step, -step))
+    rates = grasp.heading_rates(hands, velocities)
+    np.testing.assert_allclose(rates, (ahead - behind) / (2 * step), atol=1e-7)
+
+
 def test_down_is_down_and_yaws_with_the_stick():
     """At heading 0 the frame is diag(-1, 1, -1); its z axis, the approach, always points down."""
     grasp = held(orientation="down", yaw="load").grasp

@@ -70,6 +70,21 @@ class Grasp:
         rotations[..., 2, :] = self.at_rest[:, 2]
         return rotations
 
+    def heading_rates(self, hands: Array, velocities: Array) -> Array:
+        """Compute the rates of the load's heading as hands move; array, shape (..., n) [rad/s].
+
+        Parameters
+        ----------
+        hands : array, shape (..., n_manipulators, 3), [m]
+        velocities : array, shape (..., n_manipulators, 3, n), n ways in which they move [m/s]
+        """
+        if len(self.holders) == 1:
+            return np.zeros((*velocities.shape[:-3], velocities.shape[-1]))
+        first, second = self.holders[:2]
+        x, y = (along[..., None] for along in self._along(hands))
+        change = velocities[..., first, :, :] - velocities[..., second, :, :]
+        return (x * change[..., 1, :] - y * change[..., 0, :]) / (x * x + y * y)
+
     def _along(self, hands: Array) -> tuple[Array, Array]:
         """Return x and y of the vector from the second holder to the first [m]; two arrays, shape (...)."""
         hands = np.asarray(hands, dtype=float)

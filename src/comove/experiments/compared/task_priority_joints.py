@@ -98,18 +98,9 @@ class JointController(Controller):
         off = error[:, 3:]
         self.turned = max(self.turned, float(np.linalg.norm(off, axis=1).max()))
         turn = jacobians[:, 3:].copy()
-        turn[:, 2] -= np.outer(grasp.turning, self._turn_of_load(hands) @ moving)
+        turn[:, 2] -= np.outer(grasp.turning, grasp.heading_rates(hands, moving.reshape(*hands.shape, -1)))
         pull = -TURNING.wanted(off, len(self.path) * self.period, self.period)
         return PriorityTask(turn.reshape(-1, turn.shape[2]), pull.ravel())
-
-    def _turn_of_load(self, hands: Array) -> Array:
-        """Return the rate of the load's heading per unit of the hands' velocities; array, shape (3 n_hands,)."""
-        row, holders = np.zeros(hands.shape), self.carrier.grasp.holders
-        if len(holders) > 1:
-            x, y = (hands[holders[0]] - hands[holders[1]])[:2]
-            across = np.array([-y, x]) / (x * x + y * y)
-            row[holders[0], :2], row[holders[1], :2] = across, -across
-        return row.ravel()
 
     def _joint_limits(self) -> tuple[Array, Array]:
         """Return the inequalities by which joints keep their limits of speed and acceleration, and brake in time."""

@@ -237,18 +237,8 @@ class JointProgramme(TwistProgramme):
         rows = np.zeros((n_hands, 6, n + jacobians.shape[2]))
         rows[:, :, n:] = jacobians
         rows[:, :3, :n] = -velocities
-        rows[:, 5, :n] = -np.outer(self.grasp.turning, self._turning(nodes))
+        rows[:, 5, :n] = -np.outer(self.grasp.turning, self.grasp.heading_rates(nodes[:n_hands], velocities))
         return rows.reshape(6 * n_hands, -1)
-
-    def _turning(self, nodes: Array) -> Array:
-        """Return the rate of the load's heading per unit of the variables; array, shape (n,)."""
-        holders = self.grasp.holders
-        if len(holders) == 1:
-            return np.zeros(self._work.hands.shape[2])
-        first, second = holders[:2]
-        x, y = (nodes[first] - nodes[second])[:2]
-        along = self._work.hands[first] - self._work.hands[second]
-        return (x * along[1] - y * along[0]) / (x * x + y * y)
 
     def _taken(self, z: Array) -> Array:
         """Keep the rates of the joints, and return the variables of the twist."""

@@ -73,12 +73,7 @@ class Carried:
             return None
         position, velocity = self.hands(time)
         spin = np.zeros_like(position)
-        if len(grasp.holders) > 1:
-            along, change = (
-                x[:, grasp.holders[0], :2] - x[:, grasp.holders[1], :2] for x in (position, velocity)
-            )
-            turn = (along[:, 0] * change[:, 1] - along[:, 1] * change[:, 0]) / (along**2).sum(axis=1)
-            spin[:, grasp.turning, 2] = turn[:, None]
+        spin[:, grasp.turning, 2] = grasp.heading_rates(position, velocity[..., None])
         return grasp.hand_rotations(position), spin
 
     @cached_property
