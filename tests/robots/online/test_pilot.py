@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from comove.coordination.coordinates import load_coordinates
-from comove.errors import OptionError
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.courses import CourseSettings
@@ -117,8 +116,3 @@ def test_who_stands_in_the_way_goes_out_of_it_in_time():
     stays = nodes[0] + share * (nodes[1] - nodes[0])
     assert np.linalg.norm(stays - center[:, None], axis=-1).min() < 0.08  # it would have been met
     assert np.linalg.norm(bar - center[:, None], axis=-1).min() > 0.08 + 0.012 + 0.01
-
-
-def test_slots_of_different_length_are_refused():
-    with pytest.raises(OptionError, match="slots"):
-        PilotSettings(courses=CourseSettings(slot=0.2))

@@ -23,7 +23,7 @@ from comove.coordination.blocks import place_one
 from comove.geometry.distances import CENTER, KIND, REACH, SPHERE, segment_distance
 from comove.planning.configurations import Space
 from comove.reaction.qp_workspace import Sighting
-from comove.robots.online.roadmap import Roadmap, Way
+from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
 from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links
 
@@ -39,14 +39,12 @@ class CourseSettings:
 
     Attributes
     ----------
-    slot : length of a slot [s], as of the roadmap's
     n_slots : slots that are foreseen
     thicker : by how much links may be taken to be thicker, so that there are fewer [m]
     met, near : clearances beyond the scene's, below which something counts as met, and as near [m]
     meeting, nearness : cost of a slot in which something is met, and is almost met, beside 1 for every slot
     """
 
-    slot: float = 0.1
     n_slots: int = 80
     thicker: float = 0.015
     met: float = 0.01
@@ -327,7 +325,7 @@ class Foresight:
         how, n = self.settings, len(roadmap.joints)
         if self._known is None or self._known[0] is not roadmap:
             self._known = roadmap, self.placed(Way(roadmap.configurations, roadmap.joints))
-        times = since + how.slot * np.arange(how.n_slots + 1, dtype=np.float64)
+        times = since + SLOT * np.arange(how.n_slots + 1, dtype=np.float64)
         more = self.placed(Way(extended.configurations[n:], extended.joints[n:]))
         cost = np.concatenate([self._dangers(self._known[1], seen, times), self._dangers(more, seen, times)])
         net = Network(*(getattr(extended, name) for name in Network._fields))

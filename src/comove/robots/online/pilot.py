@@ -15,15 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
-from comove.errors import OptionError
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
-from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
-from comove.robots.online.roadmap import Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
+from comove.robots.online.roadmap import SLOT, Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
 from comove.robots.search.following import Arms
 from comove.scenes.scene import Scene
 
@@ -63,16 +61,6 @@ class PilotSettings:
     meets: float = 0.5
     roadmap: RoadmapSettings = field(default_factory=RoadmapSettings)
     courses: CourseSettings = field(default_factory=CourseSettings)
-
-    def __post_init__(self) -> None:
-        for name in ("every", "at_once", "anew", "thinking", "braking", "worth", "off", "patience", "meets"):
-            require_positive(name, getattr(self, name))
-        if self.roadmap.slot != self.courses.slot:
-            raise OptionError(
-                f"slots of {self.roadmap.slot} and {self.courses.slot} s",
-                key="slot",
-                way_out="give roadmap and courses the same",
-            )
 
 
 class Pilot:
@@ -115,8 +103,8 @@ class Pilot:
             space._replace(required=standing.clearance + settings.spare),
             self.arms,
             needs,
-            how.rates * chains.velocity * how.slot,
-            how.speed * min(standing.speed_limit, how.fastest) * how.slot,
+            how.rates * chains.velocity * SLOT,
+            how.speed * min(standing.speed_limit, how.fastest) * SLOT,
         )
         self.foresight = Foresight(space, self.arms, standing.clearance, settings.courses)
         self._growth: GrowingRoadmap | None = None
@@ -126,9 +114,8 @@ class Pilot:
 
     def _slots(self, reference: Reference, begin: float, end: float) -> Way:
         """Return samples of a reference, one a slot."""
-        slot = self.settings.roadmap.slot
-        count = 1 + max(0, int(np.ceil((end - begin) / slot - 1e-9)))
-        configurations, joints, _ = reference.at(np.minimum(begin + slot * np.arange(count), end))
+        count = 1 + max(0, int(np.ceil((end - begin) / SLOT - 1e-9)))
+        configurations, joints, _ = reference.at(np.minimum(begin + SLOT * np.arange(count), end))
         return Way(np.ascontiguousarray(configurations), np.ascontiguousarray(joints))
 
     @property
@@ -183,7 +170,7 @@ class Pilot:
         off : distance of the hands from the reference [m]
         waited : time that the arms have not come along [s]
         """
-        how, slot = self.settings, self.settings.roadmap.slot
+        how = self.settings
         self._chosen, self._pause = time, 2.0 * how.at_once  # unless something better is found
         follows, clock, stop = self.reference, self.clock, self._stop()
         if off > how.off or waited >= how.patience:
@@ -193,7 +180,7 @@ class Pilot:
         if found is None:
             return False
         path = continuous(self.ground.space, np.vstack([begin, found.way.configurations]))[1:]
-        other = follows.spliced(clock, stop, found.way._replace(configurations=path), slot, found.left)
+        other = follows.spliced(clock, stop, found.way._replace(configurations=path), SLOT, found.left)
         cost = self._total(other, 0.0, self._ahead(other, 0.0, seen))
         if waited < how.patience and cost > self._present - how.worth:
             return False
@@ -223,19 +210,19 @@ class Pilot:
         """Return what a reference costs from now on, and then its end, slot by slot."""
         how = self.settings.courses
         if self._placed is None or self._placed[0] is not reference:
-            slots = np.arange(1 + np.ceil(reference.duration / how.slot))
-            configurations, joints, _ = reference.at(how.slot * slots)
+            slots = np.arange(1 + np.ceil(reference.duration / SLOT))
+            configurations, joints, _ = reference.at(SLOT * slots)
             self._placed = reference, self.foresight.placed(Way(configurations, joints))
-        first = int(np.ceil(clock / how.slot))
+        first = int(np.ceil(clock / SLOT))
         slots = first + np.arange(how.n_slots + 1)
-        times = how.slot * slots.astype(np.float64) - clock
+        times = SLOT * slots.astype(np.float64) - clock
         return self.foresight.cost_along(self._placed[1], slots, seen, times)
 
     def _total(self, reference: Reference, clock: float, cost: Array) -> float:
         """Return the cost of a reference from now on [slots]."""
-        to_go = (reference.duration - clock) / self.settings.roadmap.slot
+        to_go = (reference.duration - clock) / SLOT
         how, stops = self.settings, reference.left > 0.0  # and another one has to be begun
-        again = (how.thinking + TAIL * WIDTH) / how.roadmap.slot + how.worth if stops else 0.0
+        again = (how.thinking + TAIL * WIDTH) / SLOT + how.worth if stops else 0.0
         return float(cost.sum()) + max(0.0, to_go) + reference.left + again
 
     def _stop(self) -> Stop:

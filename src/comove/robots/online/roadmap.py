@@ -26,6 +26,7 @@ from comove.robots.search.planner import LEADING
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
+SLOT = 0.1  # s, between two samples of a way
 FREE, BLOCKED, FAST = range(3)
 
 
@@ -35,7 +36,6 @@ class RoadmapSettings:
 
     Attributes
     ----------
-    slot : time between two samples of a way [s]
     n_nodes, n_more : configurations beside the plan, and of every further growth
     n_draws : random configurations for every one that is wanted
     reach : longest way of a new configuration to the nearest one, and of it to others [m]
@@ -48,7 +48,6 @@ class RoadmapSettings:
         and the share of `rates` that this may take
     """
 
-    slot: float = 0.1
     n_nodes: int = 600
     n_more: int = 100
     n_draws: int = 8
