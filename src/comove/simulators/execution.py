@@ -28,7 +28,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
 from comove.simulators.grasps import GraspModel
-from comove.simulators.loads import Load, carried, inverse, points_of
+from comove.simulators.loads import Load, carried, points_of
 from comove.simulators.settings import PLAN, Perturbation, Settings
 
 Array = NDArray[np.float64]
@@ -105,7 +105,7 @@ class Execution:
     @cached_property
     def held(self) -> Array:
         """Return the load's pose in the frame of each holder; array, shape (n_steps, n_holders, 4, 4)."""
-        return inverse(self.hands[:, self.holders]) @ self.load_pose[:, None]
+        return np.linalg.inv(self.hands[:, self.holders]) @ self.load_pose[:, None]
 
     @cached_property
     def load_planned(self) -> Array:
@@ -140,7 +140,7 @@ class Execution:
         """Return the distance that each holder has slid on the load since time 0 [m]; array, shape (n_steps,
         n_holders).
         """
-        in_load = inverse(self.held)[..., :3, 3]
+        in_load = np.linalg.inv(self.held)[..., :3, 3]
         return np.linalg.norm(in_load - in_load[:1], axis=-1)
 
     @cached_property

@@ -25,7 +25,7 @@ from comove.robots.motion import JointMotion
 from comove.robots.online.executor import JointExecutor
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact
-from comove.simulators.loads import Load, carried, hand_poses, inverse, load_of
+from comove.simulators.loads import Load, carried, hand_poses, load_of
 from comove.simulators.playback import work_geometry
 from comove.ties import first_least
 
@@ -269,4 +269,4 @@ def _loads(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array])
     if load is None:
         return simulated, simulated
     held = hand_poses(record.robot, record.scene, joints[0])[:, list(load.holders)]
-    return carried(held, inverse(held[0]) @ load.pose), simulated
+    return carried(held, np.linalg.inv(held[0]) @ load.pose), simulated

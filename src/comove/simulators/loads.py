@@ -217,13 +217,3 @@ def carried(hands: Array, held: Array) -> Array:
 def points_of(poses: Array, points: Array) -> Array:
     """Compute world positions of points of a body; (..., 4, 4) and (n_points, 3) -> (..., n_points, 3) [m]."""
     return poses[..., None, :3, 3] + np.einsum("...ij,nj->...ni", poses[..., :3, :3], points)
-
-
-def inverse(poses: Array) -> Array:
-    """Invert rigid transforms; arrays, shape (..., 4, 4)."""
-    turned = np.swapaxes(poses[..., :3, :3], -1, -2)
-    result = np.zeros_like(poses)
-    result[..., :3, :3] = turned
-    result[..., :3, 3] = -np.einsum("...ij,...j->...i", turned, poses[..., :3, 3])
-    result[..., 3, 3] = 1.0
-    return result

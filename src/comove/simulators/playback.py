@@ -21,7 +21,7 @@ from comove.robots.verification.bodies import obstacle_object
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld
-from comove.simulators.loads import Load, carried, hand_poses, inverse, load_of, require_fit
+from comove.simulators.loads import Load, carried, hand_poses, load_of, require_fit
 from comove.simulators.settings import USUAL, Settings
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Arr
     if load is None:
         return np.full((len(time), 4, 4), np.nan), np.zeros((len(time), 0, 6))
     held = hands[:, list(load.holders)]
-    poses = carried(held, inverse(held[0]) @ load.pose)
+    poses = carried(held, np.linalg.inv(held[0]) @ load.pose)
     speed = np.gradient(poses[:, :3, 3], time, axis=0)
     force = load.mass * (np.gradient(speed, time, axis=0) - GRAVITY)
     wrench = np.zeros((len(time), len(load.holders), 6))
