@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import tempfile
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from graphlib import TopologicalSorter
@@ -135,9 +135,22 @@ class Robot:
 
     def tool_pose(self, q: Array, arm: Arm) -> Array:
         """Compute the pose of the arm's grasp frame in the scene; array, shape (4, 4)."""
-        data = self._data
-        pin.framesForwardKinematics(self.model, data, np.asarray(q, dtype=float))
-        return data.oMf[self.model.getFrameId(arm.tip)].homogeneous @ arm.tool
+        return self.tool_poses(np.asarray(q, dtype=float)[None], (arm,))[0, 0]
+
+    def tool_poses(self, joints: Array, arms: Sequence[Arm]) -> Array:
+        """Compute the poses of the arms' grasp frames in the scene; array, shape (n_steps, n_arms, 4, 4).
+
+        Parameters
+        ----------
+        joints : array, shape (n_steps, n_joints), [rad]
+        """
+        data, frames = self._data, [self.model.getFrameId(arm.tip) for arm in arms]
+        poses = np.empty((len(joints), len(arms), 4, 4))
+        for step, q in enumerate(joints):
+            pin.framesForwardKinematics(self.model, data, q)
+            for i, frame in enumerate(frames):
+                poses[step, i] = data.oMf[frame].homogeneous @ arms[i].tool
+        return poses
 
     @cached_property
     def _data(self) -> Any:

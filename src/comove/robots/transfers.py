@@ -286,7 +286,7 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Ar
         (velocity / (PACE * robot.velocity)).max(),
         np.sqrt((acceleration / (PACE * robot.acceleration)).max()),
     ]
-    places = np.array([[robot.tool_pose(q, arm)[:3, 3] for arm in arms] for q in unit.position])
+    places = robot.tool_poses(unit.position, arms)[:, :, :3, 3]
     hands = CubicSpline(s, places, bc_type="clamped")
     speed, pull = (np.linalg.norm(hands(s, order), axis=-1).max() for order in (1, 2))
     ratios += [

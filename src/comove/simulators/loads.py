@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
@@ -186,15 +185,7 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
 
 def hand_poses(robot: Robot, scene: Scene, joints: Array) -> Array:
     """Compute grasp frames of the scene's manipulators; array, shape (n_steps, n_manipulators, 4, 4)."""
-    arms = [robot.arm(name) for name in scene.manipulators]
-    frames = [robot.model.getFrameId(arm.tip) for arm in arms]
-    tools, data = np.stack([arm.tool for arm in arms]), robot.model.createData()
-    poses = np.empty((len(joints), len(arms), 4, 4))
-    for step, q in enumerate(joints):
-        pin.framesForwardKinematics(robot.model, data, q)
-        for i, frame in enumerate(frames):
-            poses[step, i] = data.oMf[frame].homogeneous
-    return poses @ tools
+    return robot.tool_poses(joints, [robot.arm(name) for name in scene.manipulators])
 
 
 def carried(hands: Array, held: Array) -> Array:

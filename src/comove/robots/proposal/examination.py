@@ -110,7 +110,7 @@ def _arm(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings:
     q[:, arm.columns] = rng.uniform(
         robot.lower[arm.columns], robot.upper[arm.columns], (N_DRAWN, len(arm.columns))
     )
-    places = np.array([robot.tool_pose(each, arm)[:3, 3] for each in q])
+    places = robot.tool_poses(q, (arm,))[:, 0, :3, 3]
     reach = float(np.linalg.norm(places - base_of(robot, arm), axis=1).max())
     tilt = float(np.arccos(np.clip(DOWN @ robot.tool_pose(robot.home, arm)[:3, 2], -1.0, 1.0)))
     return ArmFindings(arm.name, arm.tip, len(arm.columns), reach, places, tilt)

@@ -75,7 +75,7 @@ def _drawn(robot: Robot, arm: Arm, q: Array, rng: np.random.Generator) -> Array:
     low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
     drawn = np.repeat(q[None], N_DRAWN, axis=0)
     joints = drawn[:, arm.columns] = rng.uniform(low, high, (N_DRAWN, len(low)))
-    poses = np.array([robot.tool_pose(each, arm) for each in drawn])
+    poses = robot.tool_poses(drawn, (arm,))[:, 0]
     base = base_of(robot, arm)
     reach = np.linalg.norm(poses[:, :3, 3] - base, axis=1).max()
     comfort = (np.minimum(joints - lower, upper - joints) / (upper - lower)).min(axis=1)
