@@ -36,9 +36,9 @@ def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
     """Return a copy of the robot's model with point masses at the arms' grasps, array of shape (n_arms,) [kg]."""
     model = robot.model.copy()
     for arm, mass in zip(arms, masses, strict=True):
-        tip = model.frames[model.getFrameId(arm.tip)]
         point = pin.Inertia(float(mass), np.zeros(3), np.zeros((3, 3)))
-        model.appendBodyToJoint(tip.parentJoint, point, tip.placement * pin.SE3(arm.tool))
+        joint, grasp = robot.grasp_frame(arm)
+        model.appendBodyToJoint(joint, point, grasp)
     return model
 
 

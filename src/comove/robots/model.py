@@ -133,6 +133,13 @@ class Robot:
             f"the robot '{self.name}' has no arm '{name}'", key="manipulators", way_out=near_name(name, names)
         )
 
+    def grasp_frame(self, arm: Arm) -> tuple[int, Any]:
+        """Return the joint that moves an arm's grasp frame, by its number in the model, and the frame's placement in
+        that joint's, as Pinocchio's SE3.
+        """
+        tip = self.model.frames[self.model.getFrameId(arm.tip)]
+        return tip.parentJoint, tip.placement * pin.SE3(arm.tool)
+
     def tool_pose(self, q: Array, arm: Arm) -> Array:
         """Compute the pose of the arm's grasp frame in the scene; array, shape (4, 4)."""
         return self.tool_poses(np.asarray(q, dtype=float)[None], (arm,))[0, 0]

@@ -164,7 +164,7 @@ def _hands_and_load(bodies: Bodies, holders: tuple[Arm, ...]) -> Bodies:
     """
     robot, geometry = bodies.robot, bodies.geometry.copy()
     geometry.removeAllCollisionPairs()
-    lasts = {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in holders}
+    lasts = {robot.grasp_frame(arm)[0] for arm in holders}
     reaches, rows = Bases(robot, robot.description.uncertainty).reaches, []
     for link in range(robot.collision.ngeoms):
         item = geometry.geometryObjects[link]

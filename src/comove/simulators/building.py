@@ -103,11 +103,10 @@ def _with_robot(robot: Robot, moving: set[str], *, drawn: bool) -> Any:
 
 def _add_hand(spec: Any, robot: Robot, arm: Arm) -> None:
     """Add the grasp frame to the body that the arm's last joint moves: its frame is the joint's in both models."""
-    frame = robot.model.frames[robot.model.getFrameId(arm.tip)]
-    pose = frame.placement.homogeneous @ arm.tool
-    body = spec.joint(robot.model.names[frame.parentJoint]).parent
+    joint, grasp = robot.grasp_frame(arm)
+    body = spec.joint(robot.model.names[joint]).parent
     body.add_site(
-        name=f"hand {arm.name}", pos=pose[:3, 3], quat=quaternion_of_rotation(pose[:3, :3]), group=4
+        name=f"hand {arm.name}", pos=grasp.translation, quat=quaternion_of_rotation(grasp.rotation), group=4
     )
 
 

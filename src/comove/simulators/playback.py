@@ -157,7 +157,7 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
 def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
     """Return the joints whose links move with a hand that holds the load."""
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
-    return {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in arms}
+    return {robot.grasp_frame(arm)[0] for arm in arms}
 
 
 def _pose(position: Any, rotation: Array) -> Any:

@@ -248,7 +248,7 @@ def _some_point(shape: Any) -> Array:
 
 def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
     """Return the joints whose links move rigidly with a hand: the last one of each arm, and those beyond it."""
-    lasts = {robot.model.frames[robot.model.getFrameId(arm.tip)].parentJoint for arm in arms}
+    lasts = {robot.grasp_frame(arm)[0] for arm in arms}
     return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}
 
 

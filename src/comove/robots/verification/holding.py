@@ -22,7 +22,6 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
@@ -150,8 +149,7 @@ def _grasp_frames(
     twists, moves = joint_twists(robot, turns, origins, rates), moved_by(robot)
     places, rotations, velocities, spins = [], [], [], []
     for arm in arms:
-        tip = robot.model.frames[robot.model.getFrameId(arm.tip)]
-        grasp, joint = tip.placement * pin.SE3(arm.tool), tip.parentJoint
+        joint, grasp = robot.grasp_frame(arm)
         twist = twists[:, moves[joint]].sum(axis=1)
         places.append(origins[joint] + turns[joint] @ grasp.translation)
         rotations.append(turns[joint] @ grasp.rotation)

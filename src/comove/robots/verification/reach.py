@@ -88,8 +88,8 @@ class Reaches:
 
     def of_hand(self, arm: Arm) -> tuple[Array, Array, float]:
         """Bound the distances of an arm's grasp from the axes, as `of_ball` does."""
-        tip = self.robot.model.frames[self.robot.model.getFrameId(arm.tip)]
-        return self.of_ball(tip.parentJoint, (tip.placement * pin.SE3(arm.tool)).translation, 0.0)
+        joint, grasp = self.robot.grasp_frame(arm)
+        return self.of_ball(joint, grasp.translation, 0.0)
 
 
 @lru_cache(maxsize=8)
@@ -151,6 +151,6 @@ class Bases:
         ----------
         places : array, shape (n_steps, 3), positions of the hand [m]
         """
-        model = self.robot.model
-        base = self.numbers.get(model.names[model.frames[model.getFrameId(arm.tip)].parentJoint], 0)
+        joint, _ = self.robot.grasp_frame(arm)
+        base = self.numbers.get(self.robot.model.names[joint], 0)
         return base, self.pull(base, places, 0.0)
