@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from comove.errors import OptionError, RobotError
+from comove.planning.seeds import minimum_jerk
 from comove.robots.free_space import SPARES, Room, way
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges
@@ -280,7 +281,7 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Ar
     """
     curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)  # a straight line through two
     s = np.linspace(0.0, 1.0, 201)
-    unit = JointMotion(s, robot.joint_names, curve(_minimum_jerk(s)))
+    unit = JointMotion(s, robot.joint_names, curve(minimum_jerk(s)))
     velocity, acceleration = unit.largest()
     ratios = [
         (velocity / (PACE * robot.velocity)).max(),
@@ -294,13 +295,9 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Ar
         np.sqrt(pull / (HANDS_PACE * scene.acceleration_limit)),
     ]
     steps = max(2, int(np.ceil(max(ratios) * SAMPLE_RATE)))
-    samples = curve(_minimum_jerk(np.linspace(0.0, 1.0, steps + 1)))
+    samples = curve(minimum_jerk(np.linspace(0.0, 1.0, steps + 1)))
     samples[[0, -1]] = path[[0, -1]]  # free of rounding
     return samples
-
-
-def _minimum_jerk(s: Array) -> Array:
-    return s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
 
 
 def _joined(robot: Robot, wait: float, parts: list[Array]) -> JointMotion:
