@@ -137,20 +137,28 @@ def _at_home(robot: Robot) -> tuple[float, tuple[str, str]]:
 
 def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
     """Return the share of random configurations without contact, and pairs that often touch with their share."""
+    touched = touching(robot, N_TESTED, rng)
+    shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)
+    often = {pair: float(share) for pair, share in shares if share >= OFTEN}
+    return float((~touched.any(axis=1)).mean()), often
+
+
+def touching(robot: Robot, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """Return which pairs of bodies touch in random configurations; array, shape (count, n_pairs)."""
     geometry = robot.collision
     data, of_geometry = robot.model.createData(), geometry.createData()
-    touched, free = np.zeros(len(geometry.collisionPairs)), 0
-    for q in rng.uniform(robot.lower, robot.upper, (N_TESTED, len(robot.lower))):
+    touched = np.zeros((count, len(geometry.collisionPairs)), dtype=bool)
+    for k, q in enumerate(rng.uniform(robot.lower, robot.upper, (count, len(robot.lower)))):
         pin.computeCollisions(robot.model, data, geometry, of_geometry, q, False)
-        now = np.array([result.isCollision() for result in of_geometry.collisionResults], dtype=float)
-        touched += now
-        free += not now.any()
-    often: dict[tuple[str, str], float] = {}
-    for pair, count in zip(geometry.collisionPairs, touched, strict=True):
-        if count >= OFTEN * N_TESTED:
-            names = sorted(link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second))
-            often[names[0], names[1]] = count / N_TESTED
-    return free / N_TESTED, often
+        touched[k] = [result.isCollision() for result in of_geometry.collisionResults]
+    return touched
+
+
+def pairs_of(robot: Robot) -> list[tuple[str, str]]:
+    """Return the names of the links of every pair of bodies that is compared, sorted within the pair."""
+    links = [link_of(item.name) for item in robot.collision.geometryObjects]
+    both = (sorted((links[pair.first], links[pair.second])) for pair in robot.collision.collisionPairs)
+    return [(a, b) for a, b in both]
 
 
 def link_of(geometry: str) -> str:

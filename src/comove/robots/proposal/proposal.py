@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from comove.errors import ComoveWarning, RobotError
 from comove.robots.description import RobotFile
 from comove.robots.model import Arm, Robot, assembled
-from comove.robots.proposal.examination import link_of
+from comove.robots.proposal.examination import link_of, pairs_of, touching
 from comove.robots.proposal.homes import Homes, homes_of
 from comove.robots.proposal.tree import Chain, Tree
 from comove.robots.soundness import number
@@ -307,20 +307,8 @@ def _always_touching(
     robot: Robot, parts: Sequence[_Part], seed: int
 ) -> tuple[dict[str, str], list[tuple[str, str]]]:
     """Find the pairs of links of one model that touch in nearly all configurations; as SRDF by URDF, and as pairs."""
-    rng, geometry = np.random.default_rng(seed), robot.collision
-    data, of_geometry = robot.model.createData(), geometry.createData()
-    touched = np.zeros(len(geometry.collisionPairs))
-    for q in rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower))):
-        pin.computeCollisions(robot.model, data, geometry, of_geometry, q, False)
-        touched += [result.isCollision() for result in of_geometry.collisionResults]
-    links = [link_of(item.name) for item in geometry.geometryObjects]
-    pairs = sorted(
-        {
-            tuple(sorted((links[pair.first], links[pair.second])))
-            for pair, count in zip(geometry.collisionPairs, touched, strict=True)
-            if count >= ALWAYS * N_SAMPLES
-        }
-    )
+    shares = touching(robot, N_SAMPLES, np.random.default_rng(seed)).mean(axis=0)
+    pairs = sorted({pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS})
     texts: dict[str, str] = {}
     own: list[tuple[str, str]] = []  # those of different models must not touch, wherever the bases stand
     for part in parts:
