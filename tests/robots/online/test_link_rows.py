@@ -165,14 +165,3 @@ def test_what_is_left_out_holds_whatever_the_joints_do(near, seed):
         worst = (np.where(row[n:] > 0.0, least, largest) * row[n:]).sum()
         of_load = row[:n].any()
         assert (key in kept) == (of_load or worst < lowest)
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_nearest_shares_are_no_farther_than_any_others(seed):
-    rng = np.random.default_rng(seed)
-    a, b, c, d = rng.normal(size=(4, 3))
-    s, t, apart = nearest_shares(a, b, c, d)
-    grid = np.linspace(0, 1, 101)
-    some = np.linalg.norm((a + grid[:, None, None] * (b - a)) - (c + grid[None, :, None] * (d - c)), axis=-1)
-    assert apart == pytest.approx(np.linalg.norm(a + s * (b - a) - c - t * (d - c)), abs=1e-12)
-    assert apart <= some.min() + 1e-12

@@ -107,8 +107,9 @@ def test_a_robot_without_collision_bodies_has_no_links(tmp_path):
 
 
 @given(POINT, POINT, POINT, POINT)
-def test_the_distance_of_segments_is_that_of_capsules_in_coal(a, b, c, d):
-    apart = nearest_shares(a, b, c, d)[2]
+def test_segments_are_as_far_apart_as_their_nearest_points(a, b, c, d):
+    s, t, apart = nearest_shares(a, b, c, d)
+    assert apart == pytest.approx(np.linalg.norm(a + s * (b - a) - c - t * (d - c)), abs=1e-12)
     u = np.linspace(0, 1, 41)
     p, q = a + u[:, None] * (b - a), c + u[:, None] * (d - c)
     grid = np.linalg.norm(p[:, None] - q[None], axis=2).min()
