@@ -204,9 +204,11 @@ def test_json(filled):
 @pytest.mark.slow
 def test_pictures(filled):
     for arguments in (("list",), ("show", "Sine-0"), ("show", "swing")):
-        for name in ("p.png", "p.svg"):
+        for name, begins in (("p.png", b"\x89PNG"), ("p.svg", b"<?xml"), ("p.pdf", b"%PDF")):
             good("library", *arguments, "--out", name)
             assert os.path.getsize(name) > 1000
+            with open(name, "rb") as file:
+                assert file.read(5).startswith(begins)
     assert ".png, .pdf or .svg" in invoke("library", "show", "Sine-0", "--out", "p.txt").stderr
     assert invoke("library", "list", "--out", "no/p.png").exit_code == 2
 

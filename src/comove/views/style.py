@@ -27,7 +27,10 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; `savefig` would draw all of it once more, to lay it out."""
+    """Write a figure as the suffix of `path` says, PNG at once: `savefig` would draw it once more, to lay it out."""
+    if path.suffix != ".png":
+        figure.savefig(path, dpi=DPI)
+        return
     figure.set_dpi(DPI)
     if layout := figure.get_layout_engine():
         layout.execute(figure)
