@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
+from comove.io.folders import whole_folder
+from comove.results import RESULT
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.scenes import Scene
 from comove.simulators.execution import Contact
@@ -79,6 +81,15 @@ def test_files_are_sealed_and_read_back(executed, tmp_path):
     read, arrays = ROBOT_RUN.read(tmp_path)
     assert read["scene_sha256"] == record.scene.sha256
     np.testing.assert_array_equal(arrays["commanded"], np.array(record.commanded))
+
+
+def test_a_run_takes_the_place_of_an_earlier_one(executed, tmp_path):
+    executor, record = executed
+    report = judge_run(record, stride=200)
+    for seed in (1, 2):
+        with whole_folder(tmp_path / "run", RESULT) as draft:
+            write_robot_run(draft, record, report, executor.log, seed=seed, wall_time_s=1.0)
+    assert ROBOT_RUN.read(tmp_path / "run")[0]["seed"] == 2
 
 
 def test_periods_that_the_simulator_cannot_keep_are_refused():

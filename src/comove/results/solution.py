@@ -37,10 +37,11 @@ Array = NDArray[np.float64]
 SCENE = "scene.json"
 RESULT = Contents(
     what="result",
-    marks=frozenset({"solution.json", "run.json"}),
+    marks=frozenset({"solution.json", "run.json", "robot_run.json"}),
     names=frozenset(
         ["solution.npz", "solution.json", "motion.png", "progress.png", SCENE]
         + ["run.npz", "run.json", "run.png", "run.gif"]  # of an execution
+        + ["robot_run.npz", "robot_run.json"]  # of a robot's
         + [f"comparison.{suffix}" for suffix in ("json", "png", "gif")]
         + ["joints.npz", "robot.json", "joints.png"]  # of a robot
         + [f"simulation.{suffix}" for suffix in ("json", "npz", "png", "mp4", "gif")]
