@@ -24,7 +24,7 @@ class Message:
     """A message: what it says, and arrays by name."""
 
     header: Mapping[str, Any]
-    arrays: Mapping[str, NDArray] = field(default_factory=dict)
+    arrays: Mapping[str, Any] = field(default_factory=dict)
 
 
 def write_message(stream: IO[bytes], message: Message) -> None:
@@ -38,7 +38,7 @@ def write_message(stream: IO[bytes], message: Message) -> None:
     header = json.dumps(dict(message.header), allow_nan=True).encode()
     packed = io.BytesIO()
     if message.arrays:
-        np.savez(packed, allow_pickle=False, **message.arrays)
+        np.savez(packed, **message.arrays)
     arrays = packed.getvalue()
     stream.write(HEAD.pack(len(header), len(arrays)) + header + arrays)
     stream.flush()
