@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from comove.cli.app import INTERRUPTED, sub_application, verb_of
+from comove.cli.studies import telling_progress
 
 group = sub_application(
     "bench", "Benchmark: draw scenes, run systems on frozen sets, report, export, measure scaling."
@@ -70,34 +70,19 @@ def run(
     ] = 1,
 ) -> int:
     """Run systems on the frozen sets, or on scenes of one's own; what is in the file already is not run again."""
-    from comove.experiments.bench.runner import BenchProgress, jobs_of, run_all
+    from comove.experiments.bench.runner import jobs_of, run_all
     from comove.experiments.bench.sets import own_scenes, scenes_of
     from comove.experiments.registry import systems_named
 
     named = names_of(sets if sets is not None else [] if own else SETS)
     chosen = [scene for name in named for scene in scenes_of(name, scenes)] + own_scenes(own or [])
     jobs = jobs_of(chosen, systems_named(names_of(systems)), seeds, budget)
-    last = BenchProgress(0, 0, len(jobs))
-
-    def tell(progress: BenchProgress) -> None:
-        nonlocal last
-        if progress.done == progress.before and progress.before:
-            print(f"{progress.before} of {progress.total} runs were in {out} already", file=sys.stderr)
-        if sys.stderr.isatty():
-            print(f"\r{progress.done} of {progress.total} runs", end="", file=sys.stderr, flush=True)
-        last = progress
-
     try:
-        last = run_all(out, jobs, workers, tell)
+        with telling_progress(out, len(jobs)) as tell:
+            run_all(out, jobs, workers, tell)
     except KeyboardInterrupt:
-        print(
-            f"\ninterrupted: {last.done} of {last.total} runs are in {out}; the same command goes on",
-            file=sys.stderr,
-        )
         return INTERRUPTED
-    if sys.stderr.isatty():
-        print(file=sys.stderr)
-    print(f"{out} holds all {last.total} runs; see: comove bench report {out} --out FOLDER")
+    print(f"{out} holds all {len(jobs)} runs; see: comove bench report {out} --out FOLDER")
     return 0
 
 
@@ -177,18 +162,13 @@ def ablation(
     jobs, store = jobs_of(scenes_of(scenes), systems(), seeds, budget), out / "runs.sqlite"
     out.mkdir(parents=True, exist_ok=True)
     try:
-        run_all(
-            store,
-            jobs,
-            workers,
-            lambda done: print(f"\r{done.done} of {done.total} runs", end="", file=sys.stderr, flush=True),
-        )
+        with telling_progress(store, len(jobs)) as tell:
+            run_all(store, jobs, workers, tell)
     except KeyboardInterrupt:
-        print(f"\ninterrupted: the runs so far are in {store}; the same command goes on", file=sys.stderr)
         return INTERRUPTED
     wanted = {job.configuration.key for job in jobs}
     runs = [run for run in RunStore.open(store).runs() if run.configuration.key in wanted]
     with whole_file(out / "ablation.md", ResultError) as file:
         file.write(page(runs, budget).encode())
-    print(f"\npage: {out / 'ablation.md'}")
+    print(f"page: {out / 'ablation.md'}")
     return 0

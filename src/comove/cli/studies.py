@@ -1,4 +1,4 @@
-"""Options and output that `comove generate` and `comove sweep` share."""
+"""Options and output that `comove generate`, `comove sweep` and `comove bench` share."""
 
 from __future__ import annotations
 
@@ -72,23 +72,38 @@ def run_with_progress(study: RunSource, out: Path, run: Run, shard: Shard) -> St
     KeyboardInterrupt
         After an interruption, which has been told.
     """
-    from comove.studies import StudyProgress, run_study
+    from comove.studies import run_study
 
-    last = StudyProgress(0, 0, study.total)
+    with telling_progress(out, len(shard.numbers(study.total))) as tell:
+        return run_study(study, out, run, shard=shard, tell=tell)
+
+
+@contextmanager
+def telling_progress(out: Path, total: int) -> Iterator[Callable[[StudyProgress], None]]:
+    """Lend a function that shows how many runs are in `out`; after Ctrl-C, say how to go on.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        After an interruption, which has been told.
+    """
+    done = 0
 
     def tell(progress: StudyProgress) -> None:
-        nonlocal last
+        nonlocal done
         if progress.done == progress.before and progress.before:
             print(f"{progress.before} of {progress.total} runs were in {out} already", file=sys.stderr)
-        last = progress
+        done = progress.done
         show(progress)
 
     with _progress_line() as show:
         try:
-            return run_study(study, out, run, shard=shard, tell=tell)
+            yield tell
         except KeyboardInterrupt:
-            left = f"{last.done} of {last.total} runs are in {out}; the same command goes on"
-            print(f"\ninterrupted: {left}", file=sys.stderr)
+            print(
+                f"\ninterrupted: {done} of {total} runs are in {out}; the same command goes on",
+                file=sys.stderr,
+            )
             raise
 
 

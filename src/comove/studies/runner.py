@@ -10,10 +10,10 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 from comove.errors import OptionError, ResultError
 from comove.io.files import require_room, telling
@@ -21,6 +21,9 @@ from comove.processes import TaskResult, run_tasks
 from comove.studies.episode import Made
 from comove.studies.many import KILLS, MORE, TIMES, lost
 from comove.studies.runs import LONGEST, RUNS, StudyRun, StudyStore
+
+Task = TypeVar("Task")
+Result = TypeVar("Result")
 
 ROOM = 20_000_000
 """What must be free on the disk before a study is run [bytes]."""
@@ -154,30 +157,62 @@ def run_study(
     ExtraError, OptionError
         If something that the runs need is missing here, or on the workers of a scheduler.
     """
-    store = StudyStore.create(_prepared(Path(folder)) / RUNS)
+    store, numbers = StudyStore.create(_prepared(Path(folder)) / RUNS), shard.numbers(study.total)
     with store.writer() as writer:
         store.describe(study.described, study.total)
-        ended_before = store.numbers()
-        waiting = deque(number for number in shard.numbers(study.total) if number not in ended_before)
-        total = len(shard.numbers(study.total))
-        begun, before, verified = time.monotonic(), total - len(waiting), 0
-        progress = StudyProgress(before, before, total)
-        tell(progress)
+        there = store.numbers()
 
-        def next_task() -> int | None:
-            return waiting.popleft() if waiting else None
-
-        for ended in run(study, next_task, TIMES * study.budget + MORE):
-            key = study.key(ended.task)
-            if ended.killed and writer.note_kill(key, ended.killed) < KILLS:
-                waiting.append(ended.task)
-                continue
-            row, motion = ended.made or (_failed(key, ended), None)
+        def keep(ended: TaskResult[int, Made]) -> bool:
+            row, motion = ended.made or (_failed(study.key(ended.task), ended), None)
             writer.add(row, motion)
-            verified += row.status == "verified"
-            progress = StudyProgress(before, progress.done + 1, total, verified, time.monotonic() - begun)
-            tell(progress)
-        return progress
+            return row.status == "verified"
+
+        return run_missing(
+            [number for number in numbers if number not in there],
+            len(numbers),
+            lambda next_task: run(study, next_task, TIMES * study.budget + MORE),
+            note_kill=lambda number, kills: writer.note_kill(study.key(number), kills),
+            keep=keep,
+            tell=tell,
+        )
+
+
+def run_missing(
+    missing: Iterable[Task],
+    total: int,
+    run: Callable[[Callable[[], Task | None]], Iterator[TaskResult[Task, Result]]],
+    *,
+    note_kill: Callable[[Task, int], int],
+    keep: Callable[[TaskResult[Task, Result]], bool],
+    tell: Callable[[StudyProgress], None],
+) -> StudyProgress:
+    """Do the runs that a store lacks; one that has killed its process comes again after the others.
+
+    Parameters
+    ----------
+    missing : the runs
+    total : number of runs asked for, with those that are in the store
+    run : function of the next run that yields runs as they end
+    note_kill : function of a run, and of the processes that it has killed now, that returns how many it has in all
+    keep : function that writes what has ended for good, and returns whether its motion was verified
+    tell : function called at the beginning and after every run
+    """
+    waiting = deque(missing)
+    begun, before, verified = time.monotonic(), total - len(waiting), 0
+    progress = StudyProgress(before, before, total)
+    tell(progress)
+
+    def next_run() -> Task | None:
+        return waiting.popleft() if waiting else None
+
+    for ended in run(next_run):
+        if ended.killed and note_kill(ended.task, ended.killed) < KILLS:
+            waiting.append(ended.task)
+            continue
+        verified += keep(ended)
+        progress = StudyProgress(before, progress.done + 1, total, verified, time.monotonic() - begun)
+        tell(progress)
+    return progress
 
 
 def _failed(key: str, ended: TaskResult[int, Made]) -> StudyRun:

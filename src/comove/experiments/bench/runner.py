@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import os
 import platform
-from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +24,8 @@ from comove.processes import TaskResult, run_tasks
 from comove.processes.worker import told
 from comove.scenes import demonstration_of
 from comove.scenes.scene import Scene
-from comove.studies.many import KILLS, MORE, TIMES, lost
+from comove.studies.many import MORE, TIMES, lost
+from comove.studies.runner import StudyProgress, run_missing
 
 
 @dataclass(frozen=True)
@@ -42,22 +42,6 @@ class BenchJob:
     configuration: Configuration
     path: Path
     system: System
-
-
-@dataclass(frozen=True)
-class BenchProgress:
-    """Holds the progress of a benchmark.
-
-    Attributes
-    ----------
-    before : number of runs that were in the store at the beginning
-    done : number of runs that are in the store now
-    total : number of runs asked for
-    """
-
-    before: int
-    done: int
-    total: int
 
 
 def jobs_of(
@@ -92,10 +76,8 @@ def run_all(
     path: str | Path,
     jobs: list[BenchJob],
     workers: int = 1,
-    tell: Callable[[BenchProgress], None] = lambda progress: None,
-    *,
-    allowed: float | None = None,
-) -> BenchProgress:
+    tell: Callable[[StudyProgress], None] = lambda progress: None,
+) -> StudyProgress:
     """Do the jobs that are not in a store yet.
 
     Parameters
@@ -103,7 +85,6 @@ def run_all(
     path : path of the store, which is made if it does not exist
     workers : number of processes at a time
     tell : function called at the beginning and after every run
-    allowed : time after which a run is stopped [s]; `TIMES` budgets and `MORE` seconds unless given
 
     Raises
     ------
@@ -116,27 +97,25 @@ def run_all(
         raise OptionError("there is nothing to run", way_out="name a set and a system")
     if workers < 1:
         raise OptionError(f"workers = {workers}", key="--workers", way_out="give 1 or more")
-    if allowed is None:
-        allowed = TIMES * max(job.configuration.budget for job in jobs) + MORE
+    allowed = TIMES * max(job.configuration.budget for job in jobs) + MORE
     store = RunStore.create(path)
     with store.writer() as writer:
         writer.plan(job.configuration for job in jobs)
         there = store.keys()
-        waiting = deque(job for job in jobs if job.configuration.key not in there)
-        progress = BenchProgress(len(jobs) - len(waiting), len(jobs) - len(waiting), len(jobs))
-        tell(progress)
 
-        def next_job() -> BenchJob | None:
-            return waiting.popleft() if waiting else None
+        def keep(ended: TaskResult[BenchJob, Run]) -> bool:
+            row = ended.made or _failed(ended)
+            writer.add(row)
+            return row.status == "verified"
 
-        for ended in run_tasks(run, next_job, workers=workers, allowed=allowed):
-            if ended.killed and writer.note_kill(ended.task.configuration.key, ended.killed) < KILLS:
-                waiting.append(ended.task)
-                continue
-            writer.add(ended.made or _failed(ended))
-            progress = replace(progress, done=progress.done + 1)
-            tell(progress)
-        return progress
+        return run_missing(
+            [job for job in jobs if job.configuration.key not in there],
+            len(jobs),
+            lambda next_job: run_tasks(run, next_job, workers=workers, allowed=allowed),
+            note_kill=lambda job, kills: writer.note_kill(job.configuration.key, kills),
+            keep=keep,
+            tell=tell,
+        )
 
 
 def run(job: BenchJob) -> Run:
