@@ -12,13 +12,6 @@ if TYPE_CHECKING:
 
 N_SPREAD = 50  # parts of a movement between which its spread is told
 PICTURES = ("motion.png", "progress.png")
-# Measures of scenes that ask for them: what they are, the factor to the unit, and the unit.
-FURTHER = {
-    "separation_spare_min": ("spare separation", 1e3, "mm or more, at every instant"),
-    "tilt_max": ("tilt", 180 / math.pi, "deg at most"),
-    "height_error_max": ("height error", 1.0, "m"),
-    "constraint_excess_max": ("other constraints' excess", 1.0, "at most"),
-}
 
 
 def number(value: object, factor: float = 1.0) -> str:
@@ -26,9 +19,9 @@ def number(value: object, factor: float = 1.0) -> str:
     return f"{value * factor:.4g}" if isinstance(value, (int, float)) else "-"
 
 
-def in_rows(rows: Iterable[tuple[str, str]]) -> list[str]:
-    """Return lines of a name and what is said of it."""
-    return [f"  {name:24s}{words}" for name, words in rows]
+def in_rows(rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return lines of a name and what is said of it; whatever follows in a row is left out."""
+    return [f"  {name:30s}{words}" for name, words, *_ in rows]
 
 
 def as_table(rows: Sequence[Sequence[str]]) -> str:
@@ -40,31 +33,20 @@ def as_table(rows: Sequence[Sequence[str]]) -> str:
 
 def summary_text(summary: Mapping[str, Any], folder: Path) -> str:
     """Return a readable summary of a result, from the contents of its solution.json."""
+    from comove.results.words import motion_rows
+
     verdict = "verified" if summary.get("verified") is True else "NOT VERIFIED"
     terms = summary.get("cost_terms") or {}
     parts = ", ".join(
         f"{name} {number(value)}{_weighted(summary, name)}" for name, value in terms.items() if value
     )
-    rows = [
+    rows: list[Sequence[str]] = [
         ("cost J", f"{number(summary.get('cost'))}  ({parts})"),
-        ("certified clearance", f"{number(summary.get('clearance_min'), 1e3)} mm or more, at every instant"),
-        ("distance error", f"{number(summary.get('distance_error_max'))} m"),
+        *motion_rows(summary),
     ]
-    for key, (words, factor, unit) in FURTHER.items():
-        if summary.get(key) is not None:
-            rows.append((words, f"{number(summary[key], factor)} {unit}"))
-    if summary.get("duration"):
-        rows.append(("duration", f"{number(summary['duration'])} s"))
-    speed, acceleration = number(summary.get("speed_max")), number(summary.get("acceleration_max"))
-    rows.append(("speed, acceleration", f"{speed} m/s, {acceleration} m/s^2 at most"))
     if smoothness := summary.get("smoothness"):
         ratio = number(smoothness.get("jerk_ratio"))
-        rows.append(
-            (
-                "jerk",
-                f"{number(summary.get('jerk_max'))} m/s^3 at most; its square {ratio} times that of straight motions",
-            )
-        )
+        rows.append(("squared jerk", f"{ratio} times that of straight motions"))
         half, nearly = number(smoothness.get("halfway"), 100), number(smoothness.get("nearly_there"), 100)
         rows.append(("half, 95 % of the way", f"after {half} and {nearly} % of the time"))
     if near := summary.get("demonstration"):
@@ -96,55 +78,22 @@ def _weighted(summary: Mapping[str, Any], name: str) -> str:
     return "" if weight == usual else f" (weight {number(weight)})"
 
 
-def joints_text(robot: str, measures: Mapping[str, float | None]) -> str:
+def joints_text(robot: str, measures: Mapping[str, Any]) -> str:
     """Return a readable summary of a joint motion's measures."""
+    from comove.results.words import joint_rows
 
-    def plain(key: str) -> str:
-        value = measures.get(key)
-        return "-" if value is None or math.isnan(value) else f"{value:.3g}"
-
-    def length(key: str) -> str:
-        value = measures.get(key)
-        if value is None or math.isnan(value):
-            return "-"
-        return "nothing near" if math.isinf(value) else f"{1e3 * value:.1f} mm"
-
-    rows = [
-        ("joints", f"{plain('joint_margin_min')} rad from their limits at least"),
-        (
-            "shares of the limits",
-            f"speed {plain('velocity_ratio_max')}, acceleration {plain('acceleration_ratio_max')}, "
-            f"torque {plain('torque_ratio_max')}",
-        ),
-        ("hands on the load", f"within {plain('hand_error_max')} m, {plain('hand_turn_max')} rad"),
-        (
-            "links keep away from",
-            f"obstacles {length('clearance_scene')}, load {length('clearance_load')}, "
-            f"each other {length('clearance_self')}",
-        ),
-    ]
-    return "\n".join([f"{robot}:", *in_rows(rows)])
+    return "\n".join([f"{robot}:", *in_rows(joint_rows(measures))])
 
 
 def simulation_text(summary: Mapping[str, Any], folder: Path) -> str:
     """Return a readable summary of a simulation, from the contents of its simulation.json."""
+    from comove.results.words import simulation_rows
+
     verdict = "delivered" if summary["delivered"] else "NOT DELIVERED"
-    measures = [
-        ("end error", "end_error", 1e3, "mm"),
-        ("hands' distance error", "distance_error_max", 1e3, "mm at most"),
-        ("load behind its plan", "lag_max", 1e3, "mm at most"),
-        ("slip in a hand", "slip_max", 1e3, "mm at most"),
-        ("force inside the load", "internal_force_max", 1.0, "N at most"),
-        ("share of torque", "torque_share_max", 1.0, "at most"),
-    ]
-    rows = [
-        (words, f"{factor * summary[key]:.3g} {unit}")
-        for words, key, factor, unit in measures
-        if summary.get(key) is not None
-    ]
-    rows.append(("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}"))
     head = f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"
-    return "\n".join([head, *(f"  - {reason}" for reason in summary["reasons"]), *in_rows(rows)])
+    reasons = [f"  - {reason}" for reason in summary["reasons"]]
+    series = ("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}")
+    return "\n".join([head, *reasons, *in_rows([*simulation_rows(summary), series])])
 
 
 def robot_run_text(summary: Mapping[str, Any], folder: Path) -> str:

@@ -36,8 +36,9 @@ def verify(
 ) -> int:
     """Judge a saved result anew, from the files alone."""
     from comove.cli.progress import progress_bar
-    from comove.cli.texts import FURTHER, joints_text
+    from comove.cli.texts import in_rows, joints_text
     from comove.results import changes_to, filled_in, read_result, verify_result
+    from comove.results.words import motion_rows
     from comove.scenes import Scene
 
     changes = o.changes_of(duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance)
@@ -55,18 +56,9 @@ def verify(
             options = " ".join(f"--{key} {value}" for key, value in changed.items())
             print(f"  it was solved with {options}: give that again", file=sys.stderr)
         return NOT_VERIFIED
-    report = verdict.report
     print(f"{folder}: verified")
-    print(f"  clearance at every instant   >= {1e3 * report.clearance_min:.3f} mm")
-    print(f"  distance errors              <= {report.distance_error_max:.2g} m")
-    for key, (words, factor, unit) in FURTHER.items():
-        if (value := report.asdict().get(key)) is not None:
-            print(f"  {words:24s}        {factor * value:.3g} {unit}")
-    print(
-        f"  speed, acceleration          <= {report.speed_max:.3f} m/s, {report.acceleration_max:.3f} m/s^2"
-    )
-    if report.jerk_max is not None:
-        print(f"  jerk                         <= {report.jerk_max:.3f} m/s^3")
+    rows = motion_rows({**verdict.report.asdict(), "duration": loaded.duration}, loaded)
+    print(*in_rows(rows), sep="\n")
     if joints is not None and joints.verified is not None:
         print(joints_text(joints.verified.robot.name, joints.report.asdict()))
     elif loaded.file.robot is not None:

@@ -20,13 +20,13 @@ from comove.execution import read_run
 from comove.planning import Solution
 from comove.results import StoredResult, filled_in, read_result, verify_result
 from comove.results.solution import SCENE, rebuild
+from comove.results.words import Row, joint_rows, motion_rows, simulation_rows
 from comove.scenes.scene import Scene
 from comove.verification.record import Record, verify_execution
 from comove.verification.verify import Report, VerifiedMotion, verify
 from comove.workbench.bodies import poses_of, robot_of
 from comove.workbench.recording import RecordedMotion
 from comove.workbench.shelf import Item, PlayedPart, parts_of, read_scene
-from comove.workbench.words import Row, joint_rows, measures_of, simulation_rows
 
 if TYPE_CHECKING:
     from comove.robots import JointMotion, JointReport, Robot
@@ -89,7 +89,7 @@ def playback_of_scene(scene: Scene) -> Playback:
 
 def playback_of_motion(motion: CoordinatedMotion, report: Report, reasons: tuple[str, ...] = ()) -> Playback:
     """Return a motion of hands, with its measures and the reasons why it is not verified."""
-    rows = measures_of(report.asdict(), motion.scene, motion.scene.duration)
+    rows = motion_rows({**report.asdict(), "duration": motion.scene.duration}, motion.scene)
     recording = RecordedMotion.of(motion)
     return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), tuple(reasons))
 
@@ -102,7 +102,7 @@ def playback_of_run(record: Record, blocker: str = "") -> Playback:
     """Return an execution, judged by the true motions of its obstacles."""
     report = verify_execution(record, blocker)
     verdict = "not verified" if report.reasons else "executed, and verified at every instant"
-    rows = measures_of(report.asdict(), record.scene, float(record.time[-1]))
+    rows = motion_rows({**report.asdict(), "duration": float(record.time[-1])}, record.scene)
     recording = RecordedMotion.of_run(record)
     return Playback(record.scene, verdict, not report.reasons, recording, tuple(rows), report.reasons)
 
@@ -117,7 +117,8 @@ def playback_of_joints(
     """Return a robot's motion, with the measures of its hands and of its joints."""
     recording = RecordedMotion.of(motion)
     recording = replace(recording, links=poses_of(robot, joints.at(recording.time)[0]))
-    rows = measures_of(verify(motion).report.asdict(), motion.scene, motion.scene.duration)
+    hands = verify(motion).report.asdict()
+    rows = motion_rows({**hands, "duration": motion.scene.duration}, motion.scene)
     rows += joint_rows(report.asdict())
     return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), reasons, robot)
 
@@ -233,7 +234,7 @@ def _simulation_in(folder: Path, scene: Scene) -> Playback:
         verdict,
         not reasons,
         recording,
-        simulation_rows(summary),
+        tuple(simulation_rows(summary)),
         reasons,
         robot,
         touches,

@@ -1,0 +1,97 @@
+"""What is proved or measured of motions, in words, for the command line and for pages."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from comove.scenes.scene import Scene
+
+Row = tuple[str, str, str]
+"""A measure: of what, by how much, and what was asked for."""
+_Described = tuple[str, str, str, float]  # of what, its name, its words, and the factor to their unit
+
+_MOTION: tuple[_Described, ...] = (
+    ("clearance", "clearance_min", "{:.4g} mm at least, at every instant", 1e3),
+    ("speed", "speed_max", "{:.4g} m/s at most", 1.0),
+    ("acceleration", "acceleration_max", "{:.4g} m/s^2 at most", 1.0),
+    ("jerk", "jerk_max", "{:.4g} m/s^3 at most", 1.0),
+    ("distances between hands", "distance_error_max", "off by {:.2g} m at most", 1.0),
+    ("goal and start", "end_error", "missed by {:.2g} m at most", 1.0),
+    ("tilt", "tilt_max", "{:.3g} deg at most", 180.0 / math.pi),
+    ("separation", "separation_spare_min", "{:.3g} mm to spare at least", 1e3),
+    ("same height", "height_error_max", "off by {:.2g} m at most", 1.0),
+    ("other constraints", "constraint_excess_max", "exceeded by {:.2g} at most", 1.0),
+    ("duration", "duration", "{:.4g} s", 1.0),
+)
+_JOINTS: tuple[_Described, ...] = (
+    ("joints from their limits", "joint_margin_min", "{:.3g} rad at least", 1.0),
+    ("share of joint speeds", "velocity_ratio_max", "{:.3g} at most", 1.0),
+    ("share of joint accelerations", "acceleration_ratio_max", "{:.3g} at most", 1.0),
+    ("share of torques", "torque_ratio_max", "{:.3g} at most", 1.0),
+    ("hands on the load", "hand_error_max", "off by {:.2g} m at most", 1.0),
+    ("hands' turn on the load", "hand_turn_max", "off by {:.2g} rad at most", 1.0),
+    ("links from obstacles", "clearance_scene", "{:.4g} mm at least", 1e3),
+    ("links from the load", "clearance_load", "{:.4g} mm at least", 1e3),
+    ("links from each other", "clearance_self", "{:.4g} mm at least", 1e3),
+)
+_SIMULATION: tuple[_Described, ...] = (
+    ("load from its goal", "end_error", "{:.3g} mm", 1e3),
+    ("hands' distances", "distance_error_max", "off by {:.3g} mm at most", 1e3),
+    ("load behind its plan", "lag_max", "{:.3g} mm at most", 1e3),
+    ("slip in a hand", "slip_max", "{:.3g} mm at most", 1e3),
+    ("force inside the load", "internal_force_max", "{:.3g} N at most", 1.0),
+    ("share of torque", "torque_share_max", "{:.3g} at most", 1.0),
+)
+
+
+def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[Row]:
+    """Return what is proved of a motion at every instant: of what, by how much, and what the scene asks for.
+
+    Parameters
+    ----------
+    report : measures by their names in `comove.verification.verify.Report`, and `duration` [s]
+    """
+    asked: dict[str, str] = {}
+    if scene is not None:
+        limits = scene.file.limits
+        asked = {
+            "clearance": f"{1e3 * scene.clearance:.4g} mm",
+            "speed": _limit(limits.speed, "m/s"),
+            "acceleration": _limit(limits.acceleration, "m/s^2"),
+            "jerk": _limit(limits.jerk, "m/s^3"),
+        }
+    return [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+
+
+def joint_rows(report: Mapping[str, Any]) -> list[Row]:
+    """Return what is proved of a robot's joints at every instant, as `motion_rows`.
+
+    Parameters
+    ----------
+    report : measures by their names in `comove.robots.JointReport`; those that are not numbers are left out
+    """
+    return _rows(_JOINTS, report)
+
+
+def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
+    """Return the measures of a simulation from its summary, as `motion_rows`; none of them is a proof."""
+    rows = _rows(_SIMULATION, summary)
+    if simulator := summary.get("simulator"):
+        rows.insert(0, ("simulated by", str(simulator), ""))
+    return rows
+
+
+def _rows(described: tuple[_Described, ...], measures: Mapping[str, Any]) -> list[Row]:
+    rows = []
+    for name, key, words, factor in described:
+        value = measures.get(key)
+        if isinstance(value, (int, float)) and not math.isnan(value):
+            said = "nothing near" if math.isinf(value) else words.format(factor * value)
+            rows.append((name, said, ""))
+    return rows
+
+
+def _limit(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{value:.4g} {unit}"
