@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from comove.errors import ResultError, shortened
-from comove.studies.store import KILLS, Store, Writer
+from comove.studies.store import KILLS, Store, Writer, declared, kinds_of, parquet_kinds
 
 STATUSES = ("verified", "not delivered", "not verified", "invalid", "refused", "error", "killed", "late")
 LONGEST = 500
@@ -81,9 +81,7 @@ UNREPEATED = ("first", "cut_short", "seconds", "started")
 """Columns that differ from machine to machine."""
 MEASURES = tuple(f.name for f in fields(StudyRun) if f.type == "float | None" and f.name not in UNREPEATED)
 COLUMNS = tuple(f.name for f in fields(StudyRun))
-_KINDS = {"str": "TEXT", "int": "INTEGER", "float | None": "REAL"}
-_PARQUET = {"str": "string", "int": "int64", "float | None": "float64"}
-PARQUET_KINDS = {f.name: _PARQUET[str(f.type)] for f in fields(StudyRun)}
+PARQUET_KINDS = parquet_kinds(kinds_of(StudyRun))
 """Types of the columns in a Parquet file."""
 
 
@@ -135,11 +133,6 @@ class StoredMotion:
 def digest(description: Mapping[str, Any]) -> str:
     """Compute the SHA-256 of plain data."""
     return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
-
-
-def _declared() -> str:
-    declared = [f"{f.name} {_KINDS[str(f.type)]}" for f in fields(StudyRun)]
-    return ", ".join(["key TEXT PRIMARY KEY", *declared[1:]])
 
 
 class StudyWriter(Writer):
@@ -195,7 +188,7 @@ class StudyStore(Store[StudyWriter]):
 
     APPLICATION = 0x636F6D73  # "coms", in the header of the file
     TABLES = {  # noqa: RUF012  a constant of the class
-        "runs": _declared(),
+        "runs": declared(kinds_of(StudyRun)),
         "motions": "key TEXT PRIMARY KEY, scene BLOB, curve BLOB, path BLOB",
         "carries": "key TEXT PRIMARY KEY, joints BLOB, certificate TEXT, simulation TEXT",
         "videos": "key TEXT, camera TEXT, video BLOB, PRIMARY KEY (key, camera)",

@@ -9,7 +9,7 @@ import re
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import ClassVar, Generic, Self, TypeVar
 
@@ -20,8 +20,26 @@ WAIT = 60.0  # s, for others that write
 KILLS = "key TEXT PRIMARY KEY, times INTEGER"
 """Columns of a table of how often a process was killed during a run."""
 
+_SQL = {"str": "TEXT", "int": "INTEGER", "float": "REAL", "float | None": "REAL"}
+_PARQUET = {"str": "string", "int": "int64", "float": "float64", "float | None": "float64"}
 _READ_ONLY = ("unable to open database file", "attempt to write a readonly database")
 AS_IT_WAS = "copy it again, or save what it holds: sqlite3 STORE .recover"
+
+
+def kinds_of(*parts: type) -> dict[str, str]:
+    """Return the types of the fields of dataclasses as they are written there, by their names."""
+    return {field.name: str(field.type) for part in parts for field in fields(part)}
+
+
+def declared(kinds: Mapping[str, str]) -> str:
+    """Return the declaration of a table whose columns have the given types; `key` is its key."""
+    keys = {"key": " PRIMARY KEY"}
+    return ", ".join(f'"{name}" {_SQL[kind]}{keys.get(name, "")}' for name, kind in kinds.items())
+
+
+def parquet_kinds(kinds: Mapping[str, str]) -> dict[str, str]:
+    """Return the types of columns in a Parquet file."""
+    return {name: _PARQUET[kind] for name, kind in kinds.items()}
 
 
 def columns_of(declared: str) -> list[str]:

@@ -12,11 +12,11 @@ from collections.abc import Iterable
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
 from types import NoneType
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from comove.errors import ResultError
 from comove.io.parquet import write_parquet
-from comove.studies.store import AS_IT_WAS, KILLS, Store, Writer
+from comove.studies.store import AS_IT_WAS, KILLS, Store, Writer, declared, kinds_of, parquet_kinds
 
 Part = TypeVar("Part")
 
@@ -117,22 +117,15 @@ class Run:
     history: tuple[tuple[float, float], ...] = ()
 
 
-_WHAT, _WHERE, _MEASURED = ([f.name for f in fields(c)] for c in (Configuration, Machine, Figures))
-COLUMNS = ("key", *_WHAT, "status", "message", "started", *_WHERE, *_MEASURED, "history")
-_REALS = {"budget", *_MEASURED}
-_WHOLE = {"seed", "cores"}
-_KINDS = dict.fromkeys(_REALS, float) | dict.fromkeys(_WHOLE, int)
-
-
-def _declared(columns: Iterable[str]) -> str:
-    kinds = {"key": "TEXT PRIMARY KEY"} | {c: "REAL" for c in _REALS} | {c: "INTEGER" for c in _WHOLE}
-    return ", ".join(f'"{column}" {kinds.get(column, "TEXT")}' for column in columns)
-
-
-_TABLES = {
-    "runs": _declared(COLUMNS),
-    "planned": _declared(("key", *_WHAT)),
-    "kills": KILLS,
+_KEY, _WHAT = {"key": "str"}, kinds_of(Configuration)
+_ENDED = dict.fromkeys(("status", "message", "started"), "str")
+_KINDS = _KEY | _WHAT | _ENDED | kinds_of(Machine, Figures) | {"history": "str"}
+COLUMNS = tuple(_KINDS)
+_TYPES: dict[str, Any] = {
+    "str": str,
+    "int": int,
+    "float": float,
+    "float | None": (float, NoneType),
 }
 
 
@@ -158,7 +151,11 @@ class RunStore(Store[RunWriter]):
     """A store of runs of the benchmark."""
 
     APPLICATION = APPLICATION
-    TABLES = _TABLES
+    TABLES = {  # noqa: RUF012  a constant of the class
+        "runs": declared(_KINDS),
+        "planned": declared(_KEY | _WHAT),
+        "kills": KILLS,
+    }
     MADE_BY = "comove bench run --out STORE.sqlite"
     WRITER = RunWriter
 
@@ -186,8 +183,7 @@ class RunStore(Store[RunWriter]):
 
         try:
             for name, value in values.items():
-                kind = (float, NoneType) if name in _MEASURED else _KINDS.get(name, str)
-                if not isinstance(value, kind):
+                if not isinstance(value, _TYPES[_KINDS[name]]):
                     raise ValueError(f"{name} is {value!r}")
             run = Run(
                 part(Configuration),
@@ -221,8 +217,6 @@ def export_parquet(store: RunStore, path: str | Path) -> int:
     """
     store.runs()  # checks all rows
     rows = store.rows()
-    kinds = (
-        dict.fromkeys(COLUMNS, "string") | dict.fromkeys(_REALS, "float64") | dict.fromkeys(_WHOLE, "int64")
-    )
-    write_parquet(path, {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}, kinds)
+    columns = {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}
+    write_parquet(path, columns, parquet_kinds(_KINDS))
     return len(rows)
