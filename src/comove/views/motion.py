@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.geometry.distances import CENTER
 from comove.scenes.scene import Scene
-from comove.views.shapes import hull_outline, outline
+from comove.views.shapes import hull_outline, load_pairs, outline
 from comove.views.style import COLOURS, MOVING, draw_way, new_figure
 
 Array = NDArray[np.float64]
@@ -270,13 +271,11 @@ def draw_frame(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     """Draw obstacles; those that move several times, later ones darker, with the paths of their centres."""
     draw_standing(axes, scene, view)
-    moves, solid = scene.moving[scene.owners], 1.0 if scene.n_dims == 2 else 0.35
-    if not moves.any():
+    if not scene.moving.any():
         return
-    for share in np.linspace(0.0, 1.0, 9):
-        for row in scene.obstacles_at(share * scene.duration)[moves]:
-            alpha = solid * (0.08 + 0.3 * share)
-            axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, linewidth=0.6, alpha=alpha)
+    shares = np.linspace(0.0, 1.0, 9)
+    for share, offsets in zip(shares, scene.offsets(shares * scene.duration), strict=True):
+        draw_moving(axes, scene, scene.centers + offsets, view, 0.08 + 0.3 * share)
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
@@ -289,6 +288,16 @@ def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
         _draw_triangles(axes, scene.surfaces.of(int(mesh))[:, :, list(view)])
     for row in scene.obstacles[~scene.moving[scene.owners] & scene.convex_rows]:
         axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
+
+
+def draw_moving(axes: Axes, scene: Scene, centers: Array, view: tuple[int, int], alpha: float) -> None:
+    """Draw the obstacles that move, where the centres of all are; array, shape (n_obstacles, 3) [m]."""
+    alpha *= 1.0 if scene.n_dims == 2 else 0.35
+    moved = centers - scene.centers
+    for i in np.flatnonzero(scene.moving[scene.owners]):
+        row = scene.obstacles[i].copy()
+        row[CENTER : CENTER + 3] += moved[scene.owners[i]]
+        axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, linewidth=0.6, alpha=alpha)
 
 
 def _draw_triangles(axes: Axes, triangles: Array) -> None:
@@ -330,6 +339,7 @@ def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int]) ->
     nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
     depths = [-scene.clearance_at(n, float(t))[0] for n, t in zip(nodes, s * scene.duration, strict=True)]
     excesses = [_excess(scene, state) for state in nodes]
+    bars = load_pairs(scene) or [(c.first, c.second) for c in scene.distances]
     for values, tone, what in (
         (excesses, OFF, "load, where a distance is most off"),
         (depths, TOUCHES, "load, where it is deepest in something"),
@@ -338,7 +348,7 @@ def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int]) ->
         if values[worst] <= BROKEN:
             continue
         state = nodes[worst][:, list(view)]
-        for i, (first, second) in enumerate(_bars(scene)):
+        for i, (first, second) in enumerate(bars):
             label = what if i == 0 else None
             axes.plot(*state[[first, second]].T, color=tone, linewidth=3.5, zorder=6, label=label)
 
@@ -355,16 +365,10 @@ def _show_whole(axes: Axes, ways: Array) -> None:
         place(max(low, limits[0] - reach), min(high, limits[1] + reach))
 
 
-def _bars(scene: Scene) -> list[tuple[int, int]]:
-    """Return the pairs of nodes between which a load is drawn as bars: its edges, or hands that are tied."""
-    bars = [(int(a), int(b)) for a, b in scene.body.edges if a != b]
-    return bars or [(c.first, c.second) for c in scene.distances]
-
-
 def _draw_load(axes: Axes, scene: Scene, nodes: Array, tones: Sequence[str]) -> None:
     """Draw the load's edges, or outlines of its solids, at every state; nodes of shape (n_states, n_nodes, 2)."""
     solids = scene.body.solids
-    bars = _bars(scene) if not len(solids) else [e for e in scene.body.edges if e[0] != e[1]]
+    bars = load_pairs(scene)
     outlines = [hull_outline(state[corners]) for state in nodes for corners in solids]
     edges = [tone for tone in tones for _ in solids]
     axes.add_collection(

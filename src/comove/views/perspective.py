@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
-from comove.views.shapes import hull_faces, obstacle_faces
+from comove.views.shapes import hull_faces, load_pairs, obstacle_faces
 from comove.views.style import COLOURS, GOAL, START
 
 Array = NDArray[np.float64]
@@ -77,10 +77,7 @@ def draw_perspective(
 
 def _draw_load(axes: Any, scene: Scene, nodes: Array) -> None:
     """Draw the load's edges at every state, and its solids as the faces of their hulls."""
-    edges = [tuple(edge) for edge in scene.body.edges if edge[0] != edge[1]]
-    if not edges and not len(scene.body.solids):
-        edges = [(c.first, c.second) for c in scene.distances]
-    lines = [state[list(edge)] for state in nodes for edge in edges]
+    lines = [state[list(pair)] for state in nodes for pair in load_pairs(scene)]
     if lines:
         axes.add_collection3d(Line3DCollection(lines, colors="0.1", linewidths=1.0, alpha=0.7, zorder=2))
     for state in nodes[:: max(1, len(nodes) // 8)]:

@@ -17,8 +17,8 @@ from comove.geometry.solids import N_CORNERS
 from comove.scenes.scene import Scene
 from comove.verification.record import Record
 from comove.views.films import Mover, write_gif
-from comove.views.motion import draw_frame, draw_legend, draw_standing, views_of
-from comove.views.shapes import hull_outline, outline
+from comove.views.motion import draw_frame, draw_legend, draw_moving, draw_standing, views_of
+from comove.views.shapes import hull_outline, load_pairs, outline
 from comove.views.style import COLOURS, GOAL, MOVING, draw_way, new_figure
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ def draw_run(record: Record, title: str | None = None) -> Figure:
         draw_standing(axes, scene, view)
         for k, step in enumerate(np.linspace(0, len(record.time) - 1, N_STATES).astype(int)):
             share = (k + 1) / N_STATES
-            _draw_obstacles(axes, scene, record.obstacles[step], view, 0.1 + 0.35 * share)
+            draw_moving(axes, scene, record.obstacles[step], view, 0.1 + 0.35 * share)
             _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
         for hand, name in enumerate(scene.manipulators):
             draw_way(axes, record.nodes[:, hand][:, list(view)], scene.goal[hand][list(view)], hand, name)
@@ -136,18 +136,6 @@ def _moving_title(axes: Axes, record: Record) -> Mover:
     return move
 
 
-def _draw_obstacles(axes: Axes, scene: Scene, centers: Array, view: tuple[int, int], alpha: float) -> None:
-    """Draw the obstacles that move, where their centres are."""
-    solid = 1.0 if scene.n_dims == 2 else 0.35
-    moves = scene.moving[scene.owners]
-    for row, center in zip(scene.obstacles[moves], centers[scene.owners[moves]], strict=True):
-        row = row.copy()
-        row[CENTER : CENTER + 3] = center
-        axes.fill(
-            *outline(row, view).T, facecolor=MOVING, edgecolor="0.25", linewidth=0.6, alpha=solid * alpha
-        )
-
-
 def load_lines(scene: Scene, nodes: Array) -> list[Array]:
     """Return the lines that draw a load, or the pairs of hands kept at a distance where there is none; each of shape
     (2, n).
@@ -158,15 +146,12 @@ def load_lines(scene: Scene, nodes: Array) -> list[Array]:
     ----------
     nodes : array, shape (n_nodes, n), hands first, then corners of the load [m]
     """
-    pairs = [e for e in scene.body.edges if e[0] != e[1]]
-    solids, lines = scene.body.solids, []
+    pairs, solids, lines = load_pairs(scene), scene.body.solids, []
     if solids.shape[1] == N_CORNERS:
         pairs += [(corners[i], corners[i ^ bit]) for corners in solids for i in range(8) for bit in (1, 2, 4)]
     else:
         around = [hull_outline(nodes[corners]) for corners in solids]
         lines = [np.concatenate([outline, outline[:1]]) for outline in around]
-    if not len(solids):
-        pairs = pairs or [(c.first, c.second) for c in scene.distances]
     return lines + [nodes[list(pair)] for pair in pairs]
 
 

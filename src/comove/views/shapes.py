@@ -1,4 +1,4 @@
-"""Outlines and faces of convex bodies, for pictures of them."""
+"""Outlines and faces of convex bodies, and the bars of loads, for pictures of them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from comove.geometry import distances as sd
 from comove.geometry.polytopes import vertices_in
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -78,3 +79,9 @@ def hull_faces(points: Array) -> Array:
     inward = (normal * hull.equations[:, :3]).sum(axis=1) < 0
     faces[inward] = faces[inward][:, ::-1]
     return faces
+
+
+def load_pairs(scene: Scene) -> list[tuple[int, int]]:
+    """Return the nodes between which a load is drawn as bars: its edges, or tied hands where there is no load."""
+    edges = [(int(a), int(b)) for a, b in scene.body.edges if a != b]
+    return edges if edges or len(scene.body.solids) else [(c.first, c.second) for c in scene.distances]

@@ -16,11 +16,9 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from comove.experiments.modulation.comparison import Compared
-from comove.geometry.distances import CENTER
 from comove.views.films import Mover, write_gif
-from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, draw_standing, views_of
+from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, draw_moving, draw_standing, views_of
 from comove.views.run import load_lines, moving_scene
-from comove.views.shapes import outline
 from comove.views.style import COLOURS, MOVING, new_figure
 
 Array = NDArray[np.float64]
@@ -53,18 +51,14 @@ def draw_comparison(compared: Sequence[Compared]) -> Figure:
             draw_standing(axes, scene, view)
             for k, step in enumerate(steps):
                 share = (k + 1) / N_STATES
-                for i in np.flatnonzero(scene.moving[scene.owners]):
-                    j, row = scene.owners[i], scene.obstacles[i].copy()
-                    row[CENTER : CENTER + 3] = record.obstacles[step, j]
-                    alpha = (1.0 if scene.n_dims == 2 else 0.35) * (0.08 + 0.4 * share)
-                    axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, alpha=alpha)
-                    if scene.n_dims == 2:  # where a row is an obstacle
-                        _number(axes, k, record.obstacles[step, j][list(view)])
+                draw_moving(axes, scene, record.obstacles[step], view, 0.08 + 0.4 * share)
                 lines = load_lines(scene, record.nodes[step][:, list(view)])
                 axes.add_collection(
                     LineCollection(lines, colors=_tone(one, step), linewidths=1.3, alpha=0.35 + 0.6 * share)
                 )
                 if scene.n_dims == 2:
+                    for center in record.obstacles[step][scene.moving]:
+                        _number(axes, k, center[list(view)])
                     middle = record.nodes[step, : len(scene.manipulators)].mean(axis=0)
                     _number(axes, k, middle[list(view)], _tone(one, step))
             for hand in range(len(scene.manipulators)):
