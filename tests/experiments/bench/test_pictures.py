@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.experiments.bench.pictures import Growth, draw_cost_ratios, draw_growth, draw_shares
+from comove.experiments.bench.pictures import draw_cost_ratios, draw_shares
 
 
 def lines(axes):
@@ -28,11 +28,3 @@ def test_nobody_solves_anything():
 def test_cost_ratios():
     (axes,) = draw_cost_ratios({"easy": {"one": np.array([1.0, 1.2, np.inf, 50.0])}}).axes
     assert lines(axes)["one"][-1].tolist() == [10.0, 0.5]  # what costs too much is not drawn
-
-
-def test_growth():
-    x = np.array([1.0, 2.0, 4.0])
-    curves = [Growth("steps", "time steps", x, np.stack([x, x, x], axis=1), 1.0)] * 5
-    figure = draw_growth(curves)
-    assert [axes.get_visible() for axes in figure.axes] == [True] * 5 + [False] * 3
-    assert lines(figure.axes[0])["exponent 1.00"][:, 1] == pytest.approx(x)

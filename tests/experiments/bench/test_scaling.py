@@ -7,6 +7,7 @@ from comove.errors import OptionError
 from comove.experiments.bench.scaling import (
     Case,
     ScalingCurve,
+    draw_growth,
     gap_scene,
     generation_times,
     measure,
@@ -40,6 +41,15 @@ def test_verdicts():
     text = scaling_text([curve])
     assert "**Targets missed**: steps (generation)." in text
     assert "| 1.50 (1.50 to 1.50) |" in text
+
+
+def test_growth_is_drawn():
+    x = np.array([1.0, 2.0, 4.0])
+    curves = [ScalingCurve("steps", "solve", x, np.stack([x, x, x], axis=1), 1.0, None)] * 5
+    figure = draw_growth(curves)
+    assert [axes.get_visible() for axes in figure.axes] == [True] * 5 + [False] * 3
+    drawn = {line.get_label(): line.get_ydata() for line in figure.axes[0].get_lines()}
+    assert drawn["exponent 1.00"] == pytest.approx(x)
 
 
 def test_bad_options():

@@ -1,9 +1,8 @@
-"""Pictures of benchmarks: share of runs solved by time, ratios of cost, and growth of times."""
+"""Pictures of benchmarks: share of runs solved by time, and ratios of cost."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -72,50 +71,4 @@ def _draw_below(values: Mapping[str, Mapping[str, Array]], least: float, most: f
         axes.grid(alpha=0.25)
     panels[0].set_ylabel("share of runs")
     draw_legend(figure, min(5, max(1, len(names))))
-    return figure
-
-
-class Growth(NamedTuple):
-    """Times as a function of a quantity that grows, with a fitted power law.
-
-    Attributes
-    ----------
-    title : title of the panel
-    label : label of the quantity that grows
-    x : array, shape (n_points,), values of that quantity
-    times : array, shape (n_points, n_repeats), measured times [s]
-    exponent : exponent of the fitted power law
-    """
-
-    title: str
-    label: str
-    x: Array
-    times: Array
-    exponent: float
-
-
-def draw_growth(curves: Sequence[Growth]) -> Figure:
-    """Draw times against a growing quantity with the fitted power law, both axes logarithmic, one panel for each
-    curve.
-    """
-    columns = min(4, len(curves))
-    rows = -(-len(curves) // columns)
-    figure = new_figure(3.4 * columns, 3.0 * rows)
-    panels = figure.subplots(rows, columns, squeeze=False).ravel()
-    for axes, curve in zip(panels, curves, strict=False):
-        medians = np.median(curve.times, axis=1)
-        axes.plot(
-            np.repeat(curve.x, curve.times.shape[1]), curve.times.ravel(), ".", color="0.7", markersize=4
-        )
-        axes.plot(curve.x, medians, "o-", color=COLOURS[1], markersize=4)
-        x, middle = np.asarray(curve.x, dtype=float), np.log(curve.x).mean()
-        line = np.exp(np.log(medians).mean() + curve.exponent * (np.log(x) - middle))
-        axes.plot(x, line, "--", color=COLOURS[2], linewidth=1, label=f"exponent {curve.exponent:.2f}")
-        axes.set(xscale="log", yscale="log", title=curve.title, xlabel=curve.label, ylabel="time [s]")
-        axes.set_xticks(curve.x, [f"{value:g}" for value in curve.x], fontsize=7)
-        axes.minorticks_off()
-        axes.legend(frameon=False, fontsize=8)
-        axes.grid(alpha=0.25)
-    for axes in panels[len(curves) :]:
-        axes.set_visible(False)
     return figure

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import rollouts
 from comove.errors import OptionError, near_name
-from comove.experiments.bench.pictures import Growth, draw_growth
 from comove.experiments.bench.runner import machine
 from comove.experiments.examples import scene_contents, wall
 from comove.experiments.summaries import Interval, slope_interval, table
@@ -32,7 +32,7 @@ from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
-from comove.views.style import save
+from comove.views.style import COLOURS, new_figure, save
 
 Array = NDArray[np.float64]
 
@@ -249,12 +249,39 @@ def write_scaling(
     with whole_folder(folder, CONTENTS) as draft:
         curves = measure(names, repeats, solves=solves)
         (draft / REPORT).write_text(scaling_text(curves), encoding="utf-8")
-        grown = [
-            Growth(f"{c.family}, {c.quantity}", FAMILIES[c.family].label, c.x, c.times, c.exponent.value)
-            for c in curves
-        ]
-        save(draw_growth(grown), draft / PICTURE)
+        save(draw_growth(curves), draft / PICTURE)
     return curves
+
+
+def draw_growth(curves: Sequence[ScalingCurve]) -> Figure:
+    """Draw times against what grows with the fitted power law, on logarithmic axes, a panel for each curve."""
+    columns = min(4, len(curves))
+    rows = -(-len(curves) // columns)
+    figure = new_figure(3.4 * columns, 3.0 * rows)
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes, curve in zip(panels, curves, strict=False):
+        medians, exponent = np.median(curve.times, axis=1), curve.exponent.value
+        axes.plot(
+            np.repeat(curve.x, curve.times.shape[1]), curve.times.ravel(), ".", color="0.7", markersize=4
+        )
+        axes.plot(curve.x, medians, "o-", color=COLOURS[1], markersize=4)
+        x, middle = np.asarray(curve.x, dtype=float), np.log(curve.x).mean()
+        line = np.exp(np.log(medians).mean() + exponent * (np.log(x) - middle))
+        axes.plot(x, line, "--", color=COLOURS[2], linewidth=1, label=f"exponent {exponent:.2f}")
+        axes.set(
+            xscale="log",
+            yscale="log",
+            title=f"{curve.family}, {curve.quantity}",
+            xlabel=FAMILIES[curve.family].label,
+            ylabel="time [s]",
+        )
+        axes.set_xticks(curve.x, [f"{value:g}" for value in curve.x], fontsize=7)
+        axes.minorticks_off()
+        axes.legend(frameon=False, fontsize=8)
+        axes.grid(alpha=0.25)
+    for axes in panels[len(curves) :]:
+        axes.set_visible(False)
+    return figure
 
 
 def scaling_text(curves: Sequence[ScalingCurve]) -> str:
