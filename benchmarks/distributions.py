@@ -46,6 +46,8 @@ N_WEIGHTS = 20  # a dimension
 INSTANTS = np.linspace(0.0, 1.0, 21)
 GIVEN = (10,), (5, 10, 15)  # of the instants
 SEED = 126
+DEVIATIONS = 2.0  # standard deviations on either side of the mean, of a tube that is drawn
+TUBE = "#7a3e9d"
 
 
 def main() -> None:
@@ -438,12 +440,30 @@ def scenes(count: int) -> None:
     print(f"nearer with the distribution in {int((ratio < 1).sum())} of {count} scenes")
 
 
+def draw_tube(axes: Any, mean: Array, covariance: Array, *, label: str = "") -> None:
+    """Draw the mean of movements in the plane, and two standard deviations on either side of it.
+
+    Parameters
+    ----------
+    mean : array, shape (n_steps, 2) [m]
+    covariance : array, shape (n_steps, 2, 2) [m^2]
+    label : what the legend says of the tube
+    """
+    heading = np.gradient(mean, axis=0)
+    length = np.linalg.norm(heading, axis=1, keepdims=True)
+    normal = np.stack([-heading[:, 1], heading[:, 0]], axis=1) / np.where(length > 0, length, 1.0)
+    variance = np.einsum("tc,tcd,td->t", normal, covariance, normal)
+    aside = DEVIATIONS * np.sqrt(np.maximum(variance, 0.0))[:, None] * normal
+    border = np.concatenate([mean + aside, (mean - aside)[::-1]])
+    axes.fill(*border.T, color=TUBE, alpha=0.2, linewidth=0.0, zorder=0.5, label=label or None)
+    axes.plot(*mean.T, "--", color=TUBE, linewidth=1.2)
+
+
 def picture(path: str) -> None:
     """Draw the tube of the demonstrations, the wall, and both motions."""
     from comove.views import save_picture
     from comove.views.motion import draw_panel
     from comove.views.style import new_figure
-    from comove.views.tubes import draw_tube
 
     rng = np.random.default_rng(3)
     demos = recordings(rng)
