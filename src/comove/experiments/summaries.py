@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
+from scipy.stats import binomtest
 
 Array = NDArray[np.float64]
 
@@ -32,15 +31,8 @@ def wilson(successes: int, n: int) -> Interval:
     """Return the share of successes, with Wilson's score interval (1927)."""
     if n == 0:
         return NOTHING
-    z, p = float(norm.ppf(0.5 + CONFIDENCE / 2)), successes / n
-    middle = (p + z * z / (2 * n)) / (1 + z * z / n)
-    half = z / (1 + z * z / n) * sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
-
-
-def median(values: ArrayLike) -> float:
-    """Return the median of values that may be infinite; array, shape (n,), n > 0."""
-    return float(_medians(np.asarray(values, dtype=float)[None])[0])
+    interval = binomtest(successes, n).proportion_ci(CONFIDENCE, "wilson")
+    return Interval(successes / n, float(interval.low), float(interval.high))
 
 
 def median_interval(values: ArrayLike) -> Interval:
@@ -50,7 +42,7 @@ def median_interval(values: ArrayLike) -> Interval:
     ----------
     values : array, shape (n,), independent of each other: one per scene
     """
-    return _bootstrapped(np.asarray(values, dtype=float), _medians)
+    return _bootstrapped(np.asarray(values, dtype=float), lambda drawn: np.median(drawn, axis=1))
 
 
 def mean_interval(values: ArrayLike) -> Interval:
@@ -66,14 +58,6 @@ def _bootstrapped(values: Array, of: Callable[[Array], Array]) -> Interval:
     drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
     low, high = _tails(of(drawn))
     return Interval(float(of(values[None])[0]), low, high)
-
-
-def _medians(rows: Array) -> Array:
-    """Return the median of every row; infinite if one of the two middle values is."""
-    rows = np.sort(rows, axis=1)
-    n = rows.shape[1]
-    low, high = rows[:, (n - 1) // 2], rows[:, n // 2]
-    return np.where(np.isinf(high), high, 0.5 * (low + np.where(np.isinf(high), 0.0, high)))
 
 
 def _tails(values: Array) -> tuple[float, float]:

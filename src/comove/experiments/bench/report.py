@@ -16,7 +16,6 @@ from comove.experiments.bench.store import Configuration, Run, RunStore
 from comove.experiments.summaries import (
     Interval,
     mean_interval,
-    median,
     median_interval,
     table,
     wilson,
@@ -76,7 +75,7 @@ class Standing:
         found = defaultdict(list)
         for run in self.runs:
             found[run.configuration.scene].append(of(run))
-        return {scene: median(values) for scene, values in found.items()}
+        return {scene: float(np.median(values)) for scene, values in found.items()}
 
     @property
     def n_verified(self) -> int:
