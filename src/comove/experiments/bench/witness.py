@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
 from comove.planning.seeds import minimum_jerk
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
 
 Array = NDArray[np.float64]
@@ -47,9 +48,7 @@ class Witness:
         rows : a pose each: x, y [m] and an angle [rad] in the plane; x, y, z [m] and a quaternion w, x, y, z in space
         """
         center, quaternion = poses(np.array(rows, dtype=float))
-        hands = np.zeros((len(scene.manipulators), 3))
-        hands[:, : scene.n_dims] = scene.start
-        return cls(center, quaternion, (hands - center[0]) @ matrices(quaternion[0]))
+        return cls(center, quaternion, (spatial(scene.start) - center[0]) @ matrices(quaternion[0]))
 
     @property
     def reach(self) -> float:

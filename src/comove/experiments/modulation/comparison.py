@@ -29,6 +29,7 @@ from comove.geometry.distances import CENTER
 from comove.planning.search import Interruption
 from comove.reaction.twists import poses_of
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 from comove.verification.record import ExecutionReport, Record, verify_execution
 
 Array = NDArray[np.float64]
@@ -236,7 +237,7 @@ def loose_run(
         np.array([p.quaternion for p in poses]),
         observer.ground_truth(time),
         scene.obstacle_sagittas(time),
-        np.concatenate([hands, np.zeros((*hands.shape[:2], 3 - n))], axis=2),
+        spatial(hands),
     )
 
 

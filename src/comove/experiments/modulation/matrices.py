@@ -39,9 +39,10 @@ from numpy.typing import ArrayLike, NDArray
 from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.experiments.modulation.levels import GROUP, REFERENCE, TURN, VELOCITY, level_at
-from comove.experiments.modulation.obstacles import MovingObstacle, points_of, spatial, table_of
+from comove.experiments.modulation.obstacles import MovingObstacle, points_of, table_of
 from comove.geometry.distances import CENTER, REACH, TINY
 from comove.primitives.arguments import is_number
+from comove.scenes.shapes import spatial
 
 Array = NDArray[np.float64]
 E = TypeVar("E", bound=StrEnum)
@@ -166,8 +167,8 @@ def field(
     shape, n = position.shape, position.shape[-1]
     matrix, drift, level = _fields(
         table_of(tuple(obstacles), n),
-        spatial(position),
-        spatial(velocity),
+        spatial(position.reshape(-1, n)),
+        spatial(velocity.reshape(-1, n)),
         float(modulation.reactivity),
         bool(modulation.tail),
         modulation.directions is Directions.REFERENCE,

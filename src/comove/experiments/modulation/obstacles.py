@@ -19,6 +19,7 @@ from comove.geometry import distances as sd
 from comove.geometry.rotations import exponential, matrices
 from comove.primitives.arguments import is_number, numbers, vector
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 
 Array = NDArray[np.float64]
 
@@ -183,7 +184,7 @@ def level(obstacle: MovingObstacle, points: ArrayLike) -> tuple[Array, Array]:
         If the points are not finite or have another dimension.
     """
     points = points_of("points", points, obstacle.n_dims)
-    levels, gradients = lv.levels_at(obstacle.row[None], spatial(points))
+    levels, gradients = lv.levels_at(obstacle.row[None], spatial(points.reshape(-1, obstacle.n_dims)))
     shape = points.shape
     return levels.reshape(shape[:-1]), gradients[:, 0, : shape[-1]].reshape(shape)
 
@@ -343,16 +344,6 @@ def points_of(name: str, value: ArrayLike, n_dims: int | None = None) -> Array:
             way_out=f"give finite vectors of {' or '.join(map(str, allowed))} numbers",
         )
     return array
-
-
-def spatial(vectors: Array) -> Array:
-    """Return vectors in space, as kernels take them; (..., n_dims) -> (n_vectors, 3)."""
-    flat = vectors.reshape(-1, vectors.shape[-1])
-    if flat.shape[1] == 3:
-        return flat
-    padded = np.zeros((len(flat), 3))
-    padded[:, :2] = flat
-    return padded
 
 
 def _rotation(value: object, n_dims: int) -> Array:

@@ -21,6 +21,7 @@ from comove.geometry.distances import configuration_distance
 from comove.planning.seeds import minimum_jerk, steady
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 from comove.verification.record import END_SPEED
 
 Array = NDArray[np.float64]
@@ -138,13 +139,6 @@ def growing(size: float, most: float) -> Iterator[float]:
         size = min(2.0 * size, most)
 
 
-def spatial(hands: Array) -> Array:
-    """Convert hands, (n_steps, n_manipulators, n_dims), to nodes, (n_steps, n_manipulators, 3) [m]."""
-    nodes = np.zeros((*hands.shape[:2], 3))
-    nodes[..., : hands.shape[2]] = hands
-    return nodes
-
-
 @kernel
 def _clearances(
     nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, lower: Array, upper: Array
@@ -180,7 +174,12 @@ def _clearance_slopes(
 
 
 def clearances(scene: Scene, hands: Array) -> Array:
-    """Return the signed distance of the load to the nearest obstacle, shape (n_steps,) [m]; see `spatial`."""
+    """Return the signed distance of the load to the nearest obstacle, shape (n_steps,) [m].
+
+    Parameters
+    ----------
+    hands : array, shape (n_steps, n_manipulators, n_dims) [m]
+    """
     body = scene.body
     return _clearances(spatial(hands), body.edges, body.radii, scene.obstacles, *scene.workspace)
 

@@ -32,11 +32,11 @@ from comove.experiments.peers.common import (
     kept_clearance,
     needed,
     refusal,
-    spatial,
 )
 from comove.experiments.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 
 Array = NDArray[np.float64]
 
