@@ -21,10 +21,9 @@ from timing import number, on_one_thread, print_table
 from comove.planning import SceneKind, load_kernels, movements_of
 from comove.robots import JointMotion, Robot, carry
 from comove.scenes import Scene, demonstration_of
-from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
+from comove.simulators import GRASPS, Execution, Perturbation, simulate
 
 SCENE = Path(__file__).parents[1] / "examples" / "baxter" / "gap_30.yaml"
-GRASPS = {"weld": Weld(), "connect": Connect(), "friction": Friction()}
 SHOWN = {
     "end_error": ("end error [mm]", 1e3),
     "lag_max": ("lag [mm]", 1e3),
@@ -46,7 +45,8 @@ def main() -> None:
     if not found.verified:
         raise SystemExit(f"{SCENE.name} was not solved: {'; '.join(found.solution.reasons)}")
     rows = []
-    for name, grasp in GRASPS.items():
+    for name, kind in GRASPS.items():
+        grasp = kind()
         planned = simulate(found.joints, scene, robot, grasp)
         hurried = simulate(at_pace(found.joints, 2.0), scene, robot, grasp)
         drawn = [

@@ -19,9 +19,13 @@ if TYPE_CHECKING:
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of `comove robot solve`.")]
+RobotName = Annotated[
+    str | None,
+    typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
+]
+GraspName = Annotated[str, typer.Option(help="How the hands hold the load: weld, connect, friction.")]
 SAVING = 2.0  # s, kept back from the budget for the files and pictures
 METHODS = ("comove", "paper", "task-priority")
-GRASPS = ("weld", "connect", "friction")
 FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
 PARTS = ("carry", "approach", "release")
 
@@ -30,10 +34,7 @@ PARTS = ("carry", "approach", "release")
 def solve(
     scene: o.SceneFile,
     out: o.ResultFolder,
-    robot: Annotated[
-        str | None,
-        typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
-    ] = None,
+    robot: RobotName = None,
     seed: o.Seed = 0,
     method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
     budget: o.Budget = 30.0,
@@ -126,7 +127,7 @@ def solve(
 @verb_of(group)
 def simulate(
     folder: Folder,
-    grasp: Annotated[str, typer.Option(help=f"How the hands hold the load: {', '.join(GRASPS)}.")] = "weld",
+    grasp: GraspName = "weld",
     seed: Annotated[
         int | None,
         typer.Option(
@@ -145,23 +146,20 @@ def simulate(
     from comove.io.files import require_target
     from comove.robots import verified_motion
     from comove.simulators import (
-        Connect,
-        Friction,
+        GRASPS,
         Perturbation,
-        Weld,
         draw_film,
         draw_sheet,
         simulate,
         write_simulation,
     )
 
-    grasps = dict(zip(GRASPS, (Weld, Connect, Friction), strict=True))
-    o.require_one_of(grasp, GRASPS, "grasp")
+    o.require_one_of(grasp, tuple(GRASPS), "grasp")
     motion = verified_motion(folder)
     require_target(folder / "simulation.npz", ResultError)
     robot = motion.robot
     drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
-    execution = simulate(motion.joints, motion.scene, robot, grasps[grasp](), drawn)
+    execution = simulate(motion.joints, motion.scene, robot, GRASPS[grasp](), drawn)
     summary = write_simulation(execution, folder, seed=seed)
     print(simulation_text(summary, folder))
     if pictures or film:

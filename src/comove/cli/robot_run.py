@@ -9,7 +9,7 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb_of
-from comove.cli.robot import GRASPS, group, robot_named
+from comove.cli.robot import GraspName, RobotName, group, robot_named
 from comove.errors import OptionError
 
 LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
@@ -19,13 +19,10 @@ LONGEST = 4.0  # times the plan's duration, that a run may last unless it is sai
 def run(
     scene: o.SceneFile,
     out: Annotated[Path, typer.Option(help="Folder for the record.")],
-    robot: Annotated[
-        str | None,
-        typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
-    ] = None,
+    robot: RobotName = None,
     seed: o.Seed = 0,
     rate: Annotated[float, typer.Option(help="Control steps in a second [Hz], from 50 to 500.")] = 250.0,
-    grasp: Annotated[str, typer.Option(help=f"How the hands hold the load: {', '.join(GRASPS)}.")] = "weld",
+    grasp: GraspName = "weld",
     perturbed: Annotated[
         int | None,
         typer.Option(
@@ -51,17 +48,13 @@ def run(
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
     from comove.scenes import Scene
-    from comove.simulators import Connect, Friction, Perturbation, Weld
+    from comove.simulators import GRASPS, Perturbation
     from comove.simulators.live import run_live
     from comove.simulators.live_files import write_robot_run
     from comove.simulators.live_record import judge_run
     from comove.views import draw_joints, save
 
-    held = {"weld": Weld, "connect": Connect, "friction": Friction}
-    if grasp not in held:
-        raise OptionError(
-            f"there is no grasp '{grasp}'", key="--grasp", way_out=f"one of {', '.join(GRASPS)}"
-        )
+    o.require_one_of(grasp, tuple(GRASPS), "grasp")
     if not 50.0 <= rate <= 500.0:
         raise OptionError(f"{rate:g} Hz are not possible", key="--rate", way_out="give 50 to 500")
     if budget is not None:
@@ -75,7 +68,7 @@ def run(
         drawn = None
         if perturbed is not None:
             drawn = Perturbation.drawn(np.random.default_rng(perturbed), len(carrier.joint_names))
-        record = run_live(executor, budget or LONGEST * executor.plan.scene.duration, held[grasp](), drawn)
+        record = run_live(executor, budget or LONGEST * executor.plan.scene.duration, GRASPS[grasp](), drawn)
         report = judge_run(record)
     with whole_folder(out, RESULT) as draft:
         title = f"{loaded.name}, {carrier.name}, online" + (

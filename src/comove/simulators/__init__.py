@@ -2,7 +2,7 @@
 
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.files import SIMULATION, write_simulation
-from comove.simulators.grasps import Connect, Friction, GraspModel, Weld
+from comove.simulators.grasps import GRASPS, Connect, Friction, GraspModel, Weld
 from comove.simulators.pictures import ABOVE, FRONT, View, draw_film, draw_sheet
 from comove.simulators.playback import play
 from comove.simulators.settings import Perturbation, Push, Settings
@@ -11,6 +11,7 @@ from comove.simulators.simulate import simulate
 __all__ = [
     "ABOVE",
     "FRONT",
+    "GRASPS",
     "SIMULATION",
     "View",
     "Connect",

@@ -218,6 +218,14 @@ class Friction:
         data.eq_active[still] = 0
 
 
+GRASPS: dict[str, type[Weld] | type[Connect] | type[Friction]] = {
+    "weld": Weld,
+    "connect": Connect,
+    "friction": Friction,
+}
+"""By what commands and study files call them."""
+
+
 def _couple(world: World, data: Any, travel: dict[str, tuple[float, float]]) -> None:
     """Couple all fingers of a hand, so that they close by the same share of their travel, from open to closed."""
     for first, *others in world.fingers:

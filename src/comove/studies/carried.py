@@ -31,7 +31,7 @@ from comove.robots import (
 )
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
-from comove.simulators import Connect, Execution, Friction, Perturbation, Weld, simulate
+from comove.simulators import GRASPS, Execution, Perturbation, simulate
 from comove.studies.cameras import CamerasPart, videos_of
 from comove.studies.episode import (
     CUT,
@@ -52,7 +52,6 @@ from comove.verification.verify import VerifiedMotion
 Array = NDArray[np.float64]
 
 STILL = 0.1  # s, for which a robot has to stand at an end
-GRASPS = {"weld": Weld, "connect": Connect, "friction": Friction}
 
 
 def robot_of(scene: Scene) -> Robot:
