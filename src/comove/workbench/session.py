@@ -82,17 +82,17 @@ class Session:
         beside = shelf.comparable
         self.panels = Panels(client.gui, self.changed, names, shelf.first, (*CHOICES, *beside))
         self.comparison = Comparison(loop, self.panels, beside, self._stretch)
-        self.stage: Stage | None = None
-        self.link: Link | None = None
+        self.stage: Stage
+        self.link: Link
         self.gizmo: Any = None
         self.tool: Any = None
         self.selected: Grip | None = None
         self.grips: dict[Grip, Any] = {}
         self.held: Hold | None = None
-        self.asked, self.answered, self.solved = -1, -1, -1
         self.playing, self.live, self.pace, self.time = True, False, 1.0, 0.0
         self.closed = False
-        self.open(shelf.first)
+        first = shelf.items[shelf.first]
+        self._begin(first, read_scene(first.scene))
         if shelf.beside is not None:
             self.panels.controls["beside"].value = shelf.label(shelf.beside)
             self._compare(shelf.label(shelf.beside))
@@ -101,28 +101,35 @@ class Session:
     # --- scenes ---
 
     def open(self, name: str) -> None:
-        """Show something of the shelf, and ask for its motion."""
+        """Show something else of the shelf, and ask for its motion."""
         item = self.shelf.items[name]
         scene = read_scene(item.scene)
-        if self.link is not None:
-            self.link.close()
-        self.link = Link(item.scene.parent, self._hand_over)
-        self.history = History((Draft(contents_of(scene)),))
-        self.asked, self.answered, self.solved = -1, -1, -1
-        self.time, self.stage, self.selected, self.note = 0.0, None, None, ""
+        self.link.close()
+        self.time, self.selected, self.note = 0.0, None, ""
         if self.live:
             self._end_run()
         self.client.scene.remove_by_name(ROBOT)
+        self._begin(item, scene)
+
+    def _begin(self, item: Item, scene: Scene) -> None:
+        """Show something with a planner and a history of its own."""
+        self.link = Link(item.scene.parent, self._hand_over)
+        self.history = History((Draft(contents_of(scene)),))
+        self.asked, self.answered, self.solved = -1, -1, -1
         self._lay(scene)
         self._look()
         self._ask(item=item)
 
-    def _lay(self, scene: Scene) -> None:
-        """Draw a scene that has been read."""
+    def _lay(self, scene: Scene, before: Stage | None = None) -> None:
+        """Draw a scene that has been read.
+
+        Parameters
+        ----------
+        before : the same scene before it was changed, as it is drawn
+        """
         selected, self.gizmo, self.selected, self.tool = self.selected, None, None, None
-        before = self.stage
-        shown = self.stage.recording if self.stage is not None else None
-        again = self.stage is not None and self.stage.scene.manipulators == scene.manipulators
+        shown = before.recording if before is not None else None
+        again = before is not None and before.scene.manipulators == scene.manipulators
         clear(self.client.scene)
         self.scene = scene
         self.stage = Stage(self.client.scene, scene)
@@ -138,16 +145,13 @@ class Session:
         alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
         if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
             self.stage.draw_motion(shown, pale=True)
-        self.comparison.renew(self.stage, self.history.now, self._source())
+        self.comparison.renew(self.stage, self.history.now, self.link.folder)
 
     def _compare(self, choice: Any) -> None:
-        if self.stage is not None:
-            self.comparison.choose(choice, self.stage, self.history.now, self._source())
-            self._look()
+        self.comparison.choose(choice, self.stage, self.history.now, self.link.folder)
+        self._look()
 
     def _look(self) -> None:
-        if self.stage is None:
-            return
         position, look_at, up = self.stage.camera(self.comparison.stage)
         self.client.camera.up_direction = up
         self.client.camera.position = position
@@ -177,7 +181,7 @@ class Session:
         to = self._pointed(self.held, event)
         if to is None:
             return
-        lift = self.stage.lift if self.stage is not None and grip.kind != "obstacle" else 0.0
+        lift = self.stage.lift if grip.kind != "obstacle" else 0.0
         handle.position = tuple(to + [0.0, 0.0, lift])
         self.move(grip, to, None, last=event.phase == "end")
 
@@ -195,7 +199,7 @@ class Session:
 
     def _lead(self, grip: Grip, handle: Any, event: Any) -> None:
         """Lead an obstacle while the run goes on; where it is drawn, its states say."""
-        if grip.kind != "obstacle" or self.link is None:
+        if grip.kind != "obstacle":
             return
         if event.phase == "start" or self.held is None or self.held.grip != grip:
             taken = np.array(event.start_position, dtype=float)
@@ -278,8 +282,6 @@ class Session:
 
     def _run(self, _: Any) -> None:
         """Execute the scene step by step, or end the run that goes on."""
-        if self.link is None or self.stage is None:
-            return
         if self.live:
             self.link.halt()
             return
@@ -295,7 +297,7 @@ class Session:
 
     def _go(self, message: Message) -> None:
         """Show a state of the run."""
-        if not self.live or message.header["id"] != self.asked or self.stage is None:
+        if not self.live or message.header["id"] != self.asked:
             return
         with self.client.atomic():
             self.stage.show_state(message.arrays["nodes"], message.arrays["offsets"])
@@ -310,8 +312,6 @@ class Session:
 
     def _draw(self, _: Any) -> None:
         """Let a person show a movement: on a sheet above the plane, or by arrows in space."""
-        if self.stage is None:
-            return
         self._put_down()
         stroke = Stroke(self.scene.n_dims)
         self.panels.taught.content = "**Draw now**, in one go, from the start to the goal."
@@ -338,7 +338,7 @@ class Session:
 
     def _drawn(self, stroke: Stroke, point: Array | None, *, last: bool) -> None:
         """Take a point of a movement that is being shown; after the last one, learn it and use it at once."""
-        if self.stage is None or self.tool is None:
+        if self.tool is None:
             return
         if point is not None:
             stroke.add(time.monotonic(), point)
@@ -377,7 +377,7 @@ class Session:
         target_in(self.shelf.folder, name)
         keep(draft.taught, name, self.shelf.folder)
         self.panels.taught.content = f"**Kept** as {plain_text(name)} in the folder library."
-        if self._source().resolve() == self.shelf.folder.resolve():  # where the scene finds it
+        if self.link.folder.resolve() == self.shelf.folder.resolve():  # where the scene finds it
             contents = draft.contents | {"demonstration": {"library": name}}
             self.commit(replace(draft, contents=contents, taught=None))
 
@@ -393,30 +393,22 @@ class Session:
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ComoveWarning)
-                scene = Scene.from_dict(self.history.now.contents, folder=self._source())
+                scene = Scene.from_dict(self.history.now.contents, folder=self.link.folder)
         except ComoveError as error:
-            if self.stage is not None:
-                self.stage.fade()
-                self.stage.blame(*named_in(self.scene, [str(error)]))
-            if self.link is not None:
-                self.asked = self.link.drop()
+            self.stage.fade()
+            self.stage.blame(*named_in(self.scene, [str(error)]))
+            self.asked = self.link.drop()
             self.panels.say(verdict_words("failed", [str(error)]))
             return
-        self._lay(scene)
+        self._lay(scene, self.stage)
         self._ask()
 
-    def _source(self) -> Path:
-        return self.link.folder if self.link is not None else self.shelf.folder
-
     def _ask(self, draft: Draft | None = None, *, dragging: bool = False, item: Item | None = None) -> None:
-        if self.link is None:
-            return
         if self.live:
             self._end_run()
         budget = BUDGET if self.scene.file.robot is None else BUDGET_WITH_ARMS
         self.asked = self.link.submit(draft or self.history.now, dragging=dragging, budget=budget, item=item)
-        if self.stage is not None:
-            self.stage.blame()
+        self.stage.blame()
         if not dragging:
             self.panels.say(verdict_words("waiting"))
 
@@ -471,17 +463,16 @@ class Session:
             self._show(float(value))
 
     def _set_ghosts(self, value: Any) -> None:
-        if self.stage is not None:
-            self.stage.show_ghosts(bool(value))
+        self.stage.show_ghosts(bool(value))
 
     def _save_scene(self, _: Any) -> None:
         path = target_in(self.shelf.folder, self.panels.controls["name"].value, ".yaml")
-        save_scene(self.history.now.contents, path, self._source())
+        save_scene(self.history.now.contents, path, self.link.folder)
         self.panels.saved.content = f"Saved: {plain_text(path.name)}"
 
     def _save_result(self, _: Any) -> None:
         path = target_in(self.shelf.folder, self.panels.controls["name"].value)
-        if self.link is None or self.solved != self.asked:
+        if self.solved != self.asked:
             self.panels.saved.content = (
                 "There is no verified motion of this scene to save yet; wait for the search."
             )
@@ -515,9 +506,9 @@ class Session:
         with suppress(RuntimeError):  # the loop has ended
             self.loop.call_soon_threadsafe(self._answered, link, message)
 
-    def _answered(self, link: Link | None, message: Message) -> None:
+    def _answered(self, link: Link, message: Message) -> None:
         header, kind = message.header, message.header["kind"]
-        if self.closed or link is not self.link or self.stage is None:
+        if self.closed or link is not self.link:
             return
         if kind in ("compiling", "ended"):
             if kind == "ended" or header["kernel"]:
@@ -557,8 +548,6 @@ class Session:
 
     def _fail(self, message: Message) -> None:
         """Show in grey what is not verified: what a folder holds, or else the motion before."""
-        if self.stage is None:
-            return
         if message.arrays and self.stage.recording is None:
             recording = RecordedMotion(**message.arrays)
             self.stage.draw_motion(recording, pale=True)
@@ -576,8 +565,6 @@ class Session:
 
     def _take(self, recording: RecordedMotion, header: Mapping[str, Any], newest: bool) -> None:
         """Show a verified motion: in colours if it is that of the scene as it is now, else in grey."""
-        if self.stage is None:
-            return
         with self.client.atomic():
             self.stage.draw_motion(recording, pale=not newest or not header.get("holds", True))
             self._show(min(self.time, self.end))
@@ -592,8 +579,7 @@ class Session:
 
     def _measure(self, recording: RecordedMotion, header: Mapping[str, Any]) -> None:
         """Show the measures of a recording, and what touched in it."""
-        if self.stage is not None:
-            self.stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
+        self.stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
         self.panels.plot(recording, self.scene.manipulators)
         self._stretch()
         words = measures_words(header["rows"], header["proved"]) if header["rows"] else ""
@@ -613,8 +599,7 @@ class Session:
         frame = 0
         while not self.closed:
             await asyncio.sleep(FRAME)
-            recording = None if self.stage is None else self.stage.recording
-            if recording is None or not self.playing or self.live:
+            if self.stage.recording is None or not self.playing or self.live:
                 continue
             end = self.end
             self.time += FRAME * self.pace
@@ -626,7 +611,7 @@ class Session:
     @property
     def end(self) -> float:
         """Return the last instant of what is shown, and of what stands beside it [s]."""
-        recording = None if self.stage is None else self.stage.recording
+        recording = self.stage.recording
         return max(0.0 if recording is None else float(recording.time[-1]), self.comparison.end)
 
     def _stretch(self) -> None:
@@ -637,7 +622,7 @@ class Session:
 
     def _show(self, at: float, *, keep: bool = False, pointing: bool = True) -> None:
         """Show an instant [s]."""
-        if self.stage is None or self.stage.recording is None:
+        if self.stage.recording is None:
             return
         self.time = self.time if keep else at
         index = self.stage.recording.index_at(at)
@@ -652,8 +637,7 @@ class Session:
         self.closed = True
         self._player.cancel()
         self.comparison.close()
-        if self.link is not None:
-            self.link.close()
+        self.link.close()
 
 
 def _on_plane(camera: Array, through: Array, height: float) -> Array | None:
