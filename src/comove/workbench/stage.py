@@ -16,6 +16,7 @@ from comove.errors import ComoveError
 from comove.planning import carried_demonstration, movements_of
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 from comove.views.style import COLOURS, GOAL, MOVING, START
 from comove.workbench.bodies import LinkSurface
 from comove.workbench.edits import Grip, contents_of, grips_of, place_of
@@ -24,6 +25,7 @@ from comove.workbench.geometry import (
     HEIGHT,
     MANY,
     Piece,
+    Surface,
     ball,
     clearance_colours,
     colour_of,
@@ -134,11 +136,10 @@ class Stage:
             handle.remove()
         moving, few = self.scene.moving, len(self.scene.moving) < MANY
         self.obstacles = [
-            self.api.add_mesh_simple(
+            self._mesh(
                 f"{self.prefix}/obstacle_{i}",
-                surface.vertices.astype(np.float32),
-                surface.faces.astype(np.uint32),
-                color=colour_of(MOVING) if moving[i] else STILL,
+                surface,
+                colour_of(MOVING) if moving[i] else STILL,
                 opacity=None if self.scene.n_dims == 2 else 0.55,
                 side="double",
                 cast_shadow=few,
@@ -164,11 +165,10 @@ class Stage:
         ]
         self._links = [
             (
-                self.api.add_mesh_simple(
+                self._mesh(
                     f"{path}/{'base' if body.joint < 0 else f'joint_{body.joint}'}/body_{number}",
-                    body.surface.vertices.astype(np.float32),
-                    body.surface.faces.astype(np.uint32),
-                    color=body.colour,
+                    body.surface,
+                    body.colour,
                     side="double",
                 ),
                 body,
@@ -185,6 +185,11 @@ class Stage:
     def adopt_robot(self, other: Stage) -> None:
         """Take over the robot of a stage before this one, which stays drawn."""
         self.robot, self._joints, self._links = other.robot, other._joints, other._links
+
+    def _mesh(self, path: str, surface: Surface, colour: Any, **how: Any) -> Any:
+        """Add triangles of one colour; `how` are further arguments of the viewer."""
+        vertices, faces = surface.vertices.astype(np.float32), surface.faces.astype(np.uint32)
+        return self.api.add_mesh_simple(path, vertices, faces, color=colour, **how)
 
     def _floor(self) -> None:
         low, high = self.scene.lower, self.scene.upper
@@ -204,17 +209,14 @@ class Stage:
         ends = self.scene.start if grip.kind == "start" else self.scene.goal
         colour = colour_of(START if grip.kind == "start" else GOAL)
         place = place_of(contents_of(self.scene), grip) + [0.0, 0.0, self.lift]
-        surface = ball(GRIP * HAND * self.side)
-        self.marks[grip.name] = self.api.add_mesh_simple(
+        self.marks[grip.name] = self._mesh(
             f"{self.prefix}/{grip.name}",
-            surface.vertices.astype(np.float32),
-            surface.faces.astype(np.uint32),
-            color=colour,
+            ball(GRIP * HAND * self.side),
+            colour,
             opacity=0.85,
             position=tuple(place),
         )
-        hands = np.zeros((len(grip.hands), 3))
-        hands[:, : self.scene.n_dims] = ends[list(grip.hands)]
+        hands = spatial(ends[list(grip.hands)])
         hands[:, 2] += self.lift
         if len(hands) > 1:
             lines = np.stack([np.broadcast_to(place, hands.shape), hands], axis=1)
@@ -261,15 +263,12 @@ class Stage:
             handle.remove()
         self._moving, self._motion = [], {}
         for piece in self._pieces:
-            vertices = piece.surface.vertices.astype(np.float32)
-            faces = piece.surface.faces.astype(np.uint32)
             colour = GREY if pale else piece.colour
             self._moving.append(
-                self.api.add_mesh_simple(
+                self._mesh(
                     f"{self.prefix}/load/{piece.name}",
-                    vertices,
-                    faces,
-                    color=colour,
+                    piece.surface,
+                    colour,
                     opacity=0.5 if pale else None,
                     position=tuple(piece.position[0]),
                     wxyz=tuple(piece.quaternion[0]),
@@ -277,8 +276,8 @@ class Stage:
             )
             self._motion[f"ghost {piece.name}"] = self.api.add_batched_meshes_simple(
                 f"{self.prefix}/ghosts/{piece.name}",
-                vertices,
-                faces,
+                piece.surface.vertices.astype(np.float32),
+                piece.surface.faces.astype(np.uint32),
                 batched_positions=np.zeros((N_GHOSTS, 3), dtype=np.float32),
                 batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (N_GHOSTS, 1)).astype(np.float32),
                 batched_colors=colour,
@@ -371,11 +370,10 @@ class Stage:
                 for x, y in ((low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]))
             ]
         )
-        return self.api.add_mesh_simple(
+        return self._mesh(
             f"{self.prefix}/sheet",
-            corners.astype(np.float32),
-            np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32),
-            color=colour_of("#ffd84d"),
+            Surface(corners, np.array([[0, 1, 2], [0, 2, 3]])),
+            colour_of("#ffd84d"),
             opacity=0.18,
             side="double",
             cast_shadow=False,
@@ -383,8 +381,7 @@ class Stage:
 
     def draw_stroke(self, rows: Sequence[Sequence[float]]) -> None:
         """Draw a movement while it is shown; rows of time and position [m]."""
-        path = np.zeros((len(rows), 3))
-        path[:, : self.scene.n_dims] = np.array(rows)[:, 1:]
+        path = spatial(np.array(rows)[:, 1:])
         path[:, 2] += 2.6 * self.lift
         if len(path) > 1:
             self._lines("stroke", segments_of(path), colour_of("#e07a00"), 4.0)
@@ -419,17 +416,12 @@ class Stage:
 
 def _middle(scene: Scene) -> Array:
     """Return the middle of a workspace; array, shape (3,) [m]."""
-    return 0.5 * _size(scene) + _spatial(scene.lower)
+    return 0.5 * _size(scene) + spatial(scene.lower)
 
 
 def _size(scene: Scene) -> Array:
     """Return the lengths of the sides of a workspace; array, shape (3,) [m]."""
-    return _spatial(scene.upper) - _spatial(scene.lower)
-
-
-def _spatial(point: Array) -> Array:
-    """Return a point in space, of one in the plane or in space; array, shape (3,)."""
-    return np.append(point, np.zeros(3 - len(point)))
+    return spatial(scene.upper) - spatial(scene.lower)
 
 
 def clear(api: Any) -> None:
