@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
     """A result folder."""
     folder = tmp_path_factory.mktemp("shown") / "result"
     with whole_folder(folder, RESULT) as draft:
-        save_result(solved("wide"), draft, wall_time_s=1.0, with_scene=True)
+        save_result(solved("wide"), draft, wall_time_s=1.0)
     return folder
 
 

@@ -158,6 +158,4 @@ def write_result(solution: Solution, folder: Path, demonstration: Any = None) ->
     from comove.cli.progress import time_spent
     from comove.views import save_result
 
-    return save_result(
-        solution, folder, wall_time_s=time_spent(), demonstration=demonstration, with_scene=True
-    )
+    return save_result(solution, folder, wall_time_s=time_spent(), demonstration=demonstration)

@@ -19,21 +19,18 @@ def save_result(
     *,
     wall_time_s: float,
     demonstration: Any = None,
-    with_scene: bool = False,
 ) -> dict[str, Any]:
-    """Write the files and pictures of a solution into an existing folder; return the contents of solution.json.
+    """Write a solution, its scene and its pictures into an existing folder; return the contents of solution.json.
 
     Parameters
     ----------
     wall_time_s : time that the summary states for all of it [s]
     demonstration : movement that is drawn beside the motion
-    with_scene : whether to write the scene that was solved as well, as `scene.json`
     """
     scene, motion = solution.scene, solution.attempt
     title = scene.name if solution.verified else f"{scene.name} (not verified)"
     carried = None if demonstration is None else carried_demonstration(demonstration, scene)
     save(draw_motion(motion, title=title, demonstration=carried), folder / "motion.png")
     save(draw_progress(motion), folder / "progress.png")
-    if with_scene:
-        (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
+    (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
     return write_solution(solution, folder, wall_time_s)

@@ -41,7 +41,7 @@ from comove.planning import (
     solve,
 )
 from comove.planning.compiling import IN_ALL, compiling
-from comove.planning.objectives import objective_of_scene
+from comove.planning.objectives import OBJECTIVES, objective_of_scene
 from comove.planning.pace import with_limits
 from comove.planning.solution import ProgressCallback
 from comove.results.solution import SCENE
@@ -64,7 +64,6 @@ PATIENCE = 0.25  # s, that a search has to find its first motion although a newe
 PATIENCE_WITH_ARMS = 1.5  # s, likewise where arms follow
 PAUSE = 0.4  # s, between better motions that are sent
 KINDS = {kind.name: kind for kind in (Comove, Projection, Paper, Printed)}
-AIMS: dict[str, type] = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCost}
 
 Tell = Callable[[Message], None]
 
@@ -379,7 +378,7 @@ class Worker:
             return
         hands = solution if isinstance(solution, Solution) else solution.solution
         with whole_folder(folder, RESULT) as draft:
-            save_result(hands, draft, wall_time_s=hands.solve_time_s, with_scene=True)
+            save_result(hands, draft, wall_time_s=hands.solve_time_s)
             if self.arms is not None and not isinstance(solution, Solution):
                 self.arms.save(solution, draft)
         self._send(header, "saved", target=str(folder))
@@ -427,8 +426,8 @@ def _aim_of(scene: Scene, header: Mapping[str, Any]) -> Any:
     """Return the objective that a draft asks for; None leaves it to `solve`."""
     name, resemblance = header["objective"], header["resemblance"]
     if header["method"] != Comove.name:
-        return None if name not in AIMS else PaperCost()
-    aim = AIMS[name]() if name in AIMS else objective_of_scene(scene.file.objective)
+        return None if name not in OBJECTIVES else PaperCost()
+    aim = OBJECTIVES[name]() if name in OBJECTIVES else objective_of_scene(scene.file.objective)
     if resemblance is None or isinstance(aim, LeastTime):
         return aim
     return LeastJerk(resemblance=resemblance) if aim is None else type(aim)(resemblance=resemblance)
