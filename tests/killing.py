@@ -1,8 +1,10 @@
-"""Processes that are killed as `kill -9` does, at a chosen step."""
+"""Processes that are killed as `kill -9` does, at a chosen step, and whether processes live."""
 
 import os
 import signal
 import sys
+import time
+from pathlib import Path
 
 
 def killed_at(step, watched, work, *arguments):
@@ -34,3 +36,19 @@ def killed_at(step, watched, work, *arguments):
             os._exit(0)
     _, status = os.waitpid(child, 0)
     return os.WIFSIGNALED(status)
+
+
+def alive(pid):
+    """Whether a process has not ended yet."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
+    except OSError:
+        return False
+
+
+def soon(condition, seconds=120.0):
+    """Wait until something comes to pass."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "it did not happen"
+        time.sleep(0.05)

@@ -265,12 +265,6 @@ def test_division_by_zero_follows_the_rules_of_numpy():
     assert kernels.kernel(lambda x: 1.0 / x)(0.0) == np.inf
 
 
-def test_importing_comove_imports_no_numba():
-    code = "import comove, sys; print([name for name in sys.modules if name.startswith('numba')])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("[]\n", "")
-
-
 @pytest.mark.parametrize("turns", [1, 5])
 @pytest.mark.slow
 def test_two_processes_compile_into_one_empty_folder(tmp_path, turns):

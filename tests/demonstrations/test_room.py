@@ -17,14 +17,6 @@ def test_importing_it_loads_nothing_heavy():
     assert done.stdout.strip() == "set()"
 
 
-def test_it_imports_only_from_rooms_above():
-    allowed = ("comove.errors", "comove.ties", "comove.trajectory", "comove.io", "comove.demonstrations")
-    for file in FOLDER.rglob("*.py"):
-        for node in ast.walk(ast.parse(file.read_text())):
-            if isinstance(node, ast.ImportFrom) and node.module.startswith("comove"):
-                assert node.module.startswith(allowed), (file.name, node.module)
-
-
 def test_formats_know_no_demonstration():
     """Samples go into a `Demonstration` and come out of it; a format sees nothing but samples."""
     for file in (FOLDER / "formats").glob("*.py"):

@@ -4,7 +4,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from collections import deque
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import pytest
 
 from comove.errors import OptionError
 from comove.processes import run_tasks
+from tests.killing import alive, soon
 from tests.processes import works
 
 ROOT = Path(__file__).parents[2]
@@ -20,20 +20,6 @@ ROOT = Path(__file__).parents[2]
 def tasks(numbers):
     waiting = deque(numbers)
     return waiting, lambda: waiting.popleft() if waiting else None
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def wait_for(condition, seconds=60.0):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not come to pass"
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -112,6 +98,7 @@ PROGRAM = """
 import sys
 from collections import deque
 from comove.processes import run_tasks
+from tests.killing import alive, soon
 from tests.processes import works
 waiting = deque(range(1000))
 for ended in run_tasks(works.process_of, waiting.popleft, workers=2):
@@ -136,4 +123,4 @@ def test_processes_end_with_the_program(number, tmp_path):
     running.send_signal(number)
     running.communicate(timeout=60)
     assert processes and running.returncode != 0
-    wait_for(lambda: not any(map(alive, processes)))
+    soon(lambda: not any(map(alive, processes)))

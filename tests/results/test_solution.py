@@ -3,10 +3,8 @@
 import json
 import os
 import shutil
-import warnings
 import zipfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,7 +22,6 @@ from comove.results.sealed import checksum
 from comove.results.solution import SOLUTION, rebuild
 from comove.scenes import Scene
 from tests.cases import examples
-from tests.killing import killed_at
 from tests.solved import example, solved
 from tests.verification.random_motions import scene_data
 
@@ -589,32 +586,6 @@ def test_a_folder_that_is_not_writable(tmp_path):
 def test_a_file_system_that_takes_no_folders():
     with pytest.raises(ResultError, match="written"), whole_folder("/proc/comove-result", RESULT):
         pytest.fail("the body must not run")
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as Unix does")
-@pytest.mark.slow  # as of any folder, in tests/io/test_drafts.py
-def test_whoever_is_killed_while_a_result_is_replaced_leaves_a_whole_one(tmp_path):
-    folder, step = written(tmp_path / "result", solved("narrow")), 0
-    old = (folder / "solution.json").read_bytes()
-
-    def again():
-        with whole_folder(folder, RESULT) as draft:
-            for name in ("solution.npz", "solution.json"):
-                (draft / name).write_bytes((folder / name).read_bytes().replace(b"narrow", b"narrew"))
-
-    watched = {str(path) for path in Path(comove.__file__).parent.rglob("*.py")}
-    while killed_at(step := step + 1, watched, again):
-        assert folder.exists()
-        with warnings.catch_warnings(record=True) as said:
-            warnings.simplefilter("always")
-            name = read_result(folder).summary["scene"]
-        assert name in ("narrow", "narrew")
-        assert (name == "narrew") or not said
-        with whole_folder(folder, RESULT) as draft:
-            shutil.copytree(folder, draft, dirs_exist_ok=True)
-            (draft / "solution.json").write_bytes(old)
-        assert names_in(tmp_path) == ["result"]
-    assert step > 50
 
 
 def test_a_link_to_a_result_is_replaced_without_litter(folder, tmp_path):

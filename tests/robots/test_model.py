@@ -688,12 +688,3 @@ def test_the_command_line_tells_it_too(tmp_path):
         "error: a robot needs more than the core: python -m pip install 'comove[robot]'\n"
     )
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    "code", ["import comove", "import sys; sys.argv = ['comove', '--help']\nfrom comove.cli import main\nmain()"]
-)  # fmt: skip
-def test_nothing_but_robots_loads_pinocchio(code):
-    done = run(f"import sys, atexit\natexit.register(lambda: print('pinocchio' in sys.modules))\n{code}")
-    assert done.returncode == 0
-    assert done.stdout.strip().endswith("False")

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 
 from comove.errors import ExtraError, OptionError
-from comove.studies import Shard, Study, on_processes, run_study
-from comove.studies.merging import merge
+from comove.studies import on_processes, run_study
 from comove.studies.on_dask import on_dask
 from tests.studies.test_runner import rows
 from tests.studies.works import FakeStudy
@@ -56,22 +55,6 @@ def test_the_rows_are_those_of_processes(tmp_path):
     run_study(FakeStudy(30), tmp_path / "dask", on_dask("local", 2))
     run_study(FakeStudy(30), tmp_path / "processes", on_processes(1))
     assert rows(tmp_path / "dask") == rows(tmp_path / "processes")
-
-
-@pytest.mark.slow
-def test_real_episodes_are_the_same_on_processes_in_four_parts_and_on_dask(tmp_path):
-    pytest.importorskip("distributed")
-    study = Study.load(Path(__file__).parents[2] / "examples" / "studies" / "planar.yaml", episodes=9)
-    for workers in (1, 2):
-        run_study(study, tmp_path / f"{workers}", on_processes(workers))
-    parts = [tmp_path / f"part-{i}" for i in range(1, 5)]
-    for i, part in enumerate(parts, 1):
-        run_study(study, part, on_processes(1), shard=Shard(i, 4))
-    merge(parts, tmp_path / "merged")
-    run_study(study, tmp_path / "dask", on_dask("local", 2))
-    first = rows(tmp_path / "1")
-    assert len(first[0]) == 9 and {run.status for run in first[0]} == {"verified"}
-    assert first == rows(tmp_path / "2") == rows(tmp_path / "merged") == rows(tmp_path / "dask")
 
 
 @pytest.mark.slow

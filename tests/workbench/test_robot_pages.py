@@ -14,8 +14,9 @@ from comove.workbench.edits import grips_of, place_of
 from comove.workbench.page import serve
 from comove.workbench.session import Session
 from comove.workbench.shelf import shelf_of
+from tests.killing import soon
 from tests.workbench.pages import Page
-from tests.workbench.test_session import on_loop, soon
+from tests.workbench.test_session import on_loop
 
 SCENE = Path(__file__).parents[2] / "examples" / "robots" / "two_pandas.yaml"
 

@@ -1,10 +1,8 @@
 """Pages are sessions of their own: each with its planner, which is ended with it."""
 
-import os
 import shutil
 import threading
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -22,6 +20,7 @@ from comove.workbench.page import serve  # noqa: E402
 from comove.workbench.session import Session  # noqa: E402
 from comove.workbench.stage import BLOCKS  # noqa: E402
 from tests.commands import invoke  # noqa: E402
+from tests.killing import alive, soon  # noqa: E402
 from tests.workbench.pages import Page  # noqa: E402
 
 
@@ -67,21 +66,6 @@ def on_loop(session, function, *arguments, **options):
     session.loop.call_soon_threadsafe(call)
     assert done.wait(60.0)
     return result[0]
-
-
-def soon(condition, seconds=120.0):
-    until = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < until, "it did not happen"
-        time.sleep(0.05)
-
-
-def alive(pid):
-    try:
-        os.kill(pid, 0)
-    except ProcessLookupError:
-        return False
-    return Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[0] != b"Z"
 
 
 def test_a_page_shows_scene_and_verified_motion_and_frees_its_planner(bench):
@@ -305,9 +289,12 @@ def test_what_is_held_stays_while_the_scene_changes(opened):
     assert session.stage.recording.time[-1] == pytest.approx(7.0)
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
+def test_what_no_control_sends_changes_nothing(bench):
+    guarded, sessions, _ = bench
+    page = Page(guarded.address.rstrip("/")).appear()
+    soon(lambda: sessions)
+    (session,) = sessions
+    for name, value in (
         ("duration", float("nan")),
         ("speed", -1.0),
         ("bar", 0.0),
@@ -319,15 +306,9 @@ def test_what_is_held_stays_while_the_scene_changes(opened):
         ("shown", "../../etc/passwd"),
         ("beside", "magic"),
         ("no such control", 1.0),
-    ],
-)
-def test_what_no_control_sends_changes_nothing(bench, name, value):
-    guarded, sessions, _ = bench
-    page = Page(guarded.address.rstrip("/")).appear()
-    soon(lambda: sessions)
-    (session,) = sessions
-    on_loop(session, session.changed, name, value)
-    assert session.history.at == 0
+    ):
+        on_loop(session, session.changed, name, value)
+        assert session.history.at == 0, name
     page.close()
 
 
