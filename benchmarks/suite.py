@@ -10,9 +10,6 @@ total time of `solve`; evaluations; the cost J; then the worst of the verified m
 100 Hz samples the error of any distance constraint, the miss of an end, and the speed at the end.
 What is not verified counts as endless in the times to the first motion.
 
-``--fit`` measures instead how well `DMP.fit` follows demo 0 of the 30 LASA shapes: RMSE is the root of the
-mean squared distance, in units of the set.
-
 To repeat: ``pip install comove``, ``python benchmarks/suite.py [--sets planar wide] [--count 20] [--json FILE]``.
 """
 
@@ -40,7 +37,6 @@ Problem = tuple[comove.Scene, int]
 Row = dict[str, str | int | float | None]
 
 NO_PLANNER, PAPER = "-no-planner", "-paper"
-N_BASIS = (10, 20, 50)  # of the fits
 HEADER = {
     "set": "set",
     "verified": "verified",
@@ -177,27 +173,6 @@ def cell(key: str, row: Row) -> str:
     return number(float(value) * (1e3 if key.endswith("_s") or key == "clearance_min" else 1.0))
 
 
-def fit_rows() -> list[Row]:
-    """Errors of the fits to the handwriting set, one row a number of shape weights."""
-    from comove.demonstrations import lasa_names
-
-    demonstrations = [comove.Demonstration.from_lasa(name, 0) for name in lasa_names()]
-    rows: list[Row] = []
-    for n_basis in N_BASIS:
-        errors = [fit_error(demonstration, n_basis) for demonstration in demonstrations]
-        rows.append(
-            {"n_basis": n_basis, "n": len(errors), "rmse_median": median(errors), "rmse_max": max(errors)}
-        )
-    return rows
-
-
-def fit_error(demonstration: comove.Demonstration, n_basis: int) -> float:
-    """Root of the mean squared distance between a demonstration and its fit, in its units."""
-    dmp = comove.DMP.fit(demonstration, n_basis=n_basis)
-    missed = dmp.at(demonstration.time - demonstration.time[0]).position - demonstration.position
-    return float(np.sqrt((missed**2).sum(axis=1).mean()))
-
-
 def main() -> None:
     """Measure and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
@@ -207,22 +182,14 @@ def main() -> None:
     parser.add_argument("--count", type=int, help="scenes or seeds a set")
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--budget", type=float, default=30.0, help="seconds a scene")
-    parser.add_argument("--fit", action="store_true", help="measure the fits of the LASA shapes instead")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the rows, in SI units, too")
     options = parser.parse_args()
 
-    if options.fit:
-        rows = fit_rows()
-        table = [
-            [str(r["n_basis"]), str(r["n"]), number(r["rmse_median"]), number(r["rmse_max"])] for r in rows
-        ]
-        print_table(["shape weights a dimension", "shapes", "RMSE median", "RMSE max"], table)
-    else:
-        rows = [
-            row(name, list(solutions(name, options.count, options.first_seed, options.budget)))
-            for name in options.sets
-        ]
-        print_table(list(HEADER.values()), [[cell(key, r) for key in HEADER] for r in rows])
+    rows = [
+        row(name, list(solutions(name, options.count, options.first_seed, options.budget)))
+        for name in options.sets
+    ]
+    print_table(list(HEADER.values()), [[cell(key, r) for key in HEADER] for r in rows])
     if options.json:
         options.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
 
