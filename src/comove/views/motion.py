@@ -26,6 +26,7 @@ FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a d
 N_STATES = 26  # drawn along a motion
 NOMINAL = 5.0  # s, for which moving obstacles are drawn in a scene without duration
 N_FINE = 801  # among which the worst state is found
+FAILURES = 4  # in a row at most
 SMALL, HEADED = 2.2, 0.8  # size of a panel among many, and its room for titles and labels [inches]
 WIDER = 0.5  # of the workspace, by which axes show at most what is beyond it
 BROKEN = 1e-12  # m, above rounding
@@ -121,16 +122,12 @@ def draw_side_by_side(
     return figure
 
 
-def draw_failures(motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, columns: int = 4) -> Figure:
+def draw_failures(motions: Sequence[CoordinatedMotion], titles: Sequence[str]) -> Figure:
     """Draw motions that break something next to each other, each with the load where that is worst.
 
     Of a spatial scene the first two axes are shown.
-
-    Parameters
-    ----------
-    columns : motions in a row at most
     """
-    columns = min(columns, len(motions))
+    columns = min(FAILURES, len(motions))
     rows = -(-len(motions) // columns)
     figure = new_figure(SMALL * columns + 0.4, (SMALL + HEADED) * rows + 0.8)
     for i, (motion, title) in enumerate(zip(motions, titles, strict=True)):

@@ -28,13 +28,13 @@ TRAIL = 1.0  # s, of the way that an animation shows behind the hands
 FILM_DPI = 70
 
 
-def draw_run(record: Record, title: str | None = None) -> Figure:
+def draw_run(record: Record) -> Figure:
     """Draw an execution: paths of the hands, the load and the obstacles at equal steps, later ones darker."""
     scene, views = record.scene, views_of(record.scene)
     figure = new_figure(5.4 * len(views) + 0.4, 6.2)
     for i, view in enumerate(views):
         axes = figure.add_subplot(1, len(views), i + 1)
-        axes.set_title(title or scene.name)
+        axes.set_title(scene.name)
         draw_frame(axes, scene, view)
         draw_standing(axes, scene, view)
         for k, step in enumerate(np.linspace(0, len(record.time) - 1, N_STATES).astype(int)):

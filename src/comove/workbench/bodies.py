@@ -30,22 +30,9 @@ Colour = tuple[int, int, int]
 
 PLAIN = colour_of("#b4b9c1")  # of what a URDF gives no colour
 AROUND = 32  # corners of a cylinder's ends
-
-
-@dataclass(frozen=True)
-class Detail:
-    """Settings of how finely a robot is drawn.
-
-    Attributes
-    ----------
-    cell : side of the cells in which corners become one, at first [m]
-    growth : factor by which cells grow while there are too many triangles
-    most_triangles : of the whole robot
-    """
-
-    cell: float = 0.003
-    growth: float = 1.3
-    most_triangles: int = 60_000
+CELL = 0.003  # side of the cells in which corners become one, at first [m]
+GROWTH = 1.3  # factor by which cells grow while there are too many triangles
+MOST_TRIANGLES = 60_000  # of a whole robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,12 +51,8 @@ class LinkSurface:
     surface: Surface
 
 
-def robot_of(scene: Scene, folder: Path | None = None) -> Robot | None:
+def robot_of(scene: Scene) -> Robot | None:
     """Return the robot that a scene names; None where it names none.
-
-    Parameters
-    ----------
-    folder : folder to which a description's path is relative; the scene's own unless given
 
     Raises
     ------
@@ -84,21 +67,20 @@ def robot_of(scene: Scene, folder: Path | None = None) -> Robot | None:
         from comove.robots import Robot
     except ExtraError:
         raise ExtraError(f"to show the robot '{scene.file.robot}'", "robot") from None
-    return Robot.load(scene.file.robot, folder or scene.folder)
+    return Robot.load(scene.file.robot, scene.folder)
 
 
-def bodies_of(robot: Robot, detail: Detail | None = None) -> tuple[LinkSurface, ...]:
+def bodies_of(robot: Robot) -> tuple[LinkSurface, ...]:
     """Return the visible bodies of a robot's links, simplified; those that cannot be read are left out."""
-    detail = detail or Detail()
     parts: dict[tuple[int, Colour], list[Array]] = {}
     for joint, colour, triangles in _visible(robot):
         parts.setdefault((joint, colour), []).append(triangles)
     simple = {key: Surface.of(np.concatenate(found)) for key, found in parts.items()}
-    cell, many = detail.cell, True
+    cell, many = CELL, True
     while many:
         simple = {key: simplified(surface, cell) for key, surface in simple.items()}
-        many = sum(len(surface.faces) for surface in simple.values()) > detail.most_triangles
-        cell *= detail.growth
+        many = sum(len(surface.faces) for surface in simple.values()) > MOST_TRIANGLES
+        cell *= GROWTH
     return tuple(LinkSurface(*key, surface) for key, surface in simple.items() if len(surface.faces))
 
 

@@ -6,7 +6,7 @@ A format turns files into `comove.demonstrations.samples.RecordedSamples` and ba
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import cast
 
@@ -101,8 +101,7 @@ def load(
 
 def load_all(path: str | os.PathLike[str]) -> tuple[RecordedSamples, ...]:
     """Return all movements; see `Demonstration.load_all`."""
-    path = Path(path)
-    return tuple(_each(format_of(path).read(path)))
+    return tuple(movement for recording in load_recordings(path) for movement in recording.values())
 
 
 def load_recordings(path: str | os.PathLike[str]) -> tuple[dict[str, RecordedSamples], ...]:
@@ -120,16 +119,6 @@ def is_format(path: Path) -> bool:
     if path.is_dir():
         return any(format.marker and (path / format.marker).exists() for format in FORMATS)
     return any(path.suffix.lower() in format.suffixes for format in FORMATS)
-
-
-def _each(
-    found: Mapping[str, RecordedSamples] | Mapping[str, Mapping[str, RecordedSamples]],
-) -> Iterator[RecordedSamples]:
-    for entry in found.values():
-        if isinstance(entry, RecordedSamples):
-            yield entry
-        else:
-            yield from entry.values()
 
 
 def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: object) -> RecordedSamples:

@@ -125,8 +125,9 @@ def first_hands(problem: SystemProblem, s: Array) -> Array:
     return taught.rollout().hands(s)[0]
 
 
-def moved_aside(hands: Array, size: float, rng: np.random.Generator, n_waves: int = 3) -> Array:
+def moved_aside(hands: Array, size: float, rng: np.random.Generator) -> Array:
     """Move all hands together by a few random waves; array, shape (n_steps, n_manipulators, n_dims)."""
+    n_waves = 3
     s, n_dims = np.linspace(0.0, np.pi, len(hands)), hands.shape[2]
     waves = np.sin(s[:, None] * np.arange(1, n_waves + 1)) / np.arange(1, n_waves + 1)
     return hands + (waves @ rng.normal(0.0, size, (n_waves, n_dims)))[:, None]
