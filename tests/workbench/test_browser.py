@@ -77,19 +77,6 @@ def test_a_dragged_obstacle_gets_a_motion_that_is_verified(open_scene):
     np.testing.assert_allclose(session.scene.centers[1], centre)
 
 
-def test_a_dragged_goal_is_reached(open_scene):
-    bench = open_scene("narrow")
-    bench.settle()
-    session = bench.session
-    goal = np.append(session.scene.goal.mean(axis=0), session.stage.lift)
-    bench.drag(goal, goal + [-0.05, 0.15, 0.0])
-    bench.until(lambda: session.history.at == 1)
-    bench.settle()
-    np.testing.assert_allclose(session.scene.goal.mean(axis=0), goal[:2] + [-0.05, 0.15], atol=0.02)
-    end = session.stage.recording.nodes[-1, :, :2].mean(axis=0)
-    np.testing.assert_allclose(end, session.scene.goal.mean(axis=0), atol=1e-6)
-
-
 def test_what_is_clicked_gets_arrows_that_move_it_along_an_axis(open_scene):
     bench = open_scene("narrow")
     bench.settle()
@@ -118,18 +105,6 @@ def test_in_space_too(open_scene):
     bench.settle()
     assert session.scene.centers[4][2] > post[2] + 0.05
     assert not session.stage.pale
-
-
-def test_an_obstacle_on_the_start_is_told_and_the_old_motion_stays_grey(open_scene):
-    bench = open_scene("narrow")
-    bench.settle()
-    session, height = bench.session, np.array([0.0, 0.0, 0.03])
-    centre = session.scene.centers[0] + [0.0, 0.1, 0.0]
-    bench.drag(centre + height, np.array([0.15, 0.45, 0.03]))
-    bench.says("No verified motion found")
-    bench.says("at the start the load or a hand")
-    bench.until(lambda: session.stage.pale)
-    assert session.stage.recording is not None
 
 
 def test_a_movement_is_drawn_and_learned(open_scene):
