@@ -95,15 +95,6 @@ def test_damaged_files_hide_nothing_and_are_named(library):
     assert not library.damaged
 
 
-def test_a_phase_that_falls_too_fast_hides_no_other_movement(library):
-    path = library.path("Sine")
-    text = path.read_text()
-    path.write_text(text.replace('"alpha": 1.0', '"alpha": 50.0'))
-    assert path.read_text() != text
-    assert [p.name for p in library] == ["Angle", "GShape", "Line", "Worm"]
-    assert "movement.phase.alpha: 50.0" in str(library.damaged["Sine"])
-
-
 def test_foreign_files_are_left_alone_and_named(library):
     for name in ("README.md", "data.json", f"-x{SUFFIX}", ".hidden"):
         (library.folder / name).write_text("mine")

@@ -274,7 +274,7 @@ def test_a_sequence_becomes_one_primitive():
 
 # --- What makes no sense is refused ---
 
-POSE = PoseDMP(random_dmp(0, n_dims=3), random_dmp(1, n_dims=3), np.array([1.0, 0, 0, 0]))
+POSE = PoseDMP(random_dmp(0, n_dims=3), random_dmp(0, n_dims=3), np.array([1.0, 0, 0, 0]))
 A, SPATIAL, CYCLE = random_dmp(0), random_dmp(0, n_dims=3), random_dmp(0, Variant.RHYTHMIC)
 
 

@@ -34,6 +34,13 @@ class AveragedDMP:
     mean: DMP
     members: tuple[DMP, ...]
 
+    def __post_init__(self) -> None:
+        bases = [(dmp.weights.shape, dmp.variant, dmp.phase) for dmp in (self.mean, *self.members)]
+        if len(bases) < 3 or any(basis != bases[0] for basis in bases):
+            raise OptionError(
+                "the members are one, or of several bases", way_out="give two or more of the mean's basis"
+            )
+
     @property
     def duration(self) -> float:
         """Return the duration of the mean movement [s]."""

@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
@@ -25,7 +25,6 @@ from comove.io.files import existing_file, telling, whole_file
 from comove.primitives.average import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
-from comove.primitives.entries import COPY_ANEW, LEARN_AGAIN, FileEntry, shown
 from comove.primitives.kinds import KINDS, Movement, kind_of, traced
 from comove.primitives.phase import Phase
 from comove.primitives.pose_distributions import PoseProMP, PoseRecordings
@@ -41,6 +40,8 @@ MAX_BYTES = 8 * 2**20
 MAX_NAME = 100
 TRACED = 11  # positions, at even shares of the duration
 SAME = 1e-6  # by which the trace may be missed, in the movement's extent
+LEARN_AGAIN = "learn it again: comove learn DEMO --out PRIMITIVE"
+COPY_ANEW = f"copy it anew, or {LEARN_AGAIN}"
 
 
 @dataclass(frozen=True)
@@ -320,15 +321,13 @@ def _written(primitive: Primitive, file: object) -> dict[str, Any]:
 def loads(data: bytes, file: object = None) -> Primitive:
     """Read the primitive in the contents of a file; errors name `file`."""
     try:
-        content = json.loads(data.decode(), parse_constant=_no_constant, object_pairs_hook=_no_repetition)
-    except RecursionError:
-        content = None
-    except ValueError as error:  # a truncated file, bytes that are no text, NaN, a key given twice
+        content = json.loads(data.decode())
+    except (
+        ValueError,
+        RecursionError,
+    ) as error:  # a truncated file, bytes that are no text, brackets without end
         at = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
-        what = "it breaks off or is no JSON" if at or isinstance(error, UnicodeDecodeError) else str(error)
-        if what.startswith("Exceeds the limit"):
-            what = "it holds a number of thousands of digits"
-        raise LibraryError(what + at, file=file, way_out=COPY_ANEW) from error
+        raise LibraryError(f"it breaks off or is no JSON{at}", file=file, way_out=COPY_ANEW) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise LibraryError(
             "it is no primitive of comove", file=file, key="format", way_out=f"{FORMAT!r} belongs there"
@@ -370,41 +369,50 @@ def require_name(name: str, file: object = None) -> str:
 
 
 def _read(content: dict[str, Any], file: object) -> Primitive:
-    """Check everything except format and version, and return the primitive."""
-    known = (
-        "format",
-        "version",
-        "kind",
-        "name",
-        "unit",
-        "movement",
-        "trace",
-        "provenance",
-        "notes",
-        "sha256",
-    )
-    part = FileEntry(content, "", file).with_keys(known)
-    stated = part.text("sha256")
-    kind = part.text("kind")
+    """Return the primitive of contents that nobody changed, after a check that it is the movement that was traced."""
+    try:
+        unchanged = content.get("sha256") == _sha256(content)
+    except (ValueError, RecursionError):  # what is not finite, or nested without end, was never written
+        unchanged = False
+    if not unchanged:
+        message = "the file was changed: its checksum does not fit"
+        raise LibraryError(message, file=file, key="sha256", way_out=COPY_ANEW)
+    kind = str(content.get("kind"))
     if kind not in KINDS:
-        raise part.wrong("kind", f"{shown(kind)} is not known", near_name(kind, KINDS))
-    name = require_name(part.text("name"), file)
-    dmp = KINDS[kind].read(part.part("movement"))
-    primitive = Primitive(
-        name, dmp, part.text("unit"), _provenance(part.value("provenance"), file), part.texts("notes")
-    )
-    trace = part.array("trace", (TRACED, _trace(primitive).shape[1]))
-    found = _sha256({key: value for key, value in content.items() if key != "sha256"})
-    if found != stated:
-        raise part.wrong("sha256", "the file was changed: its checksum does not fit", COPY_ANEW)
-    extent = max(np.ptp(trace, axis=0).max(), np.abs(trace).max(), 1e-300)
+        raise LibraryError(
+            f"{shown(kind)} is not known", file=file, key="kind", way_out=near_name(kind, KINDS)
+        )
     with np.errstate(over="ignore", invalid="ignore"):
-        missed = np.abs(_trace(primitive) - trace).max() / extent
+        try:
+            primitive = _built(content, file)
+            trace, played = np.array(content["trace"], dtype=float), _trace(primitive)
+            extent = max(np.ptp(trace, axis=0).max(), np.abs(trace).max(), 1e-300)
+            missed = np.abs(played - trace).max() / extent
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError, OptionError) as error:
+            message = "no movement can be made of what it holds"
+            raise LibraryError(message, file=file, key="movement", way_out=LEARN_AGAIN) from error
     if not missed <= SAME:
-        raise part.wrong(
-            "trace", "the weights give another movement: they belong to another basis", LEARN_AGAIN
+        raise LibraryError(
+            "the weights give another movement: they belong to another basis",
+            file=file,
+            key="trace",
+            way_out=LEARN_AGAIN,
         )
     return primitive
+
+
+def _built(content: dict[str, Any], file: object) -> Primitive:
+    """Build the primitive; the movement checks itself."""
+    provenance = content["provenance"]
+    if provenance is not None:
+        provenance = Provenance(**{**provenance, "notes": tuple(provenance["notes"])})
+    return Primitive(
+        require_name(content["name"], file),
+        KINDS[content["kind"]].read(content["movement"]),
+        str(content["unit"]),
+        provenance,
+        tuple(map(str, content["notes"])),
+    )
 
 
 def _trace(primitive: Primitive) -> Array:
@@ -412,28 +420,10 @@ def _trace(primitive: Primitive) -> Array:
     return traced(primitive.dmp, np.linspace(0.0, primitive.dmp.duration, TRACED))
 
 
-def _provenance(value: object, file: object) -> Provenance | None:
-    if value is None:
-        return None
-    part = FileEntry(value, "provenance", file).with_keys([f.name for f in fields(Provenance)])
-    turns = {key: None if part.value(key) is None else part.number(key) for key in ("turn_rms", "turn_max")}
-    return Provenance(
-        source=part.text("source"),
-        recording=part.text("recording"),
-        notes=part.texts("notes"),
-        sha256=part.text("sha256"),
-        n_samples=part.count("n_samples"),
-        n_basis=part.count("n_basis"),
-        error_rms=part.number("error_rms"),
-        error_max=part.number("error_max"),
-        version=part.text("version"),
-        **turns,
-    )
-
-
 def _sha256(content: Mapping[str, Any]) -> str:
-    """Return the checksum of the canonical content: sorted keys, no blanks, numbers as Python's `repr`."""
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    """Return the checksum of all but itself: canonical JSON, sorted keys, no blanks, numbers as Python's `repr`."""
+    sealed = {key: value for key, value in content.items() if key != "sha256"}
+    text = json.dumps(sealed, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -448,17 +438,10 @@ def _laid_out(value: Any, indent: str = "") -> str:
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
-def _no_constant(text: str) -> float:
-    raise ValueError(f"it holds {text}, which is no number")
-
-
-def _no_repetition(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ValueError(f"it holds the key {shown(twice)} twice")
-    return content
+def shown(value: object) -> str:
+    """Return a value as messages show it."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def renamed(primitive: Primitive, name: str) -> Primitive:

@@ -1,25 +1,23 @@
 """Kinds of movements that the files of primitives hold: how each is written, read and traced.
 
-Writing gives mappings, lists and numbers for JSON; reading checks all of them. `traced` gives the coordinates of a
-movement at some instants, by which weights that were made for another basis are noticed.
+Writing gives mappings, lists and numbers for JSON, reading builds the movement of them, which checks itself. `traced`
+gives the coordinates of a movement at some instants, by which weights that were made for another basis are noticed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import OptionError, near_name
+from comove.errors import OptionError
 from comove.primitives.average import AveragedDMP
-from comove.primitives.basis import MAX_BASIS
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
-from comove.primitives.entries import LEARN_AGAIN, FileEntry, shown
-from comove.primitives.phase import FASTEST, ExponentialPhase, LinearPhase, Phase
+from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import Pose, PoseDMP
 from comove.primitives.probabilistic import ProMP
@@ -31,12 +29,10 @@ from comove.primitives.projection import (
     Separation,
     Upright,
 )
-from comove.primitives.variants import Variant
 
 Array = NDArray[np.float64]
 Movement = DMP | PoseDMP | ProMP | PoseProMP | AveragedDMP | CooperativeDMP
 
-MAX_DIMS = 64
 _CONTEXT = ("context_mean", "context_std", "slopes")
 _VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")
 
@@ -56,7 +52,7 @@ class Kind:
     name: str
     of: type
     write: Callable[[Any], dict[str, Any]]
-    read: Callable[[FileEntry], Any]
+    read: Callable[[dict[str, Any]], Any]
 
 
 def kind_of(movement: object) -> Kind:
@@ -115,39 +111,12 @@ def _write_position(dmp: DMP) -> dict[str, Any]:
     }
 
 
-def _read_position(part: FileEntry, n_dims: int | None = None) -> DMP:
-    part.with_keys(("variant", "phase", "duration", *_VECTORS, "weights"))
-    variant = part.text("variant")
-    names = [known.value for known in Variant]
-    if variant not in names:
-        raise part.wrong("variant", f"{shown(variant)} is not known", near_name(variant, names))
-    duration = part.number("duration")
-    if not duration > 0:
-        raise part.wrong(
-            "duration", f"{duration!r} is no duration", "a positive number of seconds belongs there"
-        )
-    weights = part.array("weights", (n_dims, None))
-    n_dims, n_basis = weights.shape
-    if n_dims > MAX_DIMS or n_basis > MAX_BASIS:
-        way_out = f"at most {MAX_DIMS} lists of {MAX_BASIS} weights belong there"
-        raise part.wrong("weights", f"{n_dims} lists of {n_basis} weights", way_out)
-    vectors = {name: part.array(name, (n_dims,)) for name in _VECTORS}
-    phase = _phase(part.part("phase"))
-    return DMP(weights=weights, duration=duration, phase=phase, variant=Variant(variant), **vectors)
+def _read_position(content: dict[str, Any]) -> DMP:
+    return DMP(**{**content, "phase": _read_phase(content["phase"])})
 
 
-def _phase(part: FileEntry) -> Phase:
-    name = part.text("name")
-    if name == "linear":
-        part.with_keys(("name",))
-        return LinearPhase()
-    if name != "exponential":
-        raise part.wrong("name", f"{shown(name)} is not known", near_name(name, ("linear", "exponential")))
-    alpha = part.with_keys(("name", "alpha")).number("alpha")
-    if not 0 < alpha <= FASTEST:
-        way_out = f"a number above 0, at most {FASTEST:g}, belongs there"
-        raise part.wrong("alpha", f"{alpha!r} is no decay rate", way_out)
-    return ExponentialPhase(alpha)
+def _read_phase(content: dict[str, Any]) -> Phase:
+    return ExponentialPhase(content["alpha"]) if content["name"] == "exponential" else LinearPhase()
 
 
 def _write_pose(dmp: PoseDMP) -> dict[str, Any]:
@@ -159,22 +128,14 @@ def _write_pose(dmp: PoseDMP) -> dict[str, Any]:
     }
 
 
-def _read_pose(part: FileEntry) -> PoseDMP:
-    part.with_keys(("translation", "turning", "reference_wxyz", "axis"))
-    axis = None if part.value("axis") is None else part.array("axis", (3,))
-    translation = _read_position(part.part("translation"))
-    if translation.n_dims not in (2, 3):
-        message = f"a pose in {translation.n_dims} dimensions"
-        raise part.wrong("translation.weights", message, "2 or 3 lists of weights belong there")
-    turning = _read_position(part.part("turning"), 3 if axis is None else 1)
-    if turning.duration != translation.duration:
-        message = f"{turning.duration!r} is not the {translation.duration!r} of the translation"
-        raise part.wrong("turning.duration", message, LEARN_AGAIN)
-    reference = part.array("reference_wxyz", (4,))
-    for key, vector in (("reference_wxyz", reference), ("axis", axis)):
-        if vector is not None and not abs(np.linalg.norm(vector) - 1.0) <= 1e-9:
-            raise part.wrong(key, f"its norm is {np.linalg.norm(vector):.6g}", "a unit vector belongs there")
-    return PoseDMP(translation, turning, reference, axis)
+def _read_pose(content: dict[str, Any]) -> PoseDMP:
+    axis = content["axis"]
+    return PoseDMP(
+        _read_position(content["translation"]),
+        _read_position(content["turning"]),
+        np.array(content["reference_wxyz"], dtype=float),
+        None if axis is None else np.array(axis, dtype=float),
+    )
 
 
 def _write_distribution(promp: ProMP) -> dict[str, Any]:
@@ -194,34 +155,13 @@ def _write_distribution(promp: ProMP) -> dict[str, Any]:
     }
 
 
-def _read_distribution(part: FileEntry) -> ProMP:
-    arrays = ("mean_parameters", "noise", "covariance")
-    part.with_keys(("phase", "duration", "duration_std", "manipulators", "n_recordings", "context", *arrays))
-    mean = part.array("mean_parameters", (None, None))
-    context: dict[str, Any] = {}
-    if part.value("context") is not None:
-        inner = part.part("context").with_keys(_CONTEXT)
-        means = inner.array("context_mean", (None,))
-        context = {
-            "context_mean": means,
-            "context_std": inner.array("context_std", (len(means),)),
-            "slopes": inner.array("slopes", (len(means), *mean.shape)),
-        }
-    n_recordings = part.value("n_recordings")
-    try:
-        return ProMP(
-            mean,
-            part.array("covariance", (mean.size, mean.size)),
-            part.array("noise", (len(mean),)),
-            duration=part.number("duration"),
-            duration_std=part.number("duration_std"),
-            phase=_phase(part.part("phase")),
-            manipulators=part.texts("manipulators"),
-            n_recordings=part.count("n_recordings") if n_recordings != 0 else 0,
-            **context,
-        )
-    except OptionError as error:
-        raise part.wrong("mean_parameters", error.message, LEARN_AGAIN) from error
+def _read_distribution(content: dict[str, Any]) -> ProMP:
+    arguments = {key: value for key, value in content.items() if key != "context"} | (
+        content["context"] or {}
+    )
+    arguments["phase"] = _read_phase(content["phase"])
+    arguments["manipulators"] = tuple(content["manipulators"])
+    return ProMP(**arguments)
 
 
 def _write_poses(poses: PoseProMP) -> dict[str, Any]:
@@ -231,14 +171,8 @@ def _write_poses(poses: PoseProMP) -> dict[str, Any]:
     }
 
 
-def _read_poses(part: FileEntry) -> PoseProMP:
-    part.with_keys(("coordinates", "references_wxyz"))
-    promp = _read_distribution(part.part("coordinates"))
-    references = part.array("references_wxyz", (None, 4))
-    try:
-        return PoseProMP(promp, tuple(references))
-    except OptionError as error:
-        raise part.wrong("references_wxyz", error.message, LEARN_AGAIN) from error
+def _read_poses(content: dict[str, Any]) -> PoseProMP:
+    return PoseProMP(_read_distribution(content["coordinates"]), tuple(content["references_wxyz"]))
 
 
 def _write_average(average: AveragedDMP) -> dict[str, Any]:
@@ -248,17 +182,8 @@ def _write_average(average: AveragedDMP) -> dict[str, Any]:
     }
 
 
-def _read_average(part: FileEntry) -> AveragedDMP:
-    part.with_keys(("mean", "members"))
-    mean = _read_position(part.part("mean"))
-    members = tuple(_read_position(member) for member in part.parts("members"))
-    if len(members) < 2:
-        raise part.wrong("members", f"{len(members)} movements have no spread", "two or more belong there")
-    for i, member in enumerate(members):
-        one, other = ((dmp.weights.shape, dmp.variant, dmp.phase) for dmp in (member, mean))
-        if one != other:
-            raise part.wrong(f"members[{i}]", "it has another basis than the mean", LEARN_AGAIN)
-    return AveragedDMP(mean, members)
+def _read_average(content: dict[str, Any]) -> AveragedDMP:
+    return AveragedDMP(_read_position(content["mean"]), tuple(map(_read_position, content["members"])))
 
 
 def _write_cooperative(dmp: CooperativeDMP) -> dict[str, Any]:
@@ -275,39 +200,25 @@ def _write_cooperative(dmp: CooperativeDMP) -> dict[str, Any]:
     }
 
 
-def _read_cooperative(part: FileEntry) -> CooperativeDMP:
-    part.with_keys(("load", "hands", "mobility", "constraints"))
-    load = None if part.value("load") is None else _read_pose(part.part("load"))
-    hands: dict[str, Pose | PoseDMP] = {}
-    for name, hand in part.named("hands").items():
-        key = "movement" if "movement" in hand.content else "held"
-        inner = hand.with_keys((key,)).part(key)
-        hands[name] = _read_pose(inner) if key == "movement" else _read_place(inner)
-    shares = part.part("mobility")
-    mobility = {name: shares.number(name) for name in shares.content}
-    constraints = tuple(_read_constraint(entry) for entry in part.parts("constraints"))
-    for entry, constraint in zip(part.parts("constraints"), constraints, strict=True):
-        for key in ("first", "second", "name"):
-            hand_name = getattr(constraint, key, None)
-            if hand_name is not None and hand_name not in hands:
-                raise entry.wrong(key, f"there is no hand {shown(hand_name)}", near_name(hand_name, hands))
-    try:
-        return CooperativeDMP(load, hands, constraints, mobility)
-    except OptionError as error:
-        raise part.wrong("hands", error.message, LEARN_AGAIN) from error
+def _read_cooperative(content: dict[str, Any]) -> CooperativeDMP:
+    load = content["load"]
+    return CooperativeDMP(
+        None if load is None else _read_pose(load),
+        {
+            name: _read_pose(hand["movement"]) if "movement" in hand else _read_place(hand["held"])
+            for name, hand in content["hands"].items()
+        },
+        tuple(map(_read_constraint, content["constraints"])),
+        content["mobility"],
+    )
 
 
 def _write_place(pose: Pose) -> dict[str, Any]:
     return {"position": pose.position.tolist(), "orientation_wxyz": pose.orientation.tolist()}
 
 
-def _read_place(part: FileEntry) -> Pose:
-    part.with_keys(("position", "orientation_wxyz"))
-    position, orientation = part.array("position", (3,)), part.array("orientation_wxyz", (4,))
-    try:
-        return Pose(position, orientation)
-    except OptionError as error:
-        raise part.wrong("orientation_wxyz", error.message, "a unit quaternion belongs there") from error
+def _read_place(content: dict[str, Any]) -> Pose:
+    return Pose(content["position"], content["orientation_wxyz"])
 
 
 _PAIRS: dict[str, type] = {"distance": HandDistance, "separation": Separation}  # of two hands, with a length
@@ -337,27 +248,16 @@ def _write_constraint(constraint: Constraint) -> dict[str, Any]:
     )
 
 
-def _read_constraint(part: FileEntry) -> Constraint:
-    kind = part.text("kind")
-    try:
-        if kind in _PAIRS:
-            part.with_keys(("kind", "first", "second", "distance"))
-            pair: Constraint = _PAIRS[kind](part.text("first"), part.text("second"), part.number("distance"))
-            return pair
-        if kind == "same height":
-            part.with_keys(("kind", "first", "second"))
-            return SameHeight(part.text("first"), part.text("second"))
-        if kind == "relative pose":
-            part.with_keys(("kind", "first", "second", "pose"))
-            return RelativePose(part.text("first"), part.text("second"), _read_place(part.part("pose")))
-        if kind == "upright":
-            part.with_keys(("kind", "name", "axis"))
-            x, y, z = part.array("axis", (3,)).tolist()
-            return Upright(part.text("name"), (x, y, z))
-    except OptionError as error:
-        raise part.wrong("kind", error.message, "a valid constraint belongs there") from error
-    known = (*_PAIRS, "same height", "relative pose", "upright")
-    raise part.wrong("kind", f"{shown(kind)} is not known", near_name(kind, known))
+def _read_constraint(content: dict[str, Any]) -> Constraint:
+    kind = content["kind"]
+    if kind == "upright":
+        return Upright(content["name"], tuple(content["axis"]))
+    hands = content["first"], content["second"]
+    if kind == "same height":
+        return SameHeight(*hands)
+    if kind == "relative pose":
+        return RelativePose(*hands, _read_place(content["pose"]))
+    return cast(Constraint, _PAIRS[kind](*hands, content["distance"]))
 
 
 KINDS = {

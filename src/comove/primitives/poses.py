@@ -151,6 +151,24 @@ class PoseDMP:
     reference: Array
     axis: Array | None = None
 
+    def __post_init__(self) -> None:
+        sizes = self.n_dims, self.turning.n_dims
+        if sizes[0] not in (2, 3) or sizes[1] != (3 if self.axis is None else 1):
+            raise OptionError(
+                f"{sizes[0]} coordinates of position and {sizes[1]} of orientation",
+                way_out="give 2 or 3 of position, and 3 of orientation, or 1 about an axis",
+            )
+        if self.turning.duration != self.duration:
+            raise OptionError(
+                f"the turning lasts {self.turning.duration!r} s, the translation {self.duration!r} s",
+                way_out="bring them to one duration by towards(duration=...)",
+            )
+        for name, unit, size in (("reference", self.reference, 4), ("axis", self.axis, 3)):
+            if unit is not None and (
+                np.shape(unit) != (size,) or not abs(np.linalg.norm(unit) - 1.0) <= 1e-9
+            ):
+                raise OptionError(f"{name} = {unit!r}", way_out=f"give a unit vector of {size} numbers")
+
     @classmethod
     def fit(
         cls,
