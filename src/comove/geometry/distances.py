@@ -182,6 +182,21 @@ def tangent(table, j, x, y, z, dx, dy, dz):
 
 
 @kernel
+def distance_and_gradient(table, j, x, y, z):
+    """Return the signed distance [m] of a point from obstacle `j` and the three components of its gradient.
+
+    At a kink it is a subgradient.
+    """
+    distance, gx = tangent(table, j, x, y, z, 1.0, 0.0, 0.0)
+    return (
+        distance,
+        gx,
+        tangent(table, j, x, y, z, 0.0, 1.0, 0.0)[1],
+        tangent(table, j, x, y, z, 0.0, 0.0, 1.0)[1],
+    )
+
+
+@kernel
 def segment_distance(table, j, px, py, pz, qx, qy, qz, cutoff, tolerance):
     """Return the least signed distance [m] from the segment p-q to obstacle `j`, to within `tolerance`.
 

@@ -36,9 +36,9 @@ from comove.geometry.distances import (
     SIZE,
     SPHERE,
     TINY,
+    distance_and_gradient,
     nearest_on_segment,
     point_distance,
-    tangent,
 )
 from comove.geometry.simplices import nearest_of_simplex
 
@@ -218,11 +218,12 @@ def solid_distance(table, j, solid, cutoff, normal):
     if wide > cutoff:
         return wide, wide
     for k in range(1, 4):
-        upper = min(upper, _beyond_face(table, j, solid, k))
+        u, v, w = point_before_face(table, j, solid, k)
+        upper = min(upper, point_distance(table, j, u, v, w))
     # The nearest point on an edge; one that is farther than the points of the faces does not matter.
     nearest, edge, low, high, falls, rises = min(cutoff, upper) + 2 * TOLERANCE, -1, 0.0, 0.0, 0.0, 0.0
     for e in range(12):
-        px, py, pz, dx, dy, dz = _edge(solid, e)
+        px, py, pz, dx, dy, dz = edge_of(solid, e)
         distance, a, b, f, g = nearest_on_segment(
             table, j, px, py, pz, px + dx, py + dy, pz + dz, nearest, TOLERANCE
         )
@@ -231,10 +232,10 @@ def solid_distance(table, j, solid, cutoff, normal):
     if edge < 0:
         return (wide, upper) if upper <= cutoff else (max(wide, cutoff), upper)
     # Gradients at both ends of the bracket, weighed so that the direction is across the edge.
-    px, py, pz, dx, dy, dz = _edge(solid, edge)
+    px, py, pz, dx, dy, dz = edge_of(solid, edge)
     share = 0.5 if high == low else rises / (rises - falls)
-    ax, ay, az = gradient(table, j, px + low * dx, py + low * dy, pz + low * dz)
-    bx, by, bz = gradient(table, j, px + high * dx, py + high * dy, pz + high * dz)
+    _, ax, ay, az = distance_and_gradient(table, j, px + low * dx, py + low * dy, pz + low * dz)
+    _, bx, by, bz = distance_and_gradient(table, j, px + high * dx, py + high * dy, pz + high * dz)
     x, y, z = bx + share * (ax - bx), by + share * (ay - by), bz + share * (az - bz)
     length = sqrt(x * x + y * y + z * z)
     if length > 1e-6:  # else in the midst of the obstacle, where no direction is better than another
@@ -409,21 +410,11 @@ def _widened(table, j, solid, x, y, z, wide, normal):
 
 
 @kernel
-def gradient(table, j, x, y, z):
-    """Return the gradient of the signed distance to obstacle `j` at (x, y, z); a subgradient at a kink."""
-    return (
-        tangent(table, j, x, y, z, 1.0, 0.0, 0.0)[1],
-        tangent(table, j, x, y, z, 0.0, 1.0, 0.0)[1],
-        tangent(table, j, x, y, z, 0.0, 0.0, 1.0)[1],
-    )
-
-
-@kernel
-def _edge(solid, e):
+def edge_of(solid, e):
     """Return one end of edge `e` (0 to 11) of a box and the vector from it to the other end."""
     k = 1 + e // 4
-    left, right = 1 + k % 3, 1 + (k + 1) % 3
-    f, g = 1.0 - 2.0 * (e % 2), 1.0 - 2.0 * (e // 2 % 2)
+    left, right = 1 if k > 1 else 2, 3 if k < 3 else 2
+    f, g = 2.0 * (e % 2) - 1.0, 2.0 * (e // 2 % 2) - 1.0
     return (
         solid[0, 0] - solid[k, 0] + f * solid[left, 0] + g * solid[right, 0],
         solid[0, 1] - solid[k, 1] + f * solid[left, 1] + g * solid[right, 1],
@@ -435,10 +426,10 @@ def _edge(solid, e):
 
 
 @kernel
-def _beyond_face(table, j, solid, k):
-    """Return the signed distance [m] of one point of a box from obstacle `j`.
+def point_before_face(table, j, solid, k):
+    """Return the point of a box [m] that may be nearest to obstacle `j` of all points of a face across half edge `k`.
 
-    The point is on a face across half edge `k`, or inside the box.
+    The point is on the face, or inside the box where the obstacle reaches into it.
 
     An obstacle that overlaps the box and touches none of its edges reaches through the inside of a face, or lies
     inside the box. The line from the obstacle's centre to its point farthest beyond the face then meets the face
@@ -460,7 +451,7 @@ def _beyond_face(table, j, solid, k):
         ex, ey, ez = solid[i, 0], solid[i, 1], solid[i, 2]
         f = min(1.0, max(-1.0, (x * ex + y * ey + z * ez) / (ex * ex + ey * ey + ez * ez)))
         px, py, pz = px + f * ex, py + f * ey, pz + f * ez
-    return point_distance(table, j, px, py, pz)
+    return px, py, pz
 
 
 @kernel

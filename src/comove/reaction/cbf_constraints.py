@@ -28,13 +28,13 @@ from comove.compiled import kernel
 from comove.coordination.group_poses import HandPoses
 from comove.geometry.closest_points import (
     N_PARTS,
-    distance_and_gradient,
     near_on_edge,
     near_on_part,
     near_on_solid,
     solid_gradient,
 )
-from comove.geometry.distances import CENTER, REACH, TINY, point_distance
+from comove.geometry.distances import CENTER, REACH, TINY, distance_and_gradient, point_distance
+from comove.geometry.solids import empty_solid, solid_at
 from comove.reaction.control_points import moved_obstacles
 from comove.reaction.limits import bent_limits, broken_limits, length_of, limit_rows
 from comove.reaction.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace, Rates, Sighting
@@ -167,14 +167,16 @@ def _first_of_edges(qp: QP, m: int, center: Array, sighting: Sighting, pace: flo
 def _first_of_solids(qp: QP, m: int, center: Array, sighting: Sighting, pace: float) -> int:
     """Write the rows of the nearest points of all parts of solids."""
     points, work, table, near = qp.points, qp.work, sighting.table, np.empty(3)
+    solid = empty_solid(points.solids)
     for j in range(table.shape[0]):
         fastest = _fastest(sighting, j)
         for s in range(points.solids.shape[0]):
             g, need = points.node_group[points.solids[s, 0]], qp.rates.clearance + sighting.margin[j]
             reach, e = _near(qp, g, pace, fastest), points.edges.shape[0] + s
             work.left[e, j] = np.inf
+            solid_at(work.nodes, points.solids[s], solid)
             for part in range(N_PARTS):  # each of them may be the next to touch
-                h = near_on_part(table, j, work.nodes, points.solids[s], part, np.inf, near) - need
+                h = near_on_part(table, j, solid, part, np.inf, near) - need
                 work.left[e, j] = min(work.left[e, j], h)
                 if h <= reach:
                     _, nx, ny, nz = solid_gradient(table, j, near[0], near[1], near[2])
@@ -245,6 +247,7 @@ def _missing_of_obstacles(
     """Write the rows of edges and solids that come too near to obstacles; return as `missing_rows` does."""
     points, rates, work = qp.points, qp.rates, qp.work
     n_edges, near, dt = points.edges.shape[0], np.empty(3), rates.period
+    solid = empty_solid(points.solids)
     for j in range(sighting.table.shape[0]):
         fastest = _fastest(sighting, j)
         for e in range(n_edges + points.solids.shape[0]):
@@ -263,8 +266,8 @@ def _missing_of_obstacles(
                 for axis in range(3):
                     near[axis] = p[axis] + share * (q[axis] - p[axis])
             else:
-                solid = points.solids[e - n_edges]
-                then = near_on_solid(work.table_after, j, work.nodes_after, solid, ask + need, near)
+                solid_at(work.nodes_after, points.solids[e - n_edges], solid)
+                then = near_on_solid(work.table_after, j, solid, ask + need, near)
             if then >= ask + need:  # of a solid, `near` is nowhere then
                 continue
             worst = max(worst, (ask + need - then) / dt)

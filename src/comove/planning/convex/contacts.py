@@ -14,9 +14,16 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
-from comove.geometry.closest_points import distance_and_gradient, near_on_hull, near_on_solid, solid_gradient
-from comove.geometry.distances import CENTER, REACH, TINY, nearest_on_segment, point_distance
-from comove.geometry.solids import count_solids
+from comove.geometry.closest_points import near_on_hull, near_on_solid, solid_gradient
+from comove.geometry.distances import (
+    CENTER,
+    REACH,
+    TINY,
+    distance_and_gradient,
+    nearest_on_segment,
+    point_distance,
+)
+from comove.geometry.solids import count_solids, empty_solid, solid_at
 from comove.geometry.surfaces import count_meshes, near_on_surface
 from comove.planning.surroundings import Surroundings, surroundings_of
 from comove.scenes.scene import Scene
@@ -341,10 +348,11 @@ def _near_solid(solids, table, thing, points, cutoff, near):
     """Return the distance [m] of the solid with corners `points` from an obstacle; write its nearest point."""
     if solids is None:
         return cutoff
-    corners = np.arange(solids.shape[1])
-    distance = near_on_hull(table, thing, points, corners, cutoff, near)
+    solid = empty_solid(solids)
+    solid_at(points, np.arange(solids.shape[1]), solid)
+    distance = near_on_hull(table, thing, solid, cutoff, near)
     if distance <= 0.0:  # boxes that penetrate each other: their edges give the depth
-        distance = near_on_solid(table, thing, points, corners, cutoff, near)
+        distance = near_on_solid(table, thing, solid, cutoff, near)
     return distance
 
 
