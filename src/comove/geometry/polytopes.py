@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry import distances as sd
-from comove.geometry.simplices import nearest_of_simplex
+from comove.geometry.surfaces import nearest
 
 Array = NDArray[np.float64]
 
@@ -112,42 +112,14 @@ def nearest_in_hull(vertices, points):
 
     Array, shape (m, 3).
     """
-    nearest = np.empty_like(points)
-    corners, weights = np.empty((4, 3)), np.empty(4)
+    feet, normal, scratch = points.copy(), np.array([1.0, 0.0, 0.0]), np.empty((3, 4, 3))
+    triangle = np.empty((3, 3))
     for k in range(points.shape[0]):
-        x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        u, v, w = vertices[0, 0] - x, vertices[0, 1] - y, vertices[0, 2] - z
-        n, square = 0, np.inf
-        for _ in range(100):
-            best, least = 0, np.inf
-            for i in range(vertices.shape[0]):
-                along = u * (vertices[i, 0] - x) + v * (vertices[i, 1] - y) + w * (vertices[i, 2] - z)
-                if along < least:
-                    best, least = i, along
-            if u * u + v * v + w * w - least <= 1e-12 * (u * u + v * v + w * w) + 1e-24:
-                break
-            corners[n, 0], corners[n, 1] = vertices[best, 0] - x, vertices[best, 1] - y
-            corners[n, 2] = vertices[best, 2] - z
-            nearer = nearest_of_simplex(corners, n + 1, weights)
-            if not nearer < square:
-                break
-            square, kept = nearer, 0
-            u, v, w = 0.0, 0.0, 0.0
-            for i in range(n + 1):
-                if weights[i] == 0.0:
-                    continue
-                u += weights[i] * corners[i, 0]
-                v += weights[i] * corners[i, 1]
-                w += weights[i] * corners[i, 2]
-                for axis in range(3):
-                    corners[kept, axis] = corners[i, axis]
-                kept += 1
-            n = kept
-            if n == 4:
-                u, v, w = 0.0, 0.0, 0.0
-                break
-        nearest[k, 0], nearest[k, 1], nearest[k, 2] = x + u, y + v, z + w
-    return nearest
+        for corner in range(3):
+            triangle[corner] = points[k]
+        if nearest(triangle, vertices, normal, scratch)[1] > 0.0:  # else it is inside
+            feet[k] = scratch[2, 0]
+    return feet
 
 
 def bevelled(polytope: Polytope) -> Array:

@@ -20,6 +20,19 @@ DEGENERATE = 1e-14  # of the product of squared edges: faces that flat have side
 
 
 @kernel
+def has_last_before(corners, n):
+    """Return whether corner n is among those before, so that GJK gets no nearer by it."""
+    for i in range(n):
+        if (
+            corners[i, 0] == corners[n, 0]
+            and corners[i, 1] == corners[n, 1]
+            and corners[i, 2] == corners[n, 2]
+        ):
+            return True
+    return False
+
+
+@kernel
 def nearest_of_simplex(corners, n, weights):
     """Write in `weights` (4) the weights of a simplex's point nearest to the origin, and return its squared distance.
 

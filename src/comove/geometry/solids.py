@@ -40,7 +40,7 @@ from comove.geometry.distances import (
     nearest_on_segment,
     point_distance,
 )
-from comove.geometry.simplices import nearest_of_simplex
+from comove.geometry.simplices import has_last_before, nearest_of_simplex
 
 N_CORNERS = 8
 """A box's corners are numbered in binary: bit k says on which side of the centre along the half edge k."""
@@ -279,7 +279,7 @@ def hull_distance(table, j, solid, cutoff, normal, near):
             break
         own[n, 0], own[n, 1], own[n, 2] = u, v, w
         corners[n, 0], corners[n, 1], corners[n, 2] = p - u, q - v, r - w
-        if _has_last_before(corners, own, n):
+        if has_last_before(corners, n):
             break
         n += 1
         nearer = nearest_of_simplex(corners, n, weights)
@@ -304,18 +304,6 @@ def hull_distance(table, j, solid, cutoff, normal, near):
                 table, j, near[0], near[1], near[2]
             )
     return wide, sqrt(square) - radius
-
-
-@kernel
-def _has_last_before(corners, own, n):
-    """Return whether row n of both arrays is among those before."""
-    for i in range(n):
-        same = True
-        for axis in range(3):
-            same = same and corners[i, axis] == corners[n, axis] and own[i, axis] == own[n, axis]
-        if same:
-            return True
-    return False
 
 
 @kernel

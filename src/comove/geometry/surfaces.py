@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.cells import AXES, RAY, side_of
-from comove.geometry.simplices import nearest_of_simplex
+from comove.geometry.simplices import has_last_before, nearest_of_simplex
 from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
@@ -377,14 +377,7 @@ def nearest(triangle, points, normal, scratch):
         for axis in range(3):
             corners[n, axis] = triangle[other, axis] - points[own, axis]
             near[n, axis] = points[own, axis]
-        twice = False
-        for i in range(n):
-            twice |= (
-                corners[i, 0] == corners[n, 0]
-                and corners[i, 1] == corners[n, 1]
-                and corners[i, 2] == corners[n, 2]
-            )
-        if twice:
+        if has_last_before(corners, n):
             break
         nearer = nearest_of_simplex(corners, n + 1, weights)
         if not nearer < square:  # rounding: no progress any more
