@@ -306,6 +306,8 @@ def test_contradicting_linear_equalities_are_told():
         (np.ones(3), 1.0),
         ([["a"]], [1.0]),
         ([[1.0, np.nan]], [1.0]),
+        ([[1.0]], [np.inf]),
+        ([[10**400]], [1.0]),
         (None, None),
     ],
 )

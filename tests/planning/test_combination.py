@@ -138,7 +138,9 @@ def test_further_checks_count():
     assert not found.verified and "never" in found.reasons
 
 
-@pytest.mark.parametrize("options", [{"seed": -1}, {"seed": True}, {"budget": 0}, {"budget": np.inf}])
+@pytest.mark.parametrize(
+    "options", [{"seed": -1}, {"seed": True}, {"budget": 0}, {"budget": np.inf}, {"budget": "1 s"}]
+)
 def test_refused(options):
     with pytest.raises(OptionError, match=next(iter(options))):
         combine(bumps(), two_gaps(), **options)

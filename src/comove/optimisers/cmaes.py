@@ -383,15 +383,20 @@ class CMAES:
 
 def check_start(mean: object, sigma: object) -> tuple[Array, float]:
     """Return the first mean as a new array and the first step size, after checking both."""
-    try:
-        start = np.array(mean, dtype=float)
-    except (TypeError, ValueError):
-        start = np.array(np.nan)
+    start = numbers(mean)
     if start.ndim != 1 or not len(start) or not np.isfinite(start).all():
         raise OptionError("the first mean must be a vector of finite numbers", key="x0")
     if not isinstance(sigma, (int, float, np.number)) or not 0 < sigma < np.inf:
         raise OptionError(f"{sigma!r} is no step size", key="sigma0", way_out="give a positive number")
     return start, float(sigma)
+
+
+def numbers(values: object) -> Array:
+    """Convert values to a new array of floats; return a zero-dimensional NaN if that is impossible."""
+    try:
+        return np.array(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.array(np.nan)
 
 
 def check_number(key: str, value: object, least: float, most: float = np.inf) -> None:

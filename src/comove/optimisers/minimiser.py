@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, OptionError
 from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
-from comove.optimisers.cmaes import check_start, check_whole, default_population
+from comove.optimisers.cmaes import check_start, check_whole, default_population, numbers
 from comove.optimisers.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
 from comove.optimisers.restarts import BIPOP, Ended, Restarts, Setting
 from comove.optimisers.restoration import Restoration
@@ -295,7 +295,7 @@ class Minimiser:
         OptionError
             If they have another shape, are not finite, or lie outside the bounds.
         """
-        guests = _numbers(points)
+        guests = numbers(points)
         guests = guests[None] if guests.ndim == 1 else guests
         if guests.ndim != 2 or guests.shape[1] != len(self._x0) or not np.isfinite(guests).all():
             raise OptionError(
@@ -574,7 +574,7 @@ def _tell_outside(x0: Array, lower: Array, upper: Array) -> None:
 
 def _checked_covariance(covariance: object, n: int) -> Array:
     """Return the first covariance as a symmetric, positive definite array, shape (n, n)."""
-    matrix = np.eye(n) if covariance is None else _numbers(covariance)
+    matrix = np.eye(n) if covariance is None else numbers(covariance)
     matrix = np.diag(matrix) if matrix.shape == (n,) else matrix
     good = matrix.shape == (n, n) and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T, rtol=1e-9)
     if not good or not np.linalg.eigvalsh(matrix)[0] > 0:
@@ -584,14 +584,6 @@ def _checked_covariance(covariance: object, n: int) -> Array:
             way_out=f"give {n} positive variances, or a symmetric positive definite matrix ({n}, {n})",
         )
     return 0.5 * (matrix + matrix.T)
-
-
-def _numbers(values: object) -> Array:
-    """Convert values to a new array of floats; return a zero-dimensional NaN if that is impossible."""
-    try:
-        return np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        return np.array(np.nan)
 
 
 def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:

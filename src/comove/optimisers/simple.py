@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.optimisers.cmaes import DiagonalCovariance, Parameters, check_positive
+from comove.optimisers.cmaes import DiagonalCovariance, Parameters, check_positive, numbers
 from comove.optimisers.method import OptimiserRun, Request, Start, spread
 
 Array = NDArray[np.float64]
@@ -93,8 +93,9 @@ class Affine:
 
     def __post_init__(self) -> None:
         for name in ("matrix", "right"):
-            object.__setattr__(self, name, _numbers(getattr(self, name)))
-        if self.matrix.ndim != 2 or self.right.shape != self.matrix.shape[:1]:
+            object.__setattr__(self, name, numbers(getattr(self, name)))
+        finite = np.isfinite(self.matrix).all() and np.isfinite(self.right).all()
+        if not finite or self.matrix.ndim != 2 or self.right.shape != self.matrix.shape[:1]:
             raise OptionError(
                 f"A x = b with A of shape {self.matrix.shape} and b of shape {self.right.shape}",
                 way_out="give finite numbers in arrays of shapes (m, n) and (m,)",
@@ -109,15 +110,6 @@ class Affine:
     def __call__(self, x: Array) -> Array:
         """Return the nearest points that satisfy the equalities; arrays, shape (n_points, n)."""
         return x - (x @ self.matrix.T - self.right) @ self._inverse.T
-
-
-def _numbers(values: object) -> Array:
-    """Convert values to an array of finite numbers; return a zero-dimensional NaN if that is impossible."""
-    try:
-        numbers = np.array(values, dtype=float)
-    except (TypeError, ValueError):
-        return np.array(np.nan)
-    return numbers if np.isfinite(numbers).all() else np.array(np.nan)
 
 
 class PlainRun(OptimiserRun):

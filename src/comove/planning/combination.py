@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from comove.coordination.adaptation import modulate
 from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.errors import OptionError
 from comove.optimisers import CMAES, Parameters
+from comove.planning.arguments import check_options
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
 from comove.planning.clock import now
 from comove.planning.compiling import compiling
@@ -114,10 +114,7 @@ def combine(
     OptionError
         If no movement can be transferred, or an argument is out of range.
     """
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
-    if not 0 < budget < np.inf:
-        raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
+    check_options(scene, None, seed, None, budget, objective, "constraint", checks)
     suited = suitable(movements, scene, plane)
     load_kernels(SceneKind.of(scene))
     started = now()
