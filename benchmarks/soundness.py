@@ -69,7 +69,7 @@ def judged(
     kind: str, first: int, count: int, file: Path | None = None
 ) -> tuple[Counter[str], list[tuple[int, float, float]]]:
     """Outcomes of some draws, and the false certificates among them: seed, bound and truth [m]."""
-    from comove.geometry.triangles import read_triangles
+    from comove.geometry.triangles import triangles_of
     from comove.verification.certificate import certify
     from tests.verification import test_certificate, test_surfaces
     from tests.verification.random_boxes import box_near_contact, least_clearance
@@ -82,7 +82,7 @@ def judged(
         for seed in range(first, first + count):
             rng = np.random.default_rng([seed, STREAMS[kind]])
             if kind == "files":
-                vertices, faces = read_triangles(file)
+                vertices, faces = triangles_of(file.read_bytes(), file.suffix.lower())
                 if len(faces) > MOST:
                     break
                 vertices = (vertices - vertices.mean(axis=0)) * SIZE / np.ptp(vertices, axis=0).max()

@@ -142,12 +142,10 @@ class MeshError(InputError):
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> from comove.geometry.triangles import read_triangles
-    >>> _ = Path("cut.stl").write_text("solid part\\nfacet normal 0 0 1\\n")
-    >>> read_triangles(Path("cut.stl"))
+    >>> from comove.geometry.triangles import triangles_of
+    >>> triangles_of(b"solid part\\nfacet normal 0 0 1\\n", ".stl")
     Traceback (most recent call last):
-    comove.errors.MeshError: cut.stl: its facet 1 is not whole; write it anew: it is cut off or damaged
+    comove.errors.MeshError: its facet 1 is not whole; write it anew: it is cut off or damaged
     """
 
 

@@ -13,7 +13,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError
 from comove.primitives import operations as op
 from comove.primitives.files import Primitive, dumps, learn
-from comove.primitives.library import SUFFIX, Library, rank, shape_distance, shape_distances
+from comove.primitives.library import SUFFIX, Library, rank, shape_distances
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
@@ -178,16 +178,6 @@ def test_the_distance_is_what_brute_force_finds(seed):
     z, w = a @ [1, 1j], b @ [1, 1j]
     least = np.sqrt(2 - 2 * (np.exp(1j * angles) * (z.conj() @ w)).real.max())
     assert shape_distances(a[None], b[None])[0, 0] == pytest.approx(least, abs=1e-6)
-
-
-def test_movements_and_recordings_compare():
-    sine = ALL["Sine"].dmp
-    assert shape_distance(sine, op.retime(op.scale(op.rotate(sine, 2.0), 0.01), 7.0)) < 1e-12
-    assert shape_distance(sine, op.mirror(sine, "x")) > 0.1
-    assert shape_distance(ALL["Sine"], Demonstration.from_lasa("Sine")) < 0.01
-    assert shape_distance(sine, Demonstration.from_lasa("Sine", 3)) < shape_distance(sine, ALL["Angle"].dmp)
-    with pytest.raises(OptionError, match="dimensions"):
-        shape_distance(sine, op.in_space(sine, "xy"))
 
 
 def test_a_point_has_no_shape():

@@ -13,7 +13,7 @@ from comove.primitives.files import (
     read_primitive,
     write_primitive,
 )
-from comove.primitives.library import Library, Match, shape_distance
+from comove.primitives.library import Library, Match
 from comove.primitives.limits import ViaPoint, constrained, largest
 from comove.primitives.online import DMPState, rate_for_lag
 from comove.primitives.pacing import PacedDMP, slowed
@@ -54,7 +54,6 @@ __all__ = [
     "motion_basis",
     "rate_for_lag",
     "read_primitive",
-    "shape_distance",
     "slowed",
     "write_primitive",
 ]

@@ -311,16 +311,6 @@ def rank(
     ]
 
 
-def shape_distance(a: Movement, b: Movement) -> float:
-    """Compute the distance between the shapes of two movements, whatever their place, size, rotation and duration."""
-    curves = _curve(a), _curve(b)
-    if curves[0].shape != curves[1].shape:
-        raise OptionError(
-            "the movements differ in their dimensions", way_out="compare movements of one dimension"
-        )
-    return float(shape_distances([curves[0]], [curves[1]])[0, 0])
-
-
 def shape_distances(a: ArrayLike, b: ArrayLike) -> Array:
     """Compute the partial Procrustes distances between all curves of two sets.
 

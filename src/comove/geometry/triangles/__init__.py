@@ -6,7 +6,6 @@ from comove.geometry.triangles.reader import (
     MAX_BYTES,
     as_stl,
     read_bytes,
-    read_triangles,
     triangles_of,
 )
 
@@ -16,6 +15,5 @@ __all__ = [
     "as_stl",
     "elements_of",
     "read_bytes",
-    "read_triangles",
     "triangles_of",
 ]

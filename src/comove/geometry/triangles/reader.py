@@ -19,25 +19,6 @@ MAX_BYTES = 50_000_000
 FARTHEST = 1e9  # largest coordinate; larger ones are no lengths, and overflow single precision
 
 
-def read_triangles(path: Path) -> tuple[Array, Ints]:
-    """Return vertices and faces of a mesh file.
-
-    Returns
-    -------
-    vertices : array, shape (n_vertices, 3), in the file's unit; of COLLADA in metres
-    faces : array of int, shape (n_faces, 3), each of three different vertices
-
-    Raises
-    ------
-    MeshError
-        If it cannot be read, or holds no mesh.
-    """
-    try:
-        return triangles_of(read_bytes(path), path.suffix.lower())
-    except MeshError as error:
-        raise MeshError(error.message, file=path, way_out=error.way_out) from None
-
-
 def read_bytes(path: Path) -> bytes:
     """Return the bytes of a file, of which at most `MAX_BYTES` + 1 are read."""
     try:
@@ -50,7 +31,18 @@ def read_bytes(path: Path) -> bytes:
 
 
 def triangles_of(data: bytes, suffix: str) -> tuple[Array, Ints]:
-    """Return vertices and faces as `read_triangles` does, from a file's bytes and the suffix of its name."""
+    """Return vertices and faces of a mesh, from a file's bytes and the suffix of its name.
+
+    Returns
+    -------
+    vertices : array, shape (n_vertices, 3), in the file's unit; of COLLADA in metres
+    faces : array of int, shape (n_faces, 3), each of three different vertices
+
+    Raises
+    ------
+    MeshError
+        If they cannot be read, or hold no mesh.
+    """
     if len(data) > MAX_BYTES:
         raise MeshError(f"it is larger than {MAX_BYTES // 1_000_000} MB", way_out=SIMPLER)
     with np.errstate(all="ignore"):  # overflow is reported below
