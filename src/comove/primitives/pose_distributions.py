@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from comove.primitives.arguments import numbers
 from comove.primitives.dmp import DMP
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import Phase
-from comove.primitives.poses import Pose, PoseDMP
+from comove.primitives.poses import Pose, PoseDMP, PoseRecording
 from comove.primitives.probabilistic import ProMP, covariance_of
 from comove.trajectory import PoseTrajectory
 
@@ -34,23 +34,7 @@ N_COLUMNS = 6  # of a hand: position and rotation vector
 MOST_TURN = 0.9 * np.pi  # rad, from the mean orientation
 
 
-class PoseRecorded(Protocol):
-    """A recording of positions and orientations in space."""
-
-    @property
-    def time(self) -> Array:
-        """Return the times of the samples, shape (n_steps,), [s]."""
-
-    @property
-    def position(self) -> Array:
-        """Return the positions, shape (n_steps, 3), [m]."""
-
-    @property
-    def orientation(self) -> Array | None:
-        """Return the orientations, shape (n_steps, 4), unit quaternions w x y z."""
-
-
-PoseRecordings = Sequence[PoseRecorded | Mapping[str, PoseRecorded]]
+PoseRecordings = Sequence[PoseRecording | Mapping[str, PoseRecording]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +211,7 @@ class PoseProMP:
                 ends[name] = self._end(name, end)
         return replace(self, promp=self.promp.towards(duration=duration, **ends))
 
-    def log_likelihood(self, demonstration: PoseRecorded | Mapping[str, PoseRecorded]) -> float:
+    def log_likelihood(self, demonstration: PoseRecording | Mapping[str, PoseRecording]) -> float:
         """Return the log density of a recording's samples, in positions [m] and rotation vectors [rad].
 
         Raises
