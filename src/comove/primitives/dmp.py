@@ -31,6 +31,8 @@ from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")  # of a movement, (n_dims,) each
+
 
 class Recording(Protocol):
     """A recording to which a primitive can be fitted.
@@ -82,7 +84,7 @@ class DMP:
         require_positive("duration", self.duration, of="seconds")
         if not np.size(self.learned):
             object.__setattr__(self, "learned", np.subtract(self.goal, self.start))
-        for name in ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned"):
+        for name in ("weights", *VECTORS):
             try:
                 array = np.array(getattr(self, name), dtype=float)  # a copy of its own that nobody changes
             except (TypeError, ValueError):
@@ -240,6 +242,10 @@ class DMP:
         return np.stack(
             [self.start, self.start_velocity * self.duration, self.goal, self.goal_velocity * self.duration]
         )
+
+    def part(self, columns: slice) -> DMP:
+        """Return the movement in some of its coordinates alone."""
+        return replace(self, **{name: getattr(self, name)[columns] for name in ("weights", *VECTORS)})
 
     def towards(
         self,

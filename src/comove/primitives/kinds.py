@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError
 from comove.primitives.average import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
-from comove.primitives.dmp import DMP
+from comove.primitives.dmp import DMP, VECTORS
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import Pose, PoseDMP
@@ -34,7 +34,6 @@ Array = NDArray[np.float64]
 Movement = DMP | PoseDMP | ProMP | PoseProMP | AveragedDMP | CooperativeDMP
 
 _CONTEXT = ("context_mean", "context_std", "slopes")
-_VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")
 
 
 @dataclass(frozen=True)
@@ -106,7 +105,7 @@ def _write_position(dmp: DMP) -> dict[str, Any]:
         "variant": str(dmp.variant),
         "phase": _write_phase(dmp.phase),
         "duration": float(dmp.duration),
-        **{name: getattr(dmp, name).tolist() for name in _VECTORS},
+        **{name: getattr(dmp, name).tolist() for name in VECTORS},
         "weights": dmp.weights.tolist(),
     }
 

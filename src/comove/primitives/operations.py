@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
 from comove.primitives.basis import MAX_BASIS, MotionBasis
-from comove.primitives.dmp import DMP
+from comove.primitives.dmp import DMP, VECTORS
 from comove.primitives.phase import Phase
 from comove.primitives.rhythm import RhythmicBasis
 from comove.primitives.variants import Variant
@@ -327,8 +327,7 @@ def in_space(dmp: DMP, plane: str) -> DMP:
     laid = np.eye(3)[:, list(PLANES[plane])]
     if dmp.variant is Variant.DMP_PLUS_PLUS:
         dmp = settled(dmp)  # half a turn is about another axis there
-    names = ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned")
-    return replace(dmp, **{name: laid @ getattr(dmp, name) for name in names})
+    return replace(dmp, **{name: laid @ getattr(dmp, name) for name in ("weights", *VECTORS)})
 
 
 _LINEAR = ("weights", "start", "goal", "learned", "duration")

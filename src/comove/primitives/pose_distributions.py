@@ -228,14 +228,10 @@ class PoseProMP:
         return self.promp.log_likelihood(_flat(hands, self.references, 0))
 
     def _split(self, movement: DMP) -> tuple[PoseDMP, ...]:
-        poses = []
-        for whole, reference in zip(self.promp.split(movement), self.references, strict=True):
-            moved, turned = (
-                replace(whole, **{name: getattr(whole, name)[part] for name in _FIELDS})
-                for part in (slice(3), slice(3, None))
-            )
-            poses.append(PoseDMP(moved, turned, reference))
-        return tuple(poses)
+        return tuple(
+            PoseDMP(whole.part(slice(3)), whole.part(slice(3, None)), reference)
+            for whole, reference in zip(self.promp.split(movement), self.references, strict=True)
+        )
 
     def _index(self, manipulator: str | None) -> int:
         if manipulator is None and len(self.references) > 1:
@@ -273,9 +269,6 @@ class PoseProMP:
                 way_out=f"give a pose for each of {', '.join(names)}",
             )
         return np.concatenate([self._coordinates(poses[hand], i) for i, hand in enumerate(names)])
-
-
-_FIELDS = ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned")
 
 
 @dataclass(frozen=True, eq=False)

@@ -256,11 +256,8 @@ class ProMP:
 
     def split(self, movement: DMP) -> tuple[DMP, ...]:
         """Return the movements of the manipulators, from one of all coordinates."""
-        parts = [slice(first, first + self.n_dims) for first in range(0, self.n_columns, self.n_dims)]
-        names = ("weights", "start", "goal", "start_velocity", "goal_velocity", "learned")
-        return tuple(
-            replace(movement, **{name: getattr(movement, name)[part] for name in names}) for part in parts
-        )
+        firsts = range(0, self.n_columns, self.n_dims)
+        return tuple(movement.part(slice(first, first + self.n_dims)) for first in firsts)
 
     def mean_at(self, time: ArrayLike) -> Array:
         """Return the mean positions at the times `time` [s]; array, shape (n_steps, n_columns), [m]."""
