@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.errors import DemonstrationError, OptionError, near_name
+from comove.errors import DemonstrationError, OptionError
 from comove.geometry import rotations
 from comove.primitives.alignment import Alignment
 from comove.primitives.arguments import numbers
@@ -240,17 +240,7 @@ class PoseProMP:
                 key="manipulator",
                 way_out=f"name one of {', '.join(self.manipulators)}",
             )
-        if manipulator is None:
-            return 0
-        if manipulator not in self.manipulators:
-            raise OptionError(
-                f"there is no manipulator {manipulator!r}",
-                key="manipulator",
-                way_out=near_name(str(manipulator), self.manipulators)
-                if self.manipulators
-                else "leave it out",
-            )
-        return self.manipulators.index(manipulator)
+        return 0 if manipulator is None else self.promp.index_of(manipulator)
 
     def _coordinates(self, pose: Pose, index: int) -> Array:
         """Return position and rotation vector of a hand's pose; array, shape (6,)."""

@@ -487,9 +487,14 @@ class ProMP:
         psi = features(self.basis, instants(time) / self.duration)[:2]
         return np.stack([psi[0], psi[1] / self.duration])
 
-    def _columns_of(self, manipulator: str | None) -> NDArray[np.int64]:
-        if manipulator is None:
-            return np.arange(self.n_columns)
+    def index_of(self, manipulator: str) -> int:
+        """Return the place of a manipulator among all of them.
+
+        Raises
+        ------
+        OptionError
+            If there is none of this name.
+        """
         if manipulator not in self.manipulators:
             raise OptionError(
                 f"there is no manipulator {manipulator!r}",
@@ -498,7 +503,12 @@ class ProMP:
                 if self.manipulators
                 else "leave it out",
             )
-        first = self.manipulators.index(manipulator) * self.n_dims
+        return self.manipulators.index(manipulator)
+
+    def _columns_of(self, manipulator: str | None) -> NDArray[np.int64]:
+        if manipulator is None:
+            return np.arange(self.n_columns)
+        first = self.index_of(manipulator) * self.n_dims
         return np.arange(first, first + self.n_dims)
 
     def _via_rows(self, point: ViaPoint, columns: NDArray[np.int64]) -> tuple[Array, Array]:
