@@ -71,3 +71,16 @@ class PoseTrajectory(Trajectory):
         from scipy.spatial.transform import Rotation
 
         return Rotation.from_quat(self.orientation.reshape(-1, 4), scalar_first=True)
+
+
+def interpolated(
+    at: NDArray[np.float64], time: NDArray[np.float64], values: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return values at other times by linear interpolation; array, shape (len(at), n_columns).
+
+    Parameters
+    ----------
+    at : array, shape (n,), times wanted
+    time, values : arrays, shapes (n_steps,) and (n_steps, n_columns)
+    """
+    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)

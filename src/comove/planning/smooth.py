@@ -20,6 +20,7 @@ from comove.planning.pace import in_least_time
 from comove.planning.search import Carrier, Search
 from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP
+from comove.trajectory import interpolated
 from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
@@ -65,9 +66,7 @@ def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme
         programme = _programme(search, boundary, n_basis)
         n_fine, n_columns = programme.fine.base.shape
         fine = np.linspace(0.0, N_STEPS - 1, n_fine)
-        reference = np.stack(
-            [np.interp(fine, np.arange(N_STEPS), way[:, c]) for c in range(n_columns)], axis=1
-        )
+        reference = interpolated(fine, np.arange(float(N_STEPS)), way[:, :n_columns])
         for ridge in RIDGES:
             z = programme.fit(reference, ridge)
             off = np.abs((programme.fine.q(z) - reference) / programme.scale[:n_columns]).max()

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, near_name
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -62,10 +63,7 @@ def aligned(times: Sequence[Array], positions: Sequence[Array], alignment: Align
         return shares
     even = np.linspace(0.0, 1.0, N_WARPED)
     curves = np.stack(
-        [
-            np.stack([np.interp(even, share, column) for column in position.T], axis=1)
-            for share, position in zip(shares, positions, strict=True)
-        ]
+        [interpolated(even, share, position) for share, position in zip(shares, positions, strict=True)]
     )
     warps = np.repeat(even[None], len(curves), axis=0)  # the recording's share at a share of the course
     for _ in range(ROUNDS):
@@ -79,8 +77,7 @@ def aligned(times: Sequence[Array], positions: Sequence[Array], alignment: Align
 
 
 def _played(curve: Array, warp: Array) -> Array:
-    even = np.linspace(0.0, 1.0, len(curve))
-    return np.stack([np.interp(warp, even, column) for column in curve.T], axis=1)
+    return interpolated(warp, np.linspace(0.0, 1.0, len(curve)), curve)
 
 
 def _warp(reference: Array, curve: Array) -> Array:

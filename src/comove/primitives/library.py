@@ -32,6 +32,7 @@ from comove.primitives.dmp import DMP
 from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -347,7 +348,7 @@ def _curve(movement: Movement) -> Array:
     """Return the positions at even shares of the duration; array, shape (N_SHAPE, n_dims)."""
     if isinstance(movement, Demonstration):
         even = np.linspace(0.0, movement.duration, N_SHAPE)
-        return np.stack([np.interp(even, movement.time, column) for column in movement.position.T], axis=1)
+        return interpolated(even, movement.time, movement.position)
     dmp = movement.positions if isinstance(movement, Primitive) else movement
     if isinstance(dmp, ProMP):
         dmp = dmp.mean

@@ -36,6 +36,7 @@ from comove.primitives.dmp import DMP, Recording
 from comove.primitives.estimation import estimate, widening
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import ExponentialPhase, Phase
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]
@@ -703,10 +704,7 @@ def _require_spread(times: list[Array], positions: list[Array]) -> None:
     even = np.linspace(0.0, 1.0, 101)
     shares = [(time - time[0]) / (time[-1] - time[0]) for time in times]
     curves = np.stack(
-        [
-            np.stack([np.interp(even, s, column) for column in position.T], axis=1)
-            for s, position in zip(shares, positions, strict=True)
-        ]
+        [interpolated(even, s, position) for s, position in zip(shares, positions, strict=True)]
     )
     if curves.std(axis=0).max() <= NEVER * np.ptp(curves, axis=(0, 1)).max():
         raise DemonstrationError(

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.primitives.basis import released
 from comove.primitives.flow import from_rest, values_at
 from comove.primitives.forcing import N_INTERVALS, von_mises
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -111,7 +112,7 @@ def estimated_period(time: Array, position: Array) -> float:
     least = 0.5  # autocorrelation that is taken for a period
     longest_share = 0.55  # of a recording, that a period may last to be seen in it
     even = np.linspace(0.0, time[-1], min(4096, 8 * len(time)))
-    x = np.stack([np.interp(even, time, column) for column in position.T], axis=1)
+    x = interpolated(even, time, position)
     x = x - x.mean(axis=0)
     n = len(even)
     spectrum = np.abs(np.fft.rfft(x, 2 * n, axis=0)) ** 2
@@ -132,8 +133,8 @@ def estimated_period(time: Array, position: Array) -> float:
 
     def misfit(period: float) -> float:
         later = even[even <= even[-1] - period]
-        now = np.stack([np.interp(later, even, column) for column in x.T])
-        then = np.stack([np.interp(later + period, even, column) for column in x.T])
+        now = interpolated(later, even, x)
+        then = interpolated(later + period, even, x)
         return float(((then - now) ** 2).mean())
 
     from scipy.optimize import minimize_scalar  # slow to import, and only rhythms need it
