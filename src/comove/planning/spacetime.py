@@ -27,7 +27,7 @@ from comove.planning.configurations import (
     random_configuration,
     span,
 )
-from comove.planning.planner import continuous
+from comove.planning.planner import continuous, sampled
 from comove.planning.trees import copy_to, rrt_connect, shortened
 from comove.scenes.scene import Scene
 
@@ -126,8 +126,8 @@ def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Ar
 
     s, smooth = np.linspace(0.0, 1.0, n_steps), []
     for width, ease in SMOOTHINGS:
-        sampled = _sampled(space, path, times, _eased(s, ease))
-        mirrored = np.pad(sampled, ((n_steps // 2,) * 2, (0, 0)), mode="reflect", reflect_type="odd")
+        way = sampled(space, path, times, _eased(s, ease))
+        mirrored = np.pad(way, ((n_steps // 2,) * 2, (0, 0)), mode="reflect", reflect_type="odd")
         filtered = gaussian_filter1d(mirrored, width * n_steps, axis=0)
         smooth.append(filtered[n_steps // 2 : n_steps // 2 + n_steps])
     return np.stack(smooth)
@@ -251,15 +251,3 @@ def _duration(world, p, q):
 @kernel
 def _shortens(world, p, q, way):
     return span(world.space, p, q) <= world.speed * abs(q[-1] - p[-1])
-
-
-@kernel
-def _sampled(space, path, times, s):
-    """Interpolate a path at the increasing normalised times s, (n_steps,); array, shape (n_steps, n_columns)."""
-    out, i = np.empty((s.shape[0], path.shape[1])), 0
-    for row in range(s.shape[0]):
-        while i < times.shape[0] - 2 and times[i + 1] < s[row]:
-            i += 1
-        f = (s[row] - times[i]) / max(times[i + 1] - times[i], 1e-12)
-        interpolate(space, path[i], path[i + 1], min(1.0, max(0.0, f)), out[row])
-    return out
