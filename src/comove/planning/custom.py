@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from comove.constraints import Constraint
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.optimisers import Minimiser, minimise
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS
@@ -121,9 +121,9 @@ def _with_free_weights(search: Search, start: CoordinatedMotion) -> CoordinatedM
     """Return the motion in the basis that is searched, fitted to it."""
     basis = motion_basis(N_BASIS, "jerk")
     s = np.linspace(0.0, 1.0, len(basis.shape[0]))
-    inner = start.at(s)[0] - basis.boundary[0] @ start.boundary
-    weights = np.linalg.lstsq(basis.shape[0], inner, rcond=None)[0].T
-    return CoordinatedMotion(search.scene, load_coordinates(search.scene), basis, start.boundary, weights)
+    coordinates = load_coordinates(search.scene)
+    dmp = CoordinatedDMP(search.scene, coordinates, basis, start.boundary, start.weights)
+    return dmp.fitted(s, start.at(s)[0]).rollout()
 
 
 def _minimised(

@@ -350,11 +350,9 @@ class Comove(Method):
 
     def _refined(self, dmp: CoordinatedDMP) -> CoordinatedDMP:
         """Return the same movement in the finer basis in which it is polished."""
-        basis = motion_basis(self.n_basis, "velocity")
-        phi, base = np.split(basis.sampled(N_STEPS).T, [basis.n_basis], axis=1)
         q = dmp.rollouts(dmp.weights[None], N_STEPS)[0].T
-        weights = np.linalg.lstsq(phi, q - base @ dmp.boundary, rcond=None)[0].T
-        return replace(dmp, basis=basis, weights=weights)
+        finer = replace(dmp, basis=motion_basis(self.n_basis, "velocity"))
+        return finer.fitted(np.linspace(0.0, 1.0, N_STEPS), q)
 
 
 @dataclass(frozen=True)
