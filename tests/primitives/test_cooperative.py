@@ -24,18 +24,9 @@ from comove.primitives.projection import (
 )
 from tests.cases import examples
 
+from .movements import recording
+
 seeds = st.integers(0, 2**32 - 1)
-
-
-def recording(seed=0, reach=2.0, duration=3.0):
-    rng = np.random.default_rng(seed)
-    s = np.linspace(0, 1, 301)
-    way = s**3 * (10 - 15 * s + 6 * s**2)
-    bends = np.stack([np.sin(np.pi * k * way) for k in (1, 2, 3)], axis=1)
-    position = np.outer(way, rng.uniform(0.3, 1, 3)) + bends @ rng.uniform(-0.2, 0.2, (3, 3))
-    vectors = np.outer(1 - way, rng.uniform(-1, 1, 3)) + bends @ rng.uniform(-0.5, 0.5, (3, 3))
-    turns = Rotation.from_rotvec(vectors * reach / np.linalg.norm(vectors, axis=1).max())
-    return Demonstration(duration * s, position, orientation=turns.as_quat(scalar_first=True))
 
 
 def random_pose(rng, reach=0.4):

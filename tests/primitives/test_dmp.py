@@ -14,6 +14,8 @@ from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
 from tests.cases import examples
 
+from .movements import random_dmp
+
 seeds = st.integers(0, 2**32 - 1)
 phases = st.sampled_from([LinearPhase(), ExponentialPhase(), ExponentialPhase(alpha=3.0)])
 
@@ -27,15 +29,6 @@ class Recorded:
     start_velocity: np.ndarray
 
 
-def random_dmp(seed, phase=ExponentialPhase(), n_dims=2, n_basis=12, duration=None):  # noqa: B008
-    """Weights of about the size of the distance between the ends; at the goal it rests."""
-    rng = np.random.default_rng(seed)
-    start, goal, velocity = rng.uniform(-1, 1, (3, n_dims))
-    duration = rng.uniform(0.5, 20) if duration is None else duration
-    weights = rng.standard_normal((n_dims, n_basis))
-    return DMP(weights, start, goal, velocity, np.zeros(n_dims), duration, phase)
-
-
 def minimum_jerk(n_steps=201, duration=2.0):
     """A recording that starts and ends at rest, smooth all along."""
     s = np.linspace(0, 1, n_steps)
@@ -46,7 +39,7 @@ def minimum_jerk(n_steps=201, duration=2.0):
 @examples(50)
 @given(seeds, phases, st.integers(1, 40), st.integers(1, 4), st.floats(0, 100))
 def test_both_ends_are_exact(seed, phase, n_basis, n_dims, size):
-    dmp = random_dmp(seed, phase, n_dims, n_basis)
+    dmp = random_dmp(seed, phase=phase, n_dims=n_dims, n_basis=n_basis)
     dmp = replace(dmp, weights=size * dmp.weights, goal_velocity=dmp.start_velocity[::-1].copy())
     path, tolerance = dmp.rollout(n_steps=7), 1e-12 * max(1.0, size)
     assert np.array_equal(path.position[0], dmp.start)
@@ -60,7 +53,7 @@ def test_both_ends_are_exact(seed, phase, n_basis, n_dims, size):
 @examples(30)
 @given(seeds, phases)
 def test_at_rest_ever_after(seed, phase):
-    dmp = random_dmp(seed, phase)
+    dmp = random_dmp(seed, phase=phase)
     after = dmp.at(dmp.duration * np.array([1.0, 1.0001, 1.01, 1.5, 3.0, 1000.0]))
     assert np.abs(after.position - dmp.goal).max() < 1e-12
     assert np.abs(after.velocity).max() * dmp.duration < 1e-11
@@ -69,7 +62,7 @@ def test_at_rest_ever_after(seed, phase):
 @examples(30)
 @given(seeds, phases)
 def test_linear_in_the_weights(seed, phase):
-    one, other = random_dmp(seed, phase), random_dmp(seed + 1, phase)
+    one, other = random_dmp(seed, phase=phase), random_dmp(seed + 1, phase=phase)
     mixed = replace(one, weights=0.3 * one.weights + 0.7 * other.weights)
     paths = [replace(one, weights=w).rollout() for w in (one.weights, other.weights)]
     mean = 0.3 * paths[0].position + 0.7 * paths[1].position
@@ -80,7 +73,7 @@ def test_linear_in_the_weights(seed, phase):
 @given(seeds, phases, st.floats(0.1, 10))
 def test_time_scaling(seed, phase, ratio):
     """At another pace the path is the same and every velocity smaller by the ratio."""
-    dmp = random_dmp(seed, phase)
+    dmp = random_dmp(seed, phase=phase)
     own, slow = dmp.rollout(), dmp.rollout(duration=ratio * dmp.duration)
     assert slow.time[-1] == pytest.approx(ratio * dmp.duration)
     assert np.abs(slow.position - own.position).max() < 1e-11
@@ -90,7 +83,7 @@ def test_time_scaling(seed, phase, ratio):
 @examples(30)
 @given(seeds, phases)
 def test_shifted_ends_shift_the_path(seed, phase):
-    dmp, shift = random_dmp(seed, phase), np.array([3.0, -2.0])
+    dmp, shift = random_dmp(seed, phase=phase), np.array([3.0, -2.0])
     moved = dmp.rollout(start=dmp.start + shift, goal=dmp.goal + shift)
     assert np.abs(moved.position - dmp.rollout().position - shift).max() < 1e-13 * 100
 
@@ -119,7 +112,7 @@ def test_a_given_goal_velocity_is_met_at_that_instant():
 @given(seeds, phases)
 def test_a_fit_finds_the_weights_that_made_the_movement(seed, phase):
     """From uneven samples, and wherever the clock starts."""
-    dmp = random_dmp(seed, phase)
+    dmp = random_dmp(seed, phase=phase)
     time = dmp.duration * np.sort(np.append(np.random.default_rng(seed).uniform(0, 1, 200), [0.0, 1.0]))
     recorded = Recorded(time + 5.0, dmp.at(time).position, dmp.start_velocity)
     assert np.abs(DMP.fit(recorded, n_basis=12, phase=phase).weights - dmp.weights).max() < 1e-5

@@ -10,25 +10,20 @@ from scipy.optimize import minimize
 
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
-from comove.primitives import DMP, LinearPhase, Variant
+from comove.primitives import DMP, Variant
 from comove.primitives.limits import ViaPoint, constrained, largest
 from tests.cases import examples
 
+from .movements import resting_dmp
+
 seeds = st.integers(0, 2**32 - 1)
-
-
-def random_dmp(seed, n_basis=12, variant=Variant.CLOSED_FORM):
-    rng = np.random.default_rng(seed)
-    start, goal = rng.uniform(-1, 1, (2, 2))
-    weights = rng.standard_normal((2, n_basis))
-    return DMP(weights, start, goal, np.zeros(2), np.zeros(2), rng.uniform(0.5, 5), LinearPhase(), variant)
 
 
 @examples(30)
 @given(seeds)
 def test_the_largest_values_are_those_of_dense_samples(seed):
     """Never below a sample, and not above the densest by more than its step allows."""
-    dmp = random_dmp(seed)
+    dmp = resting_dmp(seed)
     path = dmp.at(np.linspace(0, dmp.duration, 64 * 800 + 1))
     acceleration = np.stack([dmp.curve.at(s)[2] for s in np.linspace(0, 1 - 1e-12, 4001)]) / dmp.duration**2
     velocity, hardest = largest(dmp)
@@ -41,7 +36,7 @@ def test_the_largest_values_are_those_of_dense_samples(seed):
 @examples(20)
 @given(seeds, st.floats(0.5, 0.95), st.floats(0.6, 0.95))
 def test_limits_hold_at_every_instant_and_ends_stay(seed, slower, gentler):
-    dmp = random_dmp(seed, n_basis=25)
+    dmp = resting_dmp(seed, n_basis=25)
     velocity, acceleration = largest(dmp)
     try:
         kept = constrained(dmp, velocity=slower * velocity, acceleration=gentler * acceleration)
@@ -67,7 +62,7 @@ def test_via_points_are_passed(variant):
 
 
 def test_via_points_and_limits_together():
-    dmp = random_dmp(3, n_basis=30)
+    dmp = resting_dmp(3, n_basis=30)
     velocity, _ = largest(dmp)
     when = 0.4 * dmp.duration
     point = dmp.at([when]).position[0] + 0.02
@@ -77,14 +72,14 @@ def test_via_points_and_limits_together():
 
 
 def test_what_holds_already_is_left_alone():
-    dmp = random_dmp(4)
+    dmp = resting_dmp(4)
     velocity, acceleration = largest(dmp)
     same = constrained(dmp, velocity=1.01 * velocity, acceleration=1.01 * acceleration)
     assert np.allclose(same.weights, dmp.weights, rtol=1e-12)
 
 
 def test_an_infinite_limit_is_none():
-    dmp = random_dmp(6)
+    dmp = resting_dmp(6)
     limit = 0.9 * largest(dmp)[0] * [1.0, np.inf]
     kept = constrained(dmp, velocity=limit, acceleration=np.inf)
     assert np.array_equal(kept.weights[0], constrained(dmp, velocity=limit[0]).weights[0])
@@ -93,7 +88,7 @@ def test_an_infinite_limit_is_none():
 
 def test_the_change_is_the_least():
     """Against a general optimiser on the same programme."""
-    dmp = random_dmp(5, n_basis=8)
+    dmp = resting_dmp(5, n_basis=8)
     limit = 0.85 * largest(dmp)[0]
     kept = constrained(dmp, velocity=limit)
     for d in range(2):
@@ -119,7 +114,7 @@ def least_change(dmp, d, limit):
 
 
 def test_what_cannot_be_is_said():
-    dmp = random_dmp(7)
+    dmp = resting_dmp(7)
     with pytest.raises(
         OptionError, match="no movement of 12 weights keeps velocity in dimension 0; give it more time"
     ):
@@ -147,7 +142,7 @@ def test_what_cannot_be_is_said():
 
 
 def test_slips_are_told():
-    dmp = random_dmp(8)
+    dmp = resting_dmp(8)
     for via in (ViaPoint(0.1, [0, 0]), [(0.1, [0, 0])], [ViaPoint("1", [0, 0])], [ViaPoint(0.1, "a")]):
         with pytest.raises(OptionError, match="via"):
             constrained(dmp, via=via)

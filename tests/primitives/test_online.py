@@ -9,21 +9,15 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from comove.errors import OptionError
-from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant, rate_for_lag
+from comove.primitives import LinearPhase, Variant, rate_for_lag
 from comove.primitives.flow import ALPHA_Y
 from comove.primitives.forcing import N_INTERVALS
 from tests.cases import examples
 
+from .movements import random_dmp
+
 seeds = st.integers(0, 2**32 - 1)
 variants = st.sampled_from([variant for variant in Variant if variant is not Variant.RHYTHMIC])
-
-
-def random_dmp(seed, variant=Variant.CLOSED_FORM, phase=None, n_dims=2, n_basis=12):
-    rng = np.random.default_rng(seed)
-    start, goal, velocity = rng.uniform(-1, 1, (3, n_dims))
-    weights = rng.standard_normal((n_dims, n_basis))
-    phase = phase or ExponentialPhase()
-    return DMP(weights, start, goal, velocity, np.zeros(n_dims), rng.uniform(0.5, 20), phase, variant)
 
 
 def run(dmp, state, times, **options):

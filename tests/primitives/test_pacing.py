@@ -13,15 +13,9 @@ from comove.errors import OptionError
 from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant, largest, slowed
 from tests.cases import examples
 
+from .movements import resting_dmp
+
 seeds = st.integers(0, 2**32 - 1)
-
-
-def random_dmp(seed, n_dims=2, n_basis=10, phase=LinearPhase()):  # noqa: B008
-    rng = np.random.default_rng(seed)
-    start, goal = rng.uniform(-1, 1, (2, n_dims))
-    still = np.zeros(n_dims)
-    weights = 0.5 * rng.standard_normal((n_dims, n_basis))
-    return DMP(weights, start, goal, still, still, rng.uniform(0.5, 5), phase)
 
 
 def straight(way=1.0, direction=(3.0, 4.0)):
@@ -35,7 +29,7 @@ def straight(way=1.0, direction=(3.0, 4.0)):
 @given(seeds, st.integers(1, 4), st.floats(0.2, 1.5), st.floats(0.05, 1.5), st.sampled_from([1.0, np.inf]))
 def test_limits_hold_at_every_instant_on_the_same_path(seed, n_dims, fast, hard, pace):
     """Samples far denser than the knots; accelerations by the exact derivatives of path and progress."""
-    dmp = random_dmp(seed, n_dims)
+    dmp = resting_dmp(seed, n_dims=n_dims)
     velocity, acceleration = (share * limit for share, limit in zip((fast, hard), largest(dmp), strict=True))
     paced = slowed(dmp, velocity=velocity, acceleration=acceleration, pace=pace)
     time = np.unique(np.concatenate([paced.time, np.linspace(0, paced.duration, 20_001)]))
@@ -68,7 +62,7 @@ def test_along_a_line_it_is_the_trapezoid(way, phase):
 @given(seeds)
 def test_no_progress_is_faster_by_a_linear_programme(seed):
     """The largest x everywhere, by an independent solver on a coarser grid of the same path, with its own slopes."""
-    dmp = random_dmp(seed, n_basis=6)
+    dmp = resting_dmp(seed, n_basis=6)
     velocity, acceleration = (0.6 * limit for limit in largest(dmp))
     paced = slowed(dmp, velocity=velocity, acceleration=acceleration, pace=np.inf)
     n = 400
@@ -100,7 +94,7 @@ def test_no_progress_is_faster_by_a_linear_programme(seed):
 @examples(15)
 @given(seeds, st.floats(0.1, 1.0), st.floats(0.1, 1.0))
 def test_it_is_never_slower_than_one_pace_all_along(seed, fast, hard):
-    dmp = random_dmp(seed)
+    dmp = resting_dmp(seed)
     velocity, acceleration = (share * limit for share, limit in zip((fast, hard), largest(dmp), strict=True))
     uniform = dmp.duration * max(1 / fast, np.sqrt(1 / hard))
     assert slowed(dmp, velocity=velocity, acceleration=acceleration).duration <= uniform * (1 + 1e-6)
@@ -112,7 +106,7 @@ def test_it_is_never_slower_than_one_pace_all_along(seed, fast, hard):
 @given(seeds, st.floats(0.1, 8.0))
 def test_units_of_time_and_length_do_not_matter(seed, ratio):
     """The same path shown at another pace, and in another unit, takes the same least time."""
-    dmp = random_dmp(seed)
+    dmp = resting_dmp(seed)
     velocity, acceleration = (0.5 * limit for limit in largest(dmp))
     one = slowed(dmp, velocity=velocity, acceleration=acceleration, pace=np.inf).duration
     other = dmp.towards(duration=ratio * dmp.duration)
@@ -121,7 +115,7 @@ def test_units_of_time_and_length_do_not_matter(seed, ratio):
 
 
 def test_without_need_nothing_changes():
-    dmp = random_dmp(3)
+    dmp = resting_dmp(3)
     velocity, acceleration = largest(dmp)
     for paced in (slowed(dmp), slowed(dmp, velocity=2 * velocity, acceleration=2 * acceleration)):
         time = np.linspace(0, dmp.duration, 33)
@@ -131,7 +125,7 @@ def test_without_need_nothing_changes():
 
 
 def test_what_moves_at_its_ends_enters_and_leaves_at_its_own_pace_at_most():
-    dmp = random_dmp(4).towards(start_velocity=[0.4, 0.1], goal_velocity=[-0.2, 0.3])
+    dmp = resting_dmp(4).towards(start_velocity=[0.4, 0.1], goal_velocity=[-0.2, 0.3])
     paced = slowed(dmp, acceleration=largest(dmp)[1], pace=np.inf)
     assert (paced.pace_at([0.0, paced.duration]) <= 1 + 1e-9).all()
     assert paced.pace_at(np.linspace(0, paced.duration, 99)).max() > 1.05
@@ -162,7 +156,7 @@ def test_a_path_that_turns_back_on_itself():
 
 
 def test_slips_are_told():
-    dmp = random_dmp(6)
+    dmp = resting_dmp(6)
     for limits in (
         {"velocity": -1.0},
         {"acceleration": [1.0]},

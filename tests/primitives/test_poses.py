@@ -14,26 +14,10 @@ from comove.primitives.poses import VERTICAL, Pose, PoseDMP
 from comove.primitives.variants import Variant
 from tests.cases import examples
 
+from .movements import recording
+
 seeds = st.integers(0, 2**32 - 1)
 ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
-REACH = 2.5
-
-
-def recording(seed=0, n_dims=3, reach=REACH, n_steps=401):
-    """A hand that moves and turns, from rest to rest."""
-    rng = np.random.default_rng(seed)
-    s = np.linspace(0, 1, n_steps)
-    way = s**3 * (10 - 15 * s + 6 * s**2)
-    bends = np.stack([np.sin(np.pi * k * way) for k in (1, 2, 3)], axis=1)
-    position = np.outer(way, rng.uniform(0.3, 1, n_dims)) + bends @ rng.uniform(-0.2, 0.2, (3, n_dims))
-    vectors = np.outer(1 - way, rng.uniform(-1, 1, 3)) + bends @ rng.uniform(-0.5, 0.5, (3, 3))
-    if n_dims == 2:
-        vectors[:, :2] = 0.0
-    vectors *= reach / np.linalg.norm(vectors, axis=1).max()
-    turns = Rotation.from_rotvec(vectors)
-    if n_dims == 3:
-        turns = turns * Rotation.random(random_state=seed)
-    return Demonstration(3.0 * s, position, orientation=turns.as_quat(scalar_first=True))
 
 
 def angle_between(a, b):
