@@ -39,6 +39,7 @@ from comove.demonstrations import Demonstration, lasa_names
 from comove.planning import carried_demonstration, movements_of
 from comove.planning.followed import followed
 from comove.planning.precision import precision_root
+from comove.planning.seeds import minimum_jerk
 from comove.primitives import ViaPoint
 
 Array = np.ndarray
@@ -263,7 +264,7 @@ def _measures(
 def two_hands(rng: np.random.Generator, n: int = 9) -> list[Array]:
     """Return recordings of two planar hands, arrays (101, 4): what the left one does aside, the right one follows."""
     s = np.linspace(0.0, 1.0, 101)
-    way = s**3 * (10 - 15 * s + 6 * s**2)
+    way = minimum_jerk(s)
     bends = np.stack([np.sin(np.pi * k * way) / k for k in (1, 2, 3)])
     base = np.stack(
         [way, rng.uniform(-0.3, 0.3) * bends[0], way, 0.4 + rng.uniform(-0.3, 0.3) * bends[1]], axis=1
@@ -380,7 +381,7 @@ def bimanual(count: int) -> None:
 def recordings(rng: np.random.Generator, n: int = 10) -> list[Demonstration]:
     """Return movements from left to right that agree but around one instant, where people vary."""
     s = np.linspace(0.0, 1.0, 201)
-    way = s**3 * (10 - 15 * s + 6 * s**2)
+    way = minimum_jerk(s)
     centre, height = rng.uniform(0.35, 0.65), rng.uniform(-0.3, 0.3)
     first = np.exp(-0.5 * ((s - centre) / 0.1) ** 2) * np.sin(np.pi * s)
     found = []

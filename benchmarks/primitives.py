@@ -29,6 +29,7 @@ from timing import medians, number, on_one_thread, peer, print_table
 
 from comove.coordination import CooperativeDMP
 from comove.demonstrations import Demonstration, lasa_names
+from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, Pose, PoseDMP, Variant
 
 N_BASIS = (10, 20, 50)
@@ -163,7 +164,7 @@ def rigid_load() -> None:
     from scipy.spatial.transform import Rotation
 
     s = np.linspace(0, 1, 401)
-    way = s**3 * (10 - 15 * s + 6 * s**2)
+    way = minimum_jerk(s)
     position = np.stack([way, 0.2 * np.sin(np.pi * way), 0.3 * way**2], axis=1)
     vectors = np.stack([2 * (1 - way), 1.5 * np.sin(np.pi * way), 1 - way**2], axis=1)
     shown = Demonstration(
@@ -223,7 +224,7 @@ def recording() -> None:
     """A long recording of reaches with pauses."""
     n_reaches, n_samples = 250, 4000
     rng, s = np.random.default_rng(0), np.clip(np.linspace(-0.25, 1.25, n_samples), 0, 1)
-    way = (s**3 * (10 - 15 * s + 6 * s**2))[:, None]
+    way = minimum_jerk(s)[:, None]
     corners = rng.uniform(-0.5, 0.5, (n_reaches + 1, 3))
     position = np.concatenate([a + way * (b - a) for a, b in zip(corners, corners[1:], strict=False)])
     position += 1e-4 * rng.standard_normal(position.shape)

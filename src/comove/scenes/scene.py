@@ -426,30 +426,9 @@ class Scene:
         clearance, nearest = self.nearest_at(nodes, time)
         return clearance, self.name_of(nearest)
 
-    def nearest_at(self, nodes: Array, time: float = 0.0) -> tuple[float, int]:
-        """Return the clearance as `clearance_at` does, and the number of the nearest obstacle, -1 for the border."""
-        return self._nearest(nodes, time)
-
-    def show(self) -> None:
-        """Show the scene in a notebook, or else in a browser; see `comove.show`."""
-        comove.show(self)
-
-    def owner_of(self, row: int) -> int:
-        """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
-        return int(self.owners[row]) if row >= 0 else int(row)
-
-    def name_of(self, obstacle: int) -> str:
-        """Return a description of an obstacle.
-
-        -1 is the border of the workspace; numbers beyond the file's are objects that were seen.
-        """
-        if obstacle < 0:
-            return "the border of the workspace"
-        if obstacle >= len(self.file.obstacles):
-            return "something that was seen"
-        return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
-
-    def _nearest(self, nodes: Array, time: float, among: Collection[int] | None = None) -> tuple[float, int]:
+    def nearest_at(
+        self, nodes: Array, time: float = 0.0, among: Collection[int] | None = None
+    ) -> tuple[float, int]:
         """Return the clearance [m] of one configuration at an instant, of some obstacles or all, and the nearest one.
 
         The nearest is -1 where it is the border of the workspace.
@@ -477,6 +456,25 @@ class Scene:
                     if distance < clearance:
                         clearance, nearest = distance, int(obstacle)
         return clearance, nearest
+
+    def show(self) -> None:
+        """Show the scene in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
+
+    def owner_of(self, row: int) -> int:
+        """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
+        return int(self.owners[row]) if row >= 0 else int(row)
+
+    def name_of(self, obstacle: int) -> str:
+        """Return a description of an obstacle.
+
+        -1 is the border of the workspace; numbers beyond the file's are objects that were seen.
+        """
+        if obstacle < 0:
+            return "the border of the workspace"
+        if obstacle >= len(self.file.obstacles):
+            return "something that was seen"
+        return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
 
     def nodes_at(self, end: str) -> Array:
         """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
@@ -597,7 +595,7 @@ def _require_free_ends(scene: Scene, path: object) -> None:
     for end in ENDS:
         # What moves may have left the goal, or not come there yet, when the load does.
         there = [i for i in range(len(scene.file.obstacles)) if end == "start" or not scene.moving[i]]
-        clearance, obstacle = scene._nearest(scene.nodes_at(end), 0.0, there)
+        clearance, obstacle = scene.nearest_at(scene.nodes_at(end), 0.0, there)
         nearest = scene.name_of(obstacle)
         rounding = PROVABLE_END * max(1.0, float((scene.upper - scene.lower).max()))
         if clearance < scene.clearance + rounding:  # nothing could be proved of a motion that begins there
