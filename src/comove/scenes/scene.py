@@ -426,6 +426,17 @@ class Scene:
         clearance, nearest = self.nearest_at(nodes, time)
         return clearance, self.name_of(nearest)
 
+    def clearances(self, nodes: Array, time: Array) -> Array:
+        """Return the clearance of many configurations [m]; array, shape (n_steps,).
+
+        Parameters
+        ----------
+        nodes : array, shape (n_steps, n_nodes, 3), [m]
+        time : array, shape (n_steps,), their instants [s]
+        """
+        states = zip(np.ascontiguousarray(nodes), time.tolist(), strict=True)
+        return np.array([self.nearest_at(state, instant)[0] for state, instant in states])
+
     def nearest_at(
         self, nodes: Array, time: float = 0.0, among: Collection[int] | None = None
     ) -> tuple[float, int]:

@@ -333,8 +333,8 @@ def _excess(scene: Scene, state: Array) -> float:
 def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int]) -> None:
     """Draw the load thick where it is deepest in something, and where a distance is most off."""
     scene, s = motion.scene, np.linspace(0.0, 1.0, N_FINE)
-    nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
-    depths = [-scene.clearance_at(n, float(t))[0] for n, t in zip(nodes, s * scene.duration, strict=True)]
+    nodes = motion.coordinates.motion(motion.at(s))[0]
+    depths = -scene.clearances(nodes, s * scene.duration)
     excesses = [_excess(scene, state) for state in nodes]
     bars = load_pairs(scene) or [(c.first, c.second) for c in scene.distances]
     for values, tone, what in (

@@ -55,7 +55,7 @@ class RecordedMotion:
         states = motion.coordinates.motion(motion.at(s))
         rates = states[1:, :, : len(scene.manipulators)]
         nodes = np.ascontiguousarray(states[0])
-        clearance = _clearances(scene, nodes, time)
+        clearance = scene.clearances(nodes, time)
         certificate = certify(motion)
         return cls(
             time=time,
@@ -88,7 +88,7 @@ class RecordedMotion:
             offsets=record.obstacles[steps] - scene.centers,
             speed=np.linalg.norm(velocity, axis=2)[steps],
             acceleration=np.linalg.norm(changes, axis=2)[steps],
-            clearance=_clearances(scene, nodes, time),
+            clearance=scene.clearances(nodes, time),
             error=_errors(scene, nodes),
             links=np.zeros((len(steps), 0, 7)),
             tightest=np.array([certificate.time, certificate.nearest], dtype=float),
@@ -99,7 +99,7 @@ class RecordedMotion:
         cls, scene: Scene, time: Array, nodes: Array, speed: Array, acceleration: Array, links: Array
     ) -> RecordedMotion:
         """Return a recording of states that were sampled elsewhere; what is tightest is tightest of the samples."""
-        clearance = _clearances(scene, nodes, time)
+        clearance = scene.clearances(nodes, time)
         tightest = int(clearance.argmin())
         _, nearest = scene.nearest_at(nodes[tightest], float(time[tightest]))
         return cls(
@@ -126,12 +126,6 @@ class RecordedMotion:
     def center(self) -> Array:
         """Return the middle of the hands; array, shape (n_steps, 3) [m]."""
         return self.nodes[:, : self.speed.shape[1]].mean(axis=1)
-
-
-def _clearances(scene: Scene, nodes: Array, time: Array) -> Array:
-    """Return the clearance of every state; array, shape (n_steps,) [m]."""
-    states = zip(nodes, time.tolist(), strict=True)
-    return np.array([scene.clearance_at(state, instant)[0] for state, instant in states])
 
 
 def _errors(scene: Scene, nodes: Array) -> Array:

@@ -110,9 +110,7 @@ class Compared:
     @cached_property
     def clearances(self) -> Array:
         """Return the clearance of load and hands at every step; array, shape (n_steps,) [m]."""
-        record = self.record
-        steps = zip(np.ascontiguousarray(record.nodes), record.time, strict=True)
-        return np.array([record.scene.clearance_at(nodes, float(time))[0] for nodes, time in steps])
+        return self.record.scene.clearances(self.record.nodes, self.record.time)
 
     @property
     def off(self) -> NDArray[np.bool_]:

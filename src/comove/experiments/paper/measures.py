@@ -144,10 +144,8 @@ def follow(motion: CoordinatedMotion, weight: float) -> Along:
     position, velocity, _ = motion.hands(s)
     value = ((position - scene.goal) ** 2).sum(axis=(1, 2)) + weight * (velocity**2).sum(axis=(1, 2))
     error = distance_errors(scene, position)
-    nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
-    clearance = np.array(
-        [scene.clearance_at(n, float(t))[0] for n, t in zip(nodes, s * scene.duration, strict=True)]
-    )
+    nodes = motion.coordinates.motion(motion.at(s))[0]
+    clearance = scene.clearances(nodes, s * scene.duration)
     near = clearance < NEAR
     first_fall = int(np.argmax(np.diff(value) < 0))  # the velocity term rises from rest
     climb = value[first_fall:] - np.minimum.accumulate(value[first_fall:])
