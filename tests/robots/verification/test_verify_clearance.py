@@ -14,7 +14,7 @@ from comove.robots.description import Uncertainty
 from comove.robots.verification import bodies
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.certificate import TIGHT, Cells, Course, Distances, Instants, certify
+from comove.robots.verification.certificate import TIGHT, CarryCourse, Distances, Instants, PairCells, certify
 from comove.robots.verification.reach import Bases, Reaches
 from comove.scenes import Scene
 from tests.cases import examples
@@ -333,8 +333,8 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
 @given(st.integers(0, 2**32 - 1))
 def test_halves_of_cells_cover_the_same_pairs_at_the_same_times(seed):
     rng, (motion, joints) = np.random.default_rng(seed), known_carry()
-    at = Instants(Course(baxter(), Carried(motion), joints.curve), np.array([1.0, 3.0, 7.0]), 0.5)
-    cells = Cells(at, np.sort(rng.integers(3, size=12)), rng.permutation(12))
+    at = Instants(CarryCourse(baxter(), Carried(motion), joints.curve), np.array([1.0, 3.0, 7.0]), 0.5)
+    cells = PairCells(at, np.sort(rng.integers(3, size=12)), rng.permutation(12))
     chosen = rng.random(12) < 0.5
     halves = cells.halved(chosen)
     middle = halves.at.time[halves.row]
@@ -352,8 +352,10 @@ def test_balls_about_bodies_are_never_further_apart_than_the_bodies(instant):
     motion, joints = known_carry()
     carried, world = world_of(motion)
     distances, n_pairs = Distances(world), len(world.kind)
-    at = Instants(Course(baxter(), carried, joints.curve), np.linspace(0.05, 0.95, 10) * joints.duration, 0.1)
-    cells = Cells(at, np.full(n_pairs, 4 * instant), np.arange(n_pairs))
+    at = Instants(
+        CarryCourse(baxter(), carried, joints.curve), np.linspace(0.05, 0.95, 10) * joints.duration, 0.1
+    )
+    cells = PairCells(at, np.full(n_pairs, 4 * instant), np.arange(n_pairs))
     exact, rough = distances(cells), distances.of_balls(cells)
     assert n_pairs > 20
     assert (rough <= exact + 1e-9)[exact > 0].all()

@@ -83,7 +83,7 @@ UNKNOWN = [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class CarryCourse:
     """The joints of a robot and the load by time.
 
     Attributes
@@ -115,7 +115,7 @@ class Instants:
     half : half of the intervals' length [s]
     """
 
-    course: Course
+    course: CarryCourse
     time: Array
     half: float
 
@@ -150,7 +150,7 @@ class Instants:
         return np.hstack([rates, load]), bends
 
 
-class Cells(NamedTuple):
+class PairCells(NamedTuple):
     """Pairs during time intervals of equal length.
 
     Attributes
@@ -164,18 +164,18 @@ class Cells(NamedTuple):
     row: NDArray[np.int64]
     pair: NDArray[np.int64]
 
-    def chosen(self, which: NDArray[np.bool_]) -> Cells:
+    def chosen(self, which: NDArray[np.bool_]) -> PairCells:
         """Return some of the cells."""
         return self._replace(row=self.row[which], pair=self.pair[which])
 
-    def halved(self, chosen: NDArray[np.bool_]) -> Cells:
+    def halved(self, chosen: NDArray[np.bool_]) -> PairCells:
         """Return both halves of the chosen cells."""
         quarter, (rows, row) = 0.5 * self.at.half, np.unique(self.row[chosen], return_inverse=True)
         time = self.at.time[rows][:, None] + np.array([-quarter, quarter])
         halves = np.concatenate([2 * row, 2 * row + 1])
         order = np.argsort(halves, kind="stable")
         at = Instants(self.at.course, time.ravel(), quarter)
-        return Cells(at, halves[order], np.tile(self.pair[chosen], 2)[order])
+        return PairCells(at, halves[order], np.tile(self.pair[chosen], 2)[order])
 
 
 def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> list[LinkClearance]:
@@ -192,7 +192,7 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
         suffice where they keep what is required
     """
     distances, nearing = Distances(bodies), Nearing(bodies)
-    cells, computed = _first(bodies, Course(bodies.robot, carried, curve)), 0
+    cells, computed = _first(bodies, CarryCourse(bodies.robot, carried, curve)), 0
     lower, balls_help = np.full(3, np.inf), True
     met = UNKNOWN if slack >= 1.0 else _few(distances, cells)
     for depth in range(DEEPEST):
@@ -222,7 +222,7 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
 
 
 def _of_meshes(
-    distances: Distances, cells: Cells, rough: Array, met: list[LinkClearance], slack: float
+    distances: Distances, cells: PairCells, rough: Array, met: list[LinkClearance], slack: float
 ) -> tuple[Array, list[LinkClearance]]:
     """Bound the distances of meshes whose hulls are too near, array of shape (n_cells,), NaN for the others [m], and
     return the least clearances so far as well. The nearest come first: what is found there may spare the rest.
@@ -264,7 +264,7 @@ def _enough(met: list[LinkClearance], bodies: Bodies, slack: float) -> Array:
     return np.where(upper < required, upper - LOOSE, enough)
 
 
-def _few(distances: Distances, cells: Cells) -> list[LinkClearance]:
+def _few(distances: Distances, cells: PairCells) -> list[LinkClearance]:
     """Return the least clearances among the cells whose balls are nearest, by kind."""
     bodies = distances.bodies
     few = cells.chosen(_least(distances.of_balls(cells), bodies.kind[cells.pair]))
@@ -272,13 +272,13 @@ def _few(distances: Distances, cells: Cells) -> list[LinkClearance]:
     return _met(UNKNOWN, bodies, few, distances(few))
 
 
-def _met(met: list[LinkClearance], bodies: Bodies, cells: Cells, distance: Array) -> list[LinkClearance]:
+def _met(met: list[LinkClearance], bodies: Bodies, cells: PairCells, distance: Array) -> list[LinkClearance]:
     """Return the least clearances so far, by kind; only exact pairs count."""
     kind = np.where(bodies.exact[cells.pair] == cells.pair, bodies.kind[cells.pair], -1)
     return [_nearer(met[k], cells, distance, np.flatnonzero(kind == k)) for k in range(3)]
 
 
-def _nearer(best: LinkClearance, cells: Cells, distance: Array, own: NDArray[np.int64]) -> LinkClearance:
+def _nearer(best: LinkClearance, cells: PairCells, distance: Array, own: NDArray[np.int64]) -> LinkClearance:
     """Return the least clearance of one kind so far, after the cells `own`."""
     upper = float(distance[own].min(initial=np.inf))
     if upper >= best.upper:
@@ -287,7 +287,7 @@ def _nearer(best: LinkClearance, cells: Cells, distance: Array, own: NDArray[np.
     return LinkClearance(-np.inf, upper, int(cells.pair[k]), float(cells.at.time[cells.row[k]]))
 
 
-def _first(bodies: Bodies, course: Course) -> Cells:
+def _first(bodies: Bodies, course: CarryCourse) -> PairCells:
     """Return the cells of all pairs in the first intervals, rough pairs where there are such; one cell for pairs that
     never move.
     """
@@ -300,7 +300,7 @@ def _first(bodies: Bodies, course: Course) -> Cells:
     last = float(course.curve.x[-1])
     half = 0.5 * last / FIRST
     at = Instants(course, np.linspace(half, last - half, FIRST), half)
-    return Cells(at, row, np.concatenate([still, np.tile(moving, FIRST)]))
+    return PairCells(at, row, np.concatenate([still, np.tile(moving, FIRST)]))
 
 
 class Distances:
@@ -311,7 +311,7 @@ class Distances:
         self.model, self.data = bodies.robot.model, bodies.robot.model.createData()
         self.placed = bodies.geometry.createData()
 
-    def __call__(self, cells: Cells) -> Array:
+    def __call__(self, cells: PairCells) -> Array:
         """Compute distances, less what is taken from them; array, shape (n_cells,) [m]."""
         counts = np.bincount(cells.row)
         compute, geometry, placed = pin.computeDistance, self.bodies.geometry, self.placed
@@ -324,7 +324,7 @@ class Distances:
             distances += [compute(geometry, placed, pair).min_distance for pair in islice(pairs, counts[k])]
         return np.array(distances) - self.bodies.taken[cells.pair]
 
-    def of_balls(self, cells: Cells) -> Array:
+    def of_balls(self, cells: PairCells) -> Array:
         """Compute lower bounds of the distances, less what is taken, by the balls about the bodies; array, shape
         (n_cells,) [m].
         """
@@ -336,7 +336,7 @@ class Distances:
         distance = np.sqrt((between**2).sum(axis=1)) - radii[ends].sum(axis=1)
         return distance - self.bodies.taken[cells.pair]
 
-    def changes(self, cells: Cells) -> Array:
+    def changes(self, cells: PairCells) -> Array:
         """Bound how much distances change within half an interval; array, shape (n_cells,) [m]."""
         rates, _ = cells.at.changes
         return cells.at.half * (self.bodies.reach[cells.pair] * rates[cells.row]).sum(axis=1)
@@ -372,7 +372,7 @@ class Nearing:
         first, second = np.array(plain, dtype=bool)[bodies.ends.T]
         self.applies = first & second
 
-    def improved(self, change: Array, spare: Array, cells: Cells) -> Array:
+    def improved(self, change: Array, spare: Array, cells: PairCells) -> Array:
         """Return smaller bounds of how much a distance changes, where these may help; arrays, shape (n_cells,) [m].
 
         Parameters
@@ -389,14 +389,14 @@ class Nearing:
             better[todo] = np.fmin(change[todo], lost + half * speed + bulge[helps])
         return better
 
-    def second_order(self, cells: Cells) -> Array:
+    def second_order(self, cells: PairCells) -> Array:
         """Bound |p''| during time intervals; array, shape (n_cells,) [m/s^2]."""
         rates, bends = (bound[cells.row] for bound in cells.at.changes)
         reach = self.bodies.reach[cells.pair, :-1]
         rates, between = rates[:, :-1], self._sides[:, cells.pair].any(axis=0)
         return (bends * reach).sum(axis=1) + 2 * (rates * between).sum(axis=1) * (rates * reach).sum(axis=1)
 
-    def first_order(self, cells: Cells) -> tuple[Array, Array]:
+    def first_order(self, cells: PairCells) -> tuple[Array, Array]:
         """Compute distance minus slab width, and how fast points of both bodies come nearer along n.
 
         Returns
@@ -419,7 +419,7 @@ class Nearing:
             turning = turning + np.linalg.norm(cross(normals, twist[:, 3:]), axis=1) * radii[body]
         return lost, np.abs(speed) + turning
 
-    def _nearest(self, cells: Cells) -> tuple[Array, Array]:
+    def _nearest(self, cells: PairCells) -> tuple[Array, Array]:
         """Compute distances of pairs and unit vectors along them; arrays, shape (n_cells,) [m] and (n_cells, 3)."""
         model, geometry, placed_for = self.bodies.robot.model, self.bodies.geometry, -1
         data, placed = self._state
