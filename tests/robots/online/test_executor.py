@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError, RobotError
+from comove.execution import Clouds
 from comove.reaction.twists import nodes_of
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.scenes import Scene
@@ -25,6 +26,13 @@ def scene_with(motion=None):
 def through(*points, times):
     """Waypoints and times that can be a key."""
     return tuple(tuple(point) for point in points), tuple(times)
+
+
+def test_clouds_are_refused():
+    """Rows of links would be read for obstacles that only clouds have shown."""
+    scene = scene_with()
+    with pytest.raises(OptionError, match=r"not of clouds.*Observed"):
+        JointExecutor(scene, robot("baxter"), Clouds(scene))
 
 
 def run(executor, longest):

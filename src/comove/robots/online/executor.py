@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from comove.coordination.blocks import write_pose
 from comove.coordination.group_poses import HandPoses, poses_at
 from comove.errors import OptionError, RobotError
+from comove.execution.clouds import Clouds
 from comove.execution.executor import Event, StepLog
 from comove.execution.observers import Functions, Observer
 from comove.geometry.rotations import matrices
@@ -110,6 +111,8 @@ class JointExecutor:
 
     Raises
     ------
+    OptionError
+        If the observer is one of `Clouds`: links are looked at beside obstacles that a scene names.
     SceneError, RobotError
         If the robot cannot hold the load at its start or goal, or no carry is found among what stands.
     """
@@ -126,6 +129,11 @@ class JointExecutor:
         self.scene, self.robot, self.seed = scene, robot, seed
         self.settings = settings or OnlineSettings()
         self.observer = Functions.of_motions(scene) if observer is None else observer
+        if isinstance(self.observer, Clouds):
+            way_out = "name what moves in the scene, and give Observed(scene), which takes measured places"
+            raise OptionError(
+                "arms keep clear of what a scene names, not of clouds", key="observer", way_out=way_out
+            )
         self.log, self.n_steps = OnlineLog(), 0
         standing = scene.standing()
         self.plan = self._first_plan(standing)

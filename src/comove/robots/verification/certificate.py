@@ -106,7 +106,7 @@ class CarryCourse:
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """What moves, in the middle of time intervals: all that is asked of it is computed once.
+    """Robot and load in the middle of time intervals; all that is asked of them is computed once.
 
     Attributes
     ----------
