@@ -26,9 +26,9 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def save(figure: Figure, path: Path) -> None:
+def save(figure: Figure, path: str | Path) -> None:
     """Write a figure as the suffix of `path` says, PNG at once: `savefig` would draw it once more, to lay it out."""
-    if path.suffix != ".png":
+    if Path(path).suffix != ".png":
         figure.savefig(path, dpi=DPI)
         return
     figure.set_dpi(DPI)
