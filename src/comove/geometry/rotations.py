@@ -20,7 +20,7 @@ UP = np.array([0.0, 0.0, 1.0])
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Compute cross products of vectors that broadcast, in half the time of `np.cross`; arrays, shape (..., 3)."""
+    """Compute cross products, as `np.cross` does but without moving axes; arrays, shape (..., 3), that broadcast."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

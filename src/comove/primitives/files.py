@@ -322,10 +322,7 @@ def loads(data: bytes, file: object = None) -> Primitive:
     """Read the primitive in the contents of a file; errors name `file`."""
     try:
         content = json.loads(data.decode())
-    except (
-        ValueError,
-        RecursionError,
-    ) as error:  # a truncated file, bytes that are no text, brackets without end
+    except (ValueError, RecursionError) as error:  # truncated, no text, or brackets without end
         at = f" in line {error.lineno}" if isinstance(error, json.JSONDecodeError) else ""
         raise LibraryError(f"it breaks off or is no JSON{at}", file=file, way_out=COPY_ANEW) from error
     if not isinstance(content, dict) or content.get("format") != FORMAT:
