@@ -9,6 +9,7 @@ from comove.errors import OptionError, RobotError
 from comove.execution import Clouds
 from comove.reaction.twists import nodes_of
 from comove.robots.online.executor import JointExecutor, OnlineSettings
+from comove.robots.online.pilot import PilotSettings
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import robot
@@ -26,6 +27,11 @@ def scene_with(motion=None):
 def through(*points, times):
     """Waypoints and times that can be a key."""
     return tuple(tuple(point) for point in points), tuple(times)
+
+
+def test_settings_of_the_pilot_that_are_not_positive_are_refused():
+    with pytest.raises(OptionError, match="every"):
+        OnlineSettings(pilot=PilotSettings(every=0.0))
 
 
 def test_clouds_are_refused():

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
+from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
@@ -61,6 +62,10 @@ class PilotSettings:
     meets: float = 0.5
     roadmap: RoadmapSettings = field(default_factory=RoadmapSettings)
     courses: CourseSettings = field(default_factory=CourseSettings)
+
+    def __post_init__(self) -> None:
+        for name in ("every", "at_once", "anew", "thinking", "braking", "worth", "off", "patience", "meets"):
+            require_positive(name, getattr(self, name))
 
 
 class Pilot:
