@@ -2,6 +2,7 @@
 
 import gc
 import os
+import re
 import signal
 
 import pytest
@@ -44,6 +45,19 @@ def budgets_of_work():
 def pytest_collection_modifyitems(items):
     """Mark slow tests before pytest looks for marks."""
     leave_few(items)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Share out tests by files, those of the documents by pages: each page runs in its own folder."""
+    from xdist.scheduler import LoadFileScheduling
+
+    class ByPages(LoadFileScheduling):
+        def _split_scope(self, nodeid):
+            page = re.search(r"test_docs\.py::.*\[([\w-]+\.md)-", nodeid)
+            return page[1] if page else super()._split_scope(nodeid)
+
+    return ByPages(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 def pytest_collection_finish(session):

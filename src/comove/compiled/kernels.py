@@ -28,7 +28,7 @@ from numba.core.runtime import rtsys
 
 from comove.compiled.cache import KernelCache, text_of
 
-LARGE = 300  # instructions, of kernels that their callers do not take up; LLVM would hardly inline them
+LARGE = 340  # lines of LLVM, of kernels that their callers do not take up; LLVM would hardly inline them
 _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
 
 
@@ -216,11 +216,6 @@ class Elsewhere:
 
 
 def _is_large(compiled: Any) -> bool:
-    """Return whether a compiled function has more instructions than its callers should take up."""
+    """Return whether a compiled function has more code than its callers should take up."""
     module = compiled.library._get_module_for_linking()
-    count = 0
-    for block in module.get_function(compiled.fndesc.llvm_func_name).blocks:
-        count += sum(1 for _ in block.instructions)
-        if count > LARGE:
-            return True
-    return False
+    return str(module.get_function(compiled.fndesc.llvm_func_name)).count("\n") > LARGE

@@ -133,30 +133,28 @@ def along(space, path, shares):
         reached[i + 1] = reached[i] + span(space, path[i], path[i + 1])
     out = np.empty((shares.shape[0], shares.shape[1], path.shape[1]))
     for profile in range(shares.shape[0]):
-        out[profile] = sampled(space, path, reached, shares[profile] * reached[n - 1])
+        sample(space, path, reached, shares[profile] * reached[n - 1], out[profile])
     return out
 
 
 @kernel
-def sampled(space, path, reached, at):
-    """Interpolate a path at some of the times, or lengths, by which its configurations are reached.
+def sample(space, path, reached, at, out):
+    """Write a path at some of the times, or lengths, by which its configurations are reached.
+
+    An array is filled and none returned, as assigning one to a row of another would take seconds to compile.
 
     Parameters
     ----------
     path : array, shape (n_configurations, n_columns)
     reached, at : arrays, shapes (n_configurations,) and (n_steps,), neither of them decreasing
-
-    Returns
-    -------
-    array, shape (n_steps, n_columns)
+    out : array, shape (n_steps, n_columns)
     """
-    out, i = np.empty((at.shape[0], path.shape[1])), 0
+    i = 0
     for row in range(at.shape[0]):
         while i < reached.shape[0] - 2 and reached[i + 1] < at[row]:
             i += 1
         f = (at[row] - reached[i]) / max(reached[i + 1] - reached[i], 1e-12)
         interpolate(space, path[i], path[i + 1], min(1.0, max(0.0, f)), out[row])
-    return out
 
 
 @kernel

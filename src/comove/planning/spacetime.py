@@ -27,7 +27,7 @@ from comove.planning.configurations import (
     random_configuration,
     span,
 )
-from comove.planning.planner import continuous, sampled
+from comove.planning.planner import continuous, sample
 from comove.planning.trees import copy_to, rrt_connect, shortened
 from comove.scenes.scene import Scene
 
@@ -125,8 +125,9 @@ def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Ar
     from scipy.ndimage import gaussian_filter1d  # a fifth of a second that only moving obstacles are worth
 
     s, smooth = np.linspace(0.0, 1.0, n_steps), []
+    way = np.empty((n_steps, path.shape[1]))
     for width, ease in SMOOTHINGS:
-        way = sampled(space, path, times, _eased(s, ease))
+        sample(space, path, times, _eased(s, ease), way)
         mirrored = np.pad(way, ((n_steps // 2,) * 2, (0, 0)), mode="reflect", reflect_type="odd")
         filtered = gaussian_filter1d(mirrored, width * n_steps, axis=0)
         smooth.append(filtered[n_steps // 2 : n_steps // 2 + n_steps])
