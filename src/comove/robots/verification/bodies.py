@@ -118,8 +118,8 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
     geometry = robot.collision.copy()
     names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
-    pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs]
-    pairs = [p for p in pairs if _parent(geometry, p[0]) != _parent(geometry, p[1])]
+    on = _joints(geometry)
+    pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs if on[p.first] != on[p.second]]
     pairs += _add_obstacles(geometry, names, scene)
     rods, with_load = _add_load(robot, geometry, names, carried, [arms[i] for i in scene.file.holder_numbers])
     pairs, exact = _with_hulls(geometry, names, pairs + with_load)
@@ -164,7 +164,7 @@ def _add_load(
 ) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
     """Add the load's shapes; returns their numbers with the nodes that they span, and the pairs with links."""
     held, rods, pairs = _beyond_wrists(robot, holders), list[tuple[int, ...]](), []
-    links = [link for link in range(robot.collision.ngeoms) if _parent(geometry, link) not in held]
+    links = [link for link, joint in enumerate(_joints(robot.collision)) if joint not in held]
     for shape in load_shapes(carried):
         name = f"load {len(rods)}"
         number = geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape.geometry))
@@ -188,10 +188,6 @@ def _with_hulls(
             exact.append(number)
             pairs.append((rough.get(a, a), rough.get(b, b), kind))
     return pairs, np.array(exact, dtype=np.int64)
-
-
-def _parent(geometry: Any, item: int) -> int:
-    return geometry.geometryObjects[item].parentJoint
 
 
 def obstacle_object(scene: Scene, i: int, name: str) -> Any:
