@@ -14,7 +14,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.following import MET
 from comove.robots.search.links import FAT, ROUGH
-from comove.robots.search.planner import JUMP, LEADING, SPACING, _dense, _followed, follow_edge
+from comove.robots.search.planner import JUMP, LEADING, SPACING, CarriedSpace, _dense, _follow, follow_edge
 from tests.robots.search.test_links import between, obstacle, solid
 from tests.robots.small_robots import POST, columns, gantry_scene, grasp_errors, robot, task
 
@@ -44,13 +44,13 @@ def planned(carrying, seed, margin=MARGIN, max_nodes=1000, tries=40):
 
 def led(carrying, path):
     """A path with close vertices, and joints that follow it from one of the starts; two arrays."""
-    fine, around = _dense(space_of(carrying.scene), path), carrying.arms.around
+    space, around, n = space_of(carrying.scene), carrying.arms.around, path.shape[1]
     arms = carrying.arms._replace(around=around._replace(clearance=around.clearance - FAT))  # as lenient
+    fine = _dense(space, np.hstack([path, np.zeros((len(path), len(carrying.robot.joint_names)))]))
     for first, last in product(product(*carrying.starts), product(*carrying.goals)):
         course = np.stack([np.concatenate(first), np.concatenate(last)])
-        joints = _followed(space_of(carrying.scene), arms, course, fine)
-        if len(joints) == len(fine):
-            return fine, joints
+        if _follow(CarriedSpace(space, arms, n, course, space.clock), fine):
+            return fine[:, :n], fine[:, n:]
     raise AssertionError("no start leads along the path")
 
 

@@ -71,10 +71,11 @@ def solutions(
     chains: Chains, arm: int, rotation: Array, point: Array, posture: Array, seeds: Array
 ) -> tuple[Array, Array]:
     """Solve one arm's joints for a pose from several seeds; returns them and their residuals."""
-    missing = np.empty(seeds.shape[0])
+    missing, least = np.empty(seeds.shape[0]), np.inf
     for k in range(seeds.shape[0]):
         missing[k] = reach_pose(chains, arm, rotation, point, posture, SETTLING, seeds[k])
-    if missing.min() > SETTLING.tolerance:
+        least = min(least, missing[k])
+    if least > SETTLING.tolerance:
         for k in range(seeds.shape[0]):
             missing[k] = reach_pose(chains, arm, rotation, point, posture, PATIENT, seeds[k])
     return seeds, missing

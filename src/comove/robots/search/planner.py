@@ -100,18 +100,8 @@ def plan_with_arms(
     margin = min(required + margin, 0.5 * (required + at_ends))
     course = np.stack([start[1], goal[1]])
     world, n_columns = CarriedSpace(space, arms, len(start[0]), course, space.clock), len(start[0])
-    ends = np.concatenate(start), np.concatenate(goal)
-    limits = max_nodes, N_DRAWS * max_nodes
-    for _ in range(N_TREES):
-        path = rrt_connect(world, *ends, margin, rng, *limits, np.empty((0, len(ends[0]))))
-        if len(path) == 0:
-            return None
-        path = _dense(space, path[:, :n_columns])
-        joints = _followed(space, arms, course, path)
-        if len(joints) == len(path):
-            path = shortened(world, np.hstack([path, joints]), margin, rng, N_SHORTCUTS)
-            return continuous(space, path[:, :n_columns])
-    return None
+    path = _planned(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
+    return continuous(space, path[:, :n_columns]) if len(path) else None
 
 
 def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
@@ -121,29 +111,58 @@ def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
     return clearance_at(arms.chains, arms.links, arms.around, joints, nodes, ENOUGH)
 
 
-def _dense(space: Space, path: Array) -> Array:
-    """Return the path with intermediate vertices, at most `SPACING` apart."""
-    rows = [path[0]]
-    for p, q in zip(path[:-1], path[1:], strict=True):
-        count = int(np.ceil(span(space, p, q) / SPACING))
-        for i in range(1, count):
-            out = np.empty_like(p)
-            interpolate(space, p, q, i / count, out)
-            rows.append(out)
-        rows.append(q)
-    return np.array(rows)
+@kernel
+def _planned(
+    world: CarriedSpace, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
+) -> Array:
+    """Plan a path and shorten it, anew where trees have met in joints that do not; it is empty where none was found.
+
+    Parameters
+    ----------
+    start, goal : arrays, shape (n_values,), configuration of the load and joints
+
+    Returns
+    -------
+    array, shape (n_configurations, n_values)
+    """
+    nothing = np.empty((0, start.shape[0]))
+    for _ in range(N_TREES):
+        path = rrt_connect(world, start, goal, margin, rng, max_nodes, N_DRAWS * max_nodes, nothing)
+        if path.shape[0] == 0:
+            return nothing
+        path = _dense(world.space, path)
+        if _follow(world, path):
+            return shortened(world, path, margin, rng, N_SHORTCUTS)
+    return nothing
 
 
 @kernel
-def _followed(space: Space, arms: Arms, course: Array, path: Array) -> Array:
-    """Compute the joints along a path, as far as the arms can follow; array, shape (n_followed, n_joints)."""
-    out = np.empty((path.shape[0], course.shape[1]))
-    copy_to(course[0], out[0])
+def _dense(space: Space, path: Array) -> Array:
+    """Return the path with intermediate vertices, at most `SPACING` apart, whose joints are not known yet."""
+    counts, n = np.ones(path.shape[0], dtype=np.int64), 1
     for k in range(1, path.shape[0]):
-        copy_to(out[k - 1], out[k])
-        if not follow_edge(space, arms, course, path[k - 1], path[k], out[k]):
-            return out[:k]
+        counts[k] = max(1, int(np.ceil(span(space, path[k - 1], path[k]) / SPACING)))
+        n += counts[k]
+    out, row = np.empty((n, path.shape[1])), 0
+    copy_to(path[0], out[0])
+    for k in range(1, path.shape[0]):
+        for i in range(1, counts[k]):
+            interpolate(space, path[k - 1], path[k], i / counts[k], out[row + i])
+        row += counts[k]
+        copy_to(path[k], out[row])
     return out
+
+
+@kernel
+def _follow(world: CarriedSpace, path: Array) -> bool:
+    """Write the joints along a path from those of the start; returns False where the arms cannot follow."""
+    n = world.n_columns
+    copy_to(world.course[0], path[0, n:])
+    for k in range(1, path.shape[0]):
+        copy_to(path[k - 1, n:], path[k, n:])
+        if not follow_edge(world.space, world.arms, world.course, path[k - 1], path[k], path[k, n:]):
+            return False
+    return True
 
 
 @kernel
