@@ -65,9 +65,9 @@ def blocks(language: str) -> list[tuple[str, str]]:
 
 
 def commands() -> list:
-    """The blocks of commands, each once; those that take long are slow tests."""
-    once = {code: page for page, code in reversed(blocks("sh"))}
-    return [pytest.param(page, code, marks=how_long(code)) for code, page in reversed(once.items())]
+    """The blocks of commands, on each page once; those that take long are slow tests."""
+    once = dict.fromkeys(blocks("sh"))
+    return [pytest.param(page, code, marks=how_long(code)) for page, code in once]
 
 
 def how_long(code: str) -> list:

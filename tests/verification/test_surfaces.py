@@ -42,7 +42,7 @@ def test_nothing_is_certified_that_touches_a_triangle(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_hundred_more(tmp_path):
-    found, false = tried(range(1000, 1100), tmp_path)
+def test_forty_more(tmp_path):
+    found, false = tried(range(1000, 1040), tmp_path)
     assert not false
-    assert found["certified"] > 33
+    assert found["certified"] > 13

@@ -57,7 +57,7 @@ def test_a_film_lasts_as_long_as_the_execution(record, tmp_path):
 def test_obstacles_go_on_once_an_execution_is_over(record):
     move = moving_scene(new_figure(1, 1).add_subplot(), record, (0, 1), trail=1.0)
     end = record.time[-1]
-    places = [move(time)[0].get_xy().mean(axis=0) for time in (end - 0.5, end, end + 1.0)]
+    places = [move(time)[0].get_paths()[0].vertices.mean(axis=0) for time in (end - 0.5, end, end + 1.0)]
     np.testing.assert_allclose(places[1] - places[0], [0.0, -0.025], atol=1e-3)
     np.testing.assert_allclose(places[2] - places[1], [0.0, -0.05], atol=1e-3)
 

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
-from comove.geometry.distances import CENTER
 from comove.scenes.scene import Scene
 from comove.views.shapes import hull_outline, load_pairs, outline
 from comove.views.style import COLOURS, MOVING, draw_way, new_figure
@@ -270,9 +269,9 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     draw_standing(axes, scene, view)
     if not scene.moving.any():
         return
-    shares = np.linspace(0.0, 1.0, 9)
+    shares, borders = np.linspace(0.0, 1.0, 9), MovingBorders(scene, view)
     for share, offsets in zip(shares, scene.offsets(shares * scene.duration), strict=True):
-        draw_moving(axes, scene, scene.centers + offsets, view, 0.08 + 0.3 * share)
+        borders.drawn(axes, scene.centers + offsets, 0.08 + 0.3 * share)
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
@@ -287,14 +286,35 @@ def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
         axes.fill(*outline(row, view).T, facecolor="0.62", edgecolor="0.25", linewidth=0.6, alpha=solid)
 
 
-def draw_moving(axes: Axes, scene: Scene, centers: Array, view: tuple[int, int], alpha: float) -> None:
-    """Draw the obstacles that move, where the centres of all are; array, shape (n_obstacles, 3) [m]."""
-    alpha *= 1.0 if scene.n_dims == 2 else 0.35
-    moved = centers - scene.centers
-    for i in np.flatnonzero(scene.moving[scene.owners]):
-        row = scene.obstacles[i].copy()
-        row[CENTER : CENTER + 3] += moved[scene.owners[i]]
-        axes.fill(*outline(row, view).T, facecolor=MOVING, edgecolor=MOVING, linewidth=0.6, alpha=alpha)
+class MovingBorders:
+    """The borders of what moves in a scene, in one view; those of a mesh's hundreds of parts, too, computed once."""
+
+    def __init__(self, scene: Scene, view: tuple[int, int]):
+        moving = np.flatnonzero(scene.moving[scene.owners])
+        self._owners, self._view = scene.owners[moving].tolist(), list(view)
+        self._opacity = 1.0 if scene.n_dims == 2 else 0.35
+        borders = [outline(row, view) for row in scene.obstacles[moving]]
+        self._borders = [
+            border - scene.centers[owner, self._view]
+            for border, owner in zip(borders, self._owners, strict=True)
+        ]
+
+    def at(self, centers: Array) -> list[Array]:
+        """Return the borders, each of shape (n_points, 2), where the centres of all obstacles are; array, shape
+        (n_obstacles, 3) [m].
+        """
+        return [
+            border + centers[owner, self._view]
+            for border, owner in zip(self._borders, self._owners, strict=True)
+        ]
+
+    def drawn(self, axes: Axes, centers: Array, alpha: float, edge: str = MOVING) -> PolyCollection:
+        """Draw the obstacles where the centres of all are; returns what was drawn."""
+        shapes = PolyCollection(
+            self.at(centers), facecolor=MOVING, edgecolor=edge, linewidth=0.6, alpha=alpha * self._opacity
+        )
+        axes.add_collection(shapes)
+        return shapes
 
 
 def _draw_triangles(axes: Axes, triangles: Array) -> None:

@@ -12,14 +12,13 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.geometry.distances import CENTER
 from comove.geometry.solids import N_CORNERS
 from comove.scenes.scene import Scene
 from comove.verification.record import Record
 from comove.views.films import Mover, write_gif
-from comove.views.motion import draw_frame, draw_legend, draw_moving, draw_standing, views_of
-from comove.views.shapes import hull_outline, load_pairs, outline
-from comove.views.style import COLOURS, GOAL, MOVING, draw_way, new_figure
+from comove.views.motion import MovingBorders, draw_frame, draw_legend, draw_standing, views_of
+from comove.views.shapes import hull_outline, load_pairs
+from comove.views.style import COLOURS, GOAL, draw_way, new_figure
 
 Array = NDArray[np.float64]
 
@@ -37,9 +36,10 @@ def draw_run(record: Record) -> Figure:
         axes.set_title(scene.name)
         draw_frame(axes, scene, view)
         draw_standing(axes, scene, view)
+        borders = MovingBorders(scene, view)
         for k, step in enumerate(np.linspace(0, len(record.time) - 1, N_STATES).astype(int)):
             share = (k + 1) / N_STATES
-            draw_moving(axes, scene, record.obstacles[step], view, 0.1 + 0.35 * share)
+            borders.drawn(axes, record.obstacles[step], 0.1 + 0.35 * share)
             _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
         for hand, name in enumerate(scene.manipulators):
             draw_way(axes, record.nodes[:, hand][:, list(view)], scene.goal[hand][list(view)], hand, name)
@@ -85,30 +85,22 @@ def moving_scene(
     tone : colour of the load by the step
     """
     scene, (last, period) = record.scene, (len(record.time) - 1, record.time[1] - record.time[0])
-    moving = scene.moving[scene.owners]
-    rows, owners = scene.obstacles[moving], scene.owners[moving]
-    around = [outline(row, view) - row[CENTER : CENTER + 3][list(view)] for row in rows]
-    alpha = 0.6 * (1.0 if scene.n_dims == 2 else 0.35)
-    fills = [
-        axes.fill([0], [0], facecolor=MOVING, edgecolor="0.25", linewidth=0.6, alpha=alpha)[0] for _ in rows
-    ]
+    borders = MovingBorders(scene, view)
+    shapes = borders.drawn(axes, scene.centers, 0.6, edge="0.25")
     colours = [COLOURS[hand % len(COLOURS)] for hand in range(len(scene.manipulators))]
     ways = [axes.plot([], [], color=colour, linewidth=1.4)[0] for colour in colours]
     hands = [axes.plot([], [], "o", color=colour, markersize=5)[0] for colour in colours]
     load = LineCollection([], linewidths=1.6, zorder=3)
     axes.add_collection(load)
-    artists: list[Artist] = [*fills, *ways, load, *hands]
+    artists: list[Artist] = [shapes, *ways, load, *hands]
     for artist in artists:
         artist.set_animated(True)
 
     def move(time: float) -> list[Artist]:
         step = min(last, round(time / period))
         over = time > record.time[-1] + period
-        centers = (scene.centers + scene.offsets(np.array([time]))[0] if over else record.obstacles[step])[
-            owners
-        ]
-        for fill, border, center in zip(fills, around, centers, strict=True):
-            fill.set_xy(border + center[list(view)])
+        centers = scene.centers + scene.offsets(np.array([time]))[0] if over else record.obstacles[step]
+        shapes.set_verts(borders.at(centers))
         first, nodes = max(0, step - round(trail / period)), record.nodes[:, :, list(view)]
         for k, (way, hand) in enumerate(zip(ways, hands, strict=True)):
             way.set_data(*nodes[first : step + 1, k].T)

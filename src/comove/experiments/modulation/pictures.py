@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from comove.experiments.modulation.comparison import Compared
 from comove.views.films import Mover, write_gif
-from comove.views.motion import FINE, OFF, TOUCHES, draw_frame, draw_moving, draw_standing, views_of
+from comove.views.motion import FINE, OFF, TOUCHES, MovingBorders, draw_frame, draw_standing, views_of
 from comove.views.run import load_lines, moving_scene
 from comove.views.style import COLOURS, MOVING, new_figure
 
@@ -49,9 +49,10 @@ def draw_comparison(compared: Sequence[Compared]) -> Figure:
         steps = np.linspace(0, len(record.time) - 1, N_STATES).astype(int)
         for axes, view in zip(column, views_of(scene), strict=False):
             draw_standing(axes, scene, view)
+            borders = MovingBorders(scene, view)
             for k, step in enumerate(steps):
                 share = (k + 1) / N_STATES
-                draw_moving(axes, scene, record.obstacles[step], view, 0.08 + 0.4 * share)
+                borders.drawn(axes, record.obstacles[step], 0.08 + 0.4 * share)
                 lines = load_lines(scene, record.nodes[step][:, list(view)])
                 axes.add_collection(
                     LineCollection(lines, colors=_tone(one, step), linewidths=1.3, alpha=0.35 + 0.6 * share)
