@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Share out tests by files, those of the documents by pages: each page runs in its own folder."""
+    """Share out tests by files, those of the documents by pages, whose blocks use what earlier ones left."""
     from xdist.scheduler import LoadFileScheduling
 
     class ByPages(LoadFileScheduling):
