@@ -10,6 +10,7 @@ from comove.scenes import Scene
 from comove.views.motion import MovingBorders
 from comove.views.run import MAX_FRAMES, animate_run, moving_scene
 from comove.views.style import COLOURS, MOVING, new_figure
+from tests.meshes import l_profile, write_obj
 
 DRIFTS = {"shape": "circle", "center": [0.5, 0.8], "radius": 0.08, "motion": {"velocity": [0.0, -0.05]}}
 
@@ -64,23 +65,14 @@ def test_obstacles_go_on_once_an_execution_is_over(record):
 
 
 def test_what_moves_is_drawn_where_it_is_in_one_piece_a_state(tmp_path):
-    corners = np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1], [0.02, 0.02, 0.02]])
-    faces = [
-        (0, 2, 1),
-        (0, 1, 3),
-        (0, 3, 2),
-        (1, 2, 4),
-        (2, 3, 4),
-        (3, 1, 4),
-    ]  # dented: more than one convex part
-    lines = [f"v {x} {y} {z}" for x, y, z in corners] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
-    (tmp_path / "dented.obj").write_text("\n".join(lines))
+    corners, faces = l_profile()
+    write_obj(tmp_path / "profile.obj", corners, faces)
     motion = {"velocity": [0.03, -0.04, 0.02]}
-    mesh = {"shape": "mesh", "file": "dented.obj", "center": [0.5, 0.6, 0.4], "motion": motion}
+    mesh = {"shape": "mesh", "file": "profile.obj", "center": [0.5, 0.6, 0.4], "motion": motion}
     hands = [{"name": n, "start": [0.2, y, 0.4], "goal": [0.8, y, 0.4]} for n, y in (("a", 0.2), ("b", 0.4))]
     scene = Scene.from_dict(
         {
-            "name": "dented",
+            "name": "profile",
             "duration": 4.0,
             "workspace": {"lower": [0.0] * 3, "upper": [1.0] * 3},
             "obstacles": [mesh],
@@ -92,13 +84,12 @@ def test_what_moves_is_drawn_where_it_is_in_one_piece_a_state(tmp_path):
     assert len(scene.obstacles) > 1
     moved, view = np.array([[0.7, 0.3, 0.5]]), (2, 0)
     axes = new_figure(1, 1).add_subplot()
-    drawn = MovingBorders(scene, view).drawn(axes, moved, 0.5)
+    drawn = MovingBorders(scene, view).draw(axes, moved, 0.5)
     assert list(axes.collections) == [drawn]
     reached = np.concatenate([path.vertices for path in drawn.get_paths()])
     seen = (corners + moved[0])[:, view]
-    np.testing.assert_allclose(
-        reached.min(axis=0), seen.min(axis=0), atol=2e-3
-    )  # parts are up to 2 mm thicker
+    # Parts are up to 2 mm thicker than the mesh.
+    np.testing.assert_allclose(reached.min(axis=0), seen.min(axis=0), atol=2e-3)
     np.testing.assert_allclose(reached.max(axis=0), seen.max(axis=0), atol=2e-3)
 
 

@@ -271,7 +271,7 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
         return
     shares, borders = np.linspace(0.0, 1.0, 9), MovingBorders(scene, view)
     for share, offsets in zip(shares, scene.offsets(shares * scene.duration), strict=True):
-        borders.drawn(axes, scene.centers + offsets, 0.08 + 0.3 * share)
+        borders.draw(axes, scene.centers + offsets, 0.08 + 0.3 * share)
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
@@ -290,25 +290,19 @@ class MovingBorders:
     """The borders of what moves in a scene, in one view; those of a mesh's hundreds of parts, too, computed once."""
 
     def __init__(self, scene: Scene, view: tuple[int, int]):
-        moving = np.flatnonzero(scene.moving[scene.owners])
-        self._owners, self._view = scene.owners[moving].tolist(), list(view)
+        moving = scene.moving[scene.owners]
+        self._owners, self._centers, self._view = scene.owners[moving], scene.centers, list(view)
+        self._borders = [outline(row, view) for row in scene.obstacles[moving]]
         self._opacity = 1.0 if scene.n_dims == 2 else 0.35
-        borders = [outline(row, view) for row in scene.obstacles[moving]]
-        self._borders = [
-            border - scene.centers[owner, self._view]
-            for border, owner in zip(borders, self._owners, strict=True)
-        ]
 
     def at(self, centers: Array) -> list[Array]:
         """Return the borders, each of shape (n_points, 2), where the centres of all obstacles are; array, shape
         (n_obstacles, 3) [m].
         """
-        return [
-            border + centers[owner, self._view]
-            for border, owner in zip(self._borders, self._owners, strict=True)
-        ]
+        moved = (centers - self._centers)[self._owners][:, self._view]
+        return [border + way for border, way in zip(self._borders, moved, strict=True)]
 
-    def drawn(self, axes: Axes, centers: Array, alpha: float, edge: str = MOVING) -> PolyCollection:
+    def draw(self, axes: Axes, centers: Array, alpha: float, edge: str = MOVING) -> PolyCollection:
         """Draw the obstacles where the centres of all are; returns what was drawn."""
         shapes = PolyCollection(
             self.at(centers), facecolor=MOVING, edgecolor=edge, linewidth=0.6, alpha=alpha * self._opacity

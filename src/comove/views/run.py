@@ -39,7 +39,7 @@ def draw_run(record: Record) -> Figure:
         borders = MovingBorders(scene, view)
         for k, step in enumerate(np.linspace(0, len(record.time) - 1, N_STATES).astype(int)):
             share = (k + 1) / N_STATES
-            borders.drawn(axes, record.obstacles[step], 0.1 + 0.35 * share)
+            borders.draw(axes, record.obstacles[step], 0.1 + 0.35 * share)
             _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
         for hand, name in enumerate(scene.manipulators):
             draw_way(axes, record.nodes[:, hand][:, list(view)], scene.goal[hand][list(view)], hand, name)
@@ -86,7 +86,7 @@ def moving_scene(
     """
     scene, (last, period) = record.scene, (len(record.time) - 1, record.time[1] - record.time[0])
     borders = MovingBorders(scene, view)
-    shapes = borders.drawn(axes, scene.centers, 0.6, edge="0.25")
+    shapes = borders.draw(axes, scene.centers, 0.6, edge="0.25")
     colours = [COLOURS[hand % len(COLOURS)] for hand in range(len(scene.manipulators))]
     ways = [axes.plot([], [], color=colour, linewidth=1.4)[0] for colour in colours]
     hands = [axes.plot([], [], "o", color=colour, markersize=5)[0] for colour in colours]
