@@ -3,7 +3,9 @@
 numba by itself makes three things of every function: its code, which takes up the code of all that it calls, an
 entry for Python and one for C. What a robot's search calls would thereby be optimised anew in each of its callers,
 and most of the machine code would be entries that nobody uses. A `Kernel` is compiled for its callers without
-entries, and one that is large is called where it lies. What Python itself calls gets one entry, none for C.
+entries. One that is large is called where it lies. A small one always becomes part of its callers; LLVM by itself
+would call many, as they take tuples of arrays, which every call copies. What Python itself calls gets one entry, none
+for C.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ from numba.core.runtime import rtsys
 
 from comove.compiled.cache import KernelCache, text_of
 
-LARGE = 340  # lines of LLVM, of kernels that their callers do not take up; LLVM would hardly inline them
+LARGE = 1000  # lines of LLVM, of kernels that are called where they lie
 _offered: dict[str, Any] = {}  # libraries by symbol: their code stays as long as the process
 
 
@@ -107,11 +109,13 @@ class Kernel(CPUDispatcher):
         """Return the key under which numba finds how to call the function from another kernel."""
         args, _ = sigutils.normalize_signature(sig)
         compiled = self.callee.overloads[tuple(args)]
-        if not self._is_named or not _is_large(compiled):
-            return compiled.entry_point
-        function, reload = self.offered(args)
-        self.targetctx.insert_user_function(reload.symbol, function, [Elsewhere(reload)])
-        return reload.symbol
+        if not _is_large(compiled):
+            _code_of(compiled).add_function_attribute("alwaysinline")
+        elif self._is_named:
+            function, reload = self.offered(args)
+            self.targetctx.insert_user_function(reload.symbol, function, [Elsewhere(reload)])
+            return reload.symbol
+        return compiled.entry_point
 
     def offered(self, args: tuple) -> tuple[Any, Reload]:
         """Compile or load the callee and let code find it by a symbol that is the same in every process.
@@ -217,5 +221,9 @@ class Elsewhere:
 
 def _is_large(compiled: Any) -> bool:
     """Return whether a compiled function has more code than its callers should take up."""
-    module = compiled.library._get_module_for_linking()
-    return str(module.get_function(compiled.fndesc.llvm_func_name)).count("\n") > LARGE
+    return str(_code_of(compiled)).count("\n") > LARGE
+
+
+def _code_of(compiled: Any) -> Any:
+    """Return the LLVM function that callers of a compiled function take up."""
+    return compiled.library._get_module_for_linking().get_function(compiled.fndesc.llvm_func_name)
