@@ -1,5 +1,6 @@
 """The roadmap, references and the pilot: ways hold the load and keep clear, by Pinocchio and the search's links."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -116,3 +117,37 @@ def test_who_stands_in_the_way_goes_out_of_it_in_time():
     stays = nodes[0] + share * (nodes[1] - nodes[0])
     assert np.linalg.norm(stays - center[:, None], axis=-1).min() < 0.08  # it would have been met
     assert np.linalg.norm(bar - center[:, None], axis=-1).min() > 0.08 + 0.012 + 0.01
+
+
+@pytest.mark.slow
+def test_arms_that_were_driven_off_the_roadmap_are_planned_for_once_they_stand():
+    """The roadmap is no wider than some centimetres about the goal, and the arms stand at the start."""
+    _, carrier = stands()
+    scene, coordinates = carrier.scene, load_coordinates(carrier.scene)
+    ends = [
+        Way(q[None], np.concatenate([joints[0] for joints in found])[None])
+        for q, found in zip(coordinates.boundary()[[0, 2]], (carrier.starts, carrier.goals), strict=True)
+    ]
+    needs = LinkNeeds(np.full(len(scene.obstacles), 0.5 * scene.clearance), 0.0, 0.3)
+    few = replace(SETTINGS, roadmap=RoadmapSettings(n_nodes=1, n_more=1, reach=0.02))
+    plan = Reference.standing(ends[1])
+    pilot = Pilot(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=few)
+    off = float(np.linalg.norm(scene.nodes_at("goal") - scene.nodes_at("start"), axis=1).max())
+    pilot.looks_on(0.0, nothing(), 0.0)
+    assert not pilot.choose(0.0, nothing(), ends[0], off, 0.0)
+    assert pilot.reference is plan
+    assert pilot.choose(2.0, nothing(), ends[0], off, 2.0)
+    configurations, joints, rates = pilot.reference.at(np.linspace(0.0, pilot.reference.duration, 200))
+    for end, k in zip(ends, (0, -1), strict=True):
+        np.testing.assert_allclose(configurations[k], end.configurations[0], atol=1e-9)
+    assert (np.abs(rates) <= carrier.arms.chains.velocity).all()
+    nodes = coordinates.nodes(configurations.T[None])[0]
+    keep, other = clearances_along(
+        pilot.arms, np.ascontiguousarray(joints), nodes, scene.obstacles, scene.clearance
+    )
+    assert keep.min() > 0.0 and other > 0.0
+    whole = carrier.robot.home
+    for q, hands in zip(joints, nodes, strict=True):
+        whole[np.concatenate([arm.columns for arm in carrier.holders])] = q
+        for i, arm in enumerate(carrier.holders):  # hold the load where corners are rounded, too
+            np.testing.assert_allclose(carrier.robot.tool_pose(whole, arm)[:3, 3], hands[i], atol=0.02)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import time as clock
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +154,7 @@ class JointExecutor:
             self._coordinates,
             Reference.of_plan(self.plan, self.columns),
             self.programme.needs._replace(obstacle=self.programme.needs.obstacle[stands]),
+            goals=np.array([np.concatenate(q) for q in product(*self.carrier.goals)]),
             seed=seed,
             settings=self.settings.pilot,
         )

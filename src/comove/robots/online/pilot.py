@@ -3,13 +3,15 @@
 The reference is first the verified plan. Every tenth of a second the pilot looks whether what moves, going on as it
 does now, would meet the arms or the load along it. Where it would, and every second where the reference is no longer
 the plan, the best course of the roadmap is computed; it begins where the reference, still followed for the time that
-thinking takes and then braked, comes to a stop, and is taken if it is worth it. All of that is counted in nodes and
-slots, never in computing time, so that runs repeat.
+thinking takes and then braked, comes to a stop, and is taken if it is worth it. Arms that were driven to where the
+roadmap does not lead are planned for anew, once they stand. All of that is counted in nodes and slots, never in
+computing time, so that runs repeat.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
 from comove.robots.online.roadmap import SLOT, Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
 from comove.robots.search.following import Arms
+from comove.robots.search.planner import plan_way
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -44,6 +47,8 @@ class PilotSettings:
     off : distance of the hands from the reference from which on a course begins where they are [m]
     patience : time that arms may stay behind before any course is taken [s]
     most_grown : how often the roadmap may grow where nothing in it is free
+    n_nodes, most_goals : nodes of the trees, and joints at the goal that are tried, where no course leads from where
+        arms have come
     spare : clearance of the load beyond the scene's, in the roadmap [m]
     meets : links are looked at in pairs that come near where joints differ so much from the plan's [rad]
     roadmap, courses : settings of the roadmap, and of the choice of a course
@@ -58,6 +63,8 @@ class PilotSettings:
     off: float = 0.03
     patience: float = 1.5
     most_grown: int = 6
+    n_nodes: int = 400
+    most_goals: int = 6
     spare: float = 0.002
     meets: float = 0.5
     roadmap: RoadmapSettings = field(default_factory=RoadmapSettings)
@@ -78,7 +85,8 @@ class Pilot:
     coordinates : coordinates of the load
     plan : the verified plan
     needs : clearances that links keep from what stands, and from each other
-    seed : seed of the roadmap
+    goals : array, shape (n, n_joints), joints that hold the load at the goal, beside those of the plan
+    seed : seed of the roadmap, and of plans from where it does not lead
 
     Attributes
     ----------
@@ -93,6 +101,7 @@ class Pilot:
         plan: Reference,
         needs: LinkNeeds,
         *,
+        goals: Array | None = None,
         seed: int,
         settings: PilotSettings,
     ):
@@ -112,6 +121,9 @@ class Pilot:
             how.speed * min(standing.speed_limit, how.fastest) * SLOT,
         )
         self.foresight = Foresight(space, self.arms, standing.clearance, settings.courses)
+        last = plan.way.joints[-1:]
+        self._goals = last if goals is None else np.vstack([last, goals])
+        self._rng = np.random.default_rng([seed, 1])
         self._growth: GrowingRoadmap | None = None
         self._looked = self._chosen = self._present = -np.inf
         self._n_grown, self._pause = 0, settings.at_once
@@ -137,6 +149,7 @@ class Pilot:
         """Make the roadmap before the run begins, denser where nothing in it is free, and load all kernels."""
         begin, joints, _ = self.reference.at(0.0)
         self._ahead(self.reference, 0.0, seen)
+        self._planned(begin, joints)
         for _ in range(self.settings.most_grown):
             found = self._course(begin, joints, seen, Stop(self.settings.thinking, 0.0))
             if found is None or found.cost < self.settings.courses.meeting:
@@ -182,10 +195,13 @@ class Pilot:
             follows, clock, stop = Reference.standing(here), 0.0, Stop(how.thinking, 0.0)
         begin, joints, _ = follows.at(follows.braked(clock, stop, stop.after))
         found = self._course(begin, joints, seen, stop)
-        if found is None:
+        way, left = (None, 0.0) if found is None else (found.way, found.left)
+        if way is None and waited >= how.patience:
+            way = self._planned(begin, joints)
+        if way is None:
             return False
-        path = continuous(self.ground.space, np.vstack([begin, found.way.configurations]))[1:]
-        other = follows.spliced(clock, stop, found.way._replace(configurations=path), SLOT, found.left)
+        path = continuous(self.ground.space, np.vstack([begin, way.configurations]))[1:]
+        other = follows.spliced(clock, stop, way._replace(configurations=path), SLOT, left)
         cost = self._total(other, 0.0, self._ahead(other, 0.0, seen))
         if waited < how.patience and cost > self._present - how.worth:
             return False
@@ -210,6 +226,38 @@ class Pilot:
             self._n_grown += 1
             self.growth.grow(how.roadmap.n_more)
         return found
+
+    def _planned(self, configuration: Array, joints: Array) -> Way | None:
+        """Return a way to the goal, to any joints there, that needs no roadmap; None where none was found."""
+        how, ground = self.settings, self._lenient(configuration, joints)
+        end = self._plan.at(self._plan.duration)[0]
+        nodes = self.coordinates.nodes(np.stack([configuration, end], axis=1)[None])[0]
+        around = self.arms.around._replace(
+            ends=np.ascontiguousarray(nodes[:, : self.arms.around.ends.shape[1]])
+        )
+        for k in np.argsort(np.abs(self._goals - joints).max(axis=1), kind="stable")[: how.most_goals]:
+            found = plan_way(
+                ground.space,
+                self.arms._replace(around=around),
+                (configuration, joints),
+                (end, self._goals[k].copy()),
+                how.spare,
+                self._rng,
+                required=ground.space.required,
+                max_nodes=how.n_nodes,
+            )
+            if found is not None:
+                return self._paced(Way(*found))
+        return None
+
+    def _paced(self, path: Way) -> Way:
+        """Return samples of a path, one a slot, at the pace of the roadmap's ways."""
+        space, ground = self.ground.space, self.ground
+        spans = [span(space, p, q) for p, q in pairwise(path.configurations)]
+        turned = (np.abs(np.diff(path.joints, axis=0)) / ground.most).max(axis=1)
+        slots = np.append(0.0, np.cumsum(np.maximum(np.array(spans) / ground.step, turned)))
+        at = np.linspace(0.0, slots[-1], 1 + int(np.ceil(slots[-1])))
+        return Way(*(np.stack([np.interp(at, slots, x) for x in values.T], axis=1) for values in path))
 
     def _ahead(self, reference: Reference, clock: float, seen: Sighting) -> Array:
         """Return what a reference costs from now on, and then its end, slot by slot."""

@@ -92,6 +92,41 @@ def plan_with_arms(
     -------
     array, shape (n_configurations, n_columns)
     """
+    world, margin = _world(space, arms, start, goal, margin, required, lenient)
+    path = _planned(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
+    return continuous(space, path[:, : world.n_columns]) if len(path) else None
+
+
+def plan_way(
+    space: Space,
+    arms: Arms,
+    start: tuple[Array, Array],
+    goal: tuple[Array, Array],
+    margin: float,
+    rng: np.random.Generator,
+    *,
+    required: float,
+    max_nodes: int,
+) -> tuple[Array, Array] | None:
+    """Plan as `plan_with_arms` does, and return configurations at most `SPACING` apart, and the joints there too;
+    arrays, shape (n_configurations, n_columns) and (n_configurations, n_joints).
+    """
+    world, margin = _world(space, arms, start, goal, margin, required, 0.0)
+    path = _way(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
+    n = world.n_columns
+    return (continuous(space, path[:, :n]), np.ascontiguousarray(path[:, n:])) if len(path) else None
+
+
+def _world(
+    space: Space,
+    arms: Arms,
+    start: tuple[Array, Array],
+    goal: tuple[Array, Array],
+    margin: float,
+    required: float,
+    lenient: float,
+) -> tuple[CarriedSpace, float]:
+    """Return what trees grow in, and the margin that the load keeps there; arguments as in `plan_with_arms`."""
     spare = min(_links_at(space, arms, q, joints) for q, joints in (start, goal)) - arms.around.clearance
     kept = arms.around.clearance + min(margin - lenient, 0.5 * spare if spare > 0.0 else spare - ROUGH)
     arms = arms._replace(around=arms.around._replace(clearance=kept))
@@ -99,9 +134,7 @@ def plan_with_arms(
     at_ends = min(clearance_of(space, q, scratch, 0.0) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     course = np.stack([start[1], goal[1]])
-    world, n_columns = CarriedSpace(space, arms, len(start[0]), course, space.clock), len(start[0])
-    path = _planned(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
-    return continuous(space, path[:, :n_columns]) if len(path) else None
+    return CarriedSpace(space, arms, len(start[0]), course, space.clock), margin
 
 
 def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
@@ -134,6 +167,18 @@ def _planned(
         if _follow(world, path):
             return shortened(world, path, margin, rng, N_SHORTCUTS)
     return nothing
+
+
+@kernel
+def _way(
+    world: CarriedSpace, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
+) -> Array:
+    """Plan as `_planned` does, and follow the path once more: it comes back dense, with all joints."""
+    path = _planned(world, start, goal, margin, rng, max_nodes)
+    if path.shape[0] == 0:
+        return path
+    path = _dense(world.space, path)
+    return path if _follow(world, path) else path[:0]
 
 
 @kernel
