@@ -149,7 +149,7 @@ class Pilot:
         """Make the roadmap before the run begins, denser where nothing in it is free, and load all kernels."""
         begin, joints, _ = self.reference.at(0.0)
         self._ahead(self.reference, 0.0, seen)
-        self._planned(begin, joints)
+        self._planned(begin, joints)  # for its kernels alone
         for _ in range(self.settings.most_grown):
             found = self._course(begin, joints, seen, Stop(self.settings.thinking, 0.0))
             if found is None or found.cost < self.settings.courses.meeting:
