@@ -242,13 +242,14 @@ class RobotCarrier:
         first, last = self._ends[drawn]
         ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
         lenient = next(self._leniency)
-        path = plan_with_arms(
+        found = plan_with_arms(
             space, self.arms, *ends, margin, rng, required=required, lenient=lenient, max_nodes=max_nodes
         )
-        tally[0 if path is not None else 1, drawn] += 1.0
-        if path is not None:
-            vars(self)["_led"] = np.stack([first, last])
-        return path
+        tally[0 if found is not None else 1, drawn] += 1.0
+        if found is None:
+            return None
+        vars(self)["_led"] = np.stack([first, last])
+        return found[0]
 
     @cached_property
     def _leniency(self) -> Iterator[float]:

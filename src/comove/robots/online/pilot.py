@@ -26,7 +26,7 @@ from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
 from comove.robots.online.roadmap import SLOT, Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
 from comove.robots.search.following import Arms
-from comove.robots.search.planner import plan_way
+from comove.robots.search.planner import plan_with_arms
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -236,7 +236,7 @@ class Pilot:
             ends=np.ascontiguousarray(nodes[:, : self.arms.around.ends.shape[1]])
         )
         for k in np.argsort(np.abs(self._goals - joints).max(axis=1), kind="stable")[: how.most_goals]:
-            found = plan_way(
+            found = plan_with_arms(
                 ground.space,
                 self.arms._replace(around=around),
                 (configuration, joints),
@@ -245,6 +245,7 @@ class Pilot:
                 self._rng,
                 required=ground.space.required,
                 max_nodes=how.n_nodes,
+                densely=True,
             )
             if found is not None:
                 return self._paced(Way(*found))

@@ -77,7 +77,8 @@ def plan_with_arms(
     required: float,
     lenient: float = 0.0,
     max_nodes: int,
-) -> Array | None:
+    densely: bool = False,
+) -> tuple[Array, Array] | None:
     """Plan a path of the load that the arms can follow from start to goal; None where none was found.
 
     Parameters
@@ -87,46 +88,12 @@ def plan_with_arms(
     margin : margin of the clearance of load and links above the required one [m]; less where the ends have less
     required : required clearance of the load [m]
     lenient : amount by which the clearance of links may be less [m], as the verification computes it more exactly
+    densely : return configurations at most `SPACING` apart, with joints that were followed from the start
 
     Returns
     -------
-    array, shape (n_configurations, n_columns)
+    arrays, shapes (n_configurations, n_columns) and (n_configurations, n_joints): configurations and their joints
     """
-    world, margin = _world(space, arms, start, goal, margin, required, lenient)
-    path = _planned(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
-    return continuous(space, path[:, : world.n_columns]) if len(path) else None
-
-
-def plan_way(
-    space: Space,
-    arms: Arms,
-    start: tuple[Array, Array],
-    goal: tuple[Array, Array],
-    margin: float,
-    rng: np.random.Generator,
-    *,
-    required: float,
-    max_nodes: int,
-) -> tuple[Array, Array] | None:
-    """Plan as `plan_with_arms` does, and return configurations at most `SPACING` apart, and the joints there too;
-    arrays, shape (n_configurations, n_columns) and (n_configurations, n_joints).
-    """
-    world, margin = _world(space, arms, start, goal, margin, required, 0.0)
-    path = _way(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
-    n = world.n_columns
-    return (continuous(space, path[:, :n]), np.ascontiguousarray(path[:, n:])) if len(path) else None
-
-
-def _world(
-    space: Space,
-    arms: Arms,
-    start: tuple[Array, Array],
-    goal: tuple[Array, Array],
-    margin: float,
-    required: float,
-    lenient: float,
-) -> tuple[CarriedSpace, float]:
-    """Return what trees grow in, and the margin that the load keeps there; arguments as in `plan_with_arms`."""
     spare = min(_links_at(space, arms, q, joints) for q, joints in (start, goal)) - arms.around.clearance
     kept = arms.around.clearance + min(margin - lenient, 0.5 * spare if spare > 0.0 else spare - ROUGH)
     arms = arms._replace(around=arms.around._replace(clearance=kept))
@@ -134,7 +101,10 @@ def _world(
     at_ends = min(clearance_of(space, q, scratch, 0.0) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     course = np.stack([start[1], goal[1]])
-    return CarriedSpace(space, arms, len(start[0]), course, space.clock), margin
+    world, n = CarriedSpace(space, arms, len(start[0]), course, space.clock), len(start[0])
+    find = _way if densely else _planned
+    path = find(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
+    return (continuous(space, path[:, :n]), np.ascontiguousarray(path[:, n:])) if len(path) else None
 
 
 def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
