@@ -4,6 +4,9 @@ from itertools import product
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 
 from comove.geometry.distances import CENTER
 from comove.reaction.qp_workspace import Sighting
@@ -14,6 +17,7 @@ from comove.robots.online.courses import (
     dangers,
     dangers_along,
     fewer,
+    instants_near,
     least_costs,
 )
 from comove.robots.search.links import place_links
@@ -21,6 +25,8 @@ from comove.scenes import Scene
 from tests.robots.online.test_link_rows import at_start
 
 NEED, COSTS = (0.02, 0.1), np.array([100.0, 10.0])
+BALL = {"shape": "sphere", "radius": 0.08}
+UPRIGHT = {"shape": "capsule", "radius": 0.08, "length": 0.3}
 
 
 def network():
@@ -39,25 +45,25 @@ def network():
 
 def cheapest(net, goal, cost, left, node, slot):
     """Least cost by trying everything."""
-    last = cost.shape[1] - 1
+    last = cost.shape[0] - 1
     if slot == last:
         return left[node]
     found = [
-        cost[net.nodes[node], slot + 1] + (node != goal) + cheapest(net, goal, cost, left, node, slot + 1)
+        cost[slot + 1, net.nodes[node]] + (node != goal) + cheapest(net, goal, cost, left, node, slot + 1)
     ]
     for e in range(len(net.source)):
         d, there = int(net.slots[e]), int(net.target[e])
         if net.source[e] == node and slot + d <= last:
-            inside = sum(cost[net.begin[e] + s * net.stride[e], slot + 1 + s] for s in range(d - 1))
+            inside = sum(cost[slot + 1 + s, net.begin[e] + s * net.stride[e]] for s in range(d - 1))
             rest = cheapest(net, goal, cost, left, there, slot + d)
-            found.append(d + inside + cost[net.nodes[there], slot + d] + rest)
+            found.append(d + inside + cost[slot + d, net.nodes[there]] + rest)
     return min(found)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_course_is_cheaper_than_the_one_that_is_chosen(seed):
     net, rng = network(), np.random.default_rng(seed)
-    cost = rng.choice([0.0, 0.5, 100.0], (6, 7), p=[0.5, 0.2, 0.3])
+    cost = rng.choice([0.0, 0.5, 100.0], (7, 6), p=[0.5, 0.2, 0.3])
     left = np.array([4.0, 1.0, 0.0])
     value, choice = least_costs(net, 2, cost, left)
     for node, slot in product(range(3), range(7)):
@@ -65,22 +71,23 @@ def test_no_course_is_cheaper_than_the_one_that_is_chosen(seed):
     assert ((choice == WAIT) | (net.source[choice] == np.arange(3))).all()
 
 
-def ball(center, velocity, radius=0.08):
-    """A sighting of a ball."""
+def ball(center, velocity, shape=BALL):
+    """A sighting of a ball, or of something else that moves."""
     scene = Scene.from_dict(
         {
             "name": "ball",
             "duration": 5.0,
             "workspace": {"lower": [-2, -2, -2], "upper": [2, 2, 2]},
-            "obstacles": [{"shape": "sphere", "center": list(center), "radius": radius}],
+            "obstacles": [{**shape, "center": list(center)}],
             "manipulators": [{"name": "a", "start": [-1, -1, -1], "goal": [-1, -1, 1]}],
         }
     )
     return Sighting.still(scene)._replace(velocity=np.array([velocity]))
 
 
+@pytest.mark.parametrize(("shape", "axis"), [(BALL, 0.0), (UPRIGHT, 0.15)])
 @pytest.mark.parametrize("seed", range(8))
-def test_what_comes_how_near_is_as_points_on_capsules_say(seed):
+def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, axis):
     rng = np.random.default_rng(seed)
     start, end, radius = (
         rng.uniform(-0.5, 0.5, (5, 4, 3)),
@@ -88,11 +95,13 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed):
         rng.uniform(0, 0.1, 4),
     )
     begins, times = rng.uniform(-1, 1, 3), np.linspace(0.3, 4.0, 30)
-    seen = ball(begins, (rng.uniform(-0.3, 0.3, 3) - begins) / 2)
-    found = dangers(Places(start, end, radius), seen, NEED, times, COSTS)
+    seen = ball(begins, (rng.uniform(-0.3, 0.3, 3) - begins) / 2, shape)
+    found = dangers(Places(start, end, radius), seen, NEED, times, COSTS).T
     center = seen.table[0, CENTER : CENTER + 3] + times[:, None] * seen.velocity[0]
     points = start[..., None, :] + np.linspace(0, 1, 400)[:, None] * (end - start)[..., None, :]
-    apart = np.linalg.norm(points[:, None] - center[:, None, None], axis=-1).min(axis=-1)
+    off = points[:, None] - center[:, None, None]
+    off[..., 2] -= np.clip(off[..., 2], -axis, axis)
+    apart = np.linalg.norm(off, axis=-1).min(axis=-1)
     h = (apart - radius - 0.08).min(axis=-1)
     wanted = np.where(h < NEED[0], COSTS[0], COSTS[1] * (np.clip(NEED[1] - h, 0, None) / 0.08) ** 2)
     sure = np.abs(h - NEED[0]) > 1e-3
@@ -103,11 +112,24 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed):
     np.testing.assert_allclose(dangers_along(bodies, seen, NEED, times[:5], COSTS), found[rows, np.arange(5)])
 
 
+@given(
+    arrays(float, 3, elements=st.floats(-1, 1)),
+    arrays(float, 3, elements=st.sampled_from([0.0, 1e-12, 0.01, -0.03, 0.2])),
+    st.floats(0.01, 1.0),
+)
+def test_the_instants_of_nearness_are_those_that_distances_tell(off, step, far):
+    first, last = instants_near(off, step, far, 30)
+    away = np.linalg.norm(off + np.arange(30)[:, None] * step, axis=1)
+    sure, among = np.abs(away - far) > 1e-6, np.arange(30)
+    np.testing.assert_array_equal(((among >= first) & (among < last))[sure], (away <= far)[sure])
+    assert 0 <= first <= last <= 30
+
+
 def test_what_stands_is_as_near_at_all_times():
     rng = np.random.default_rng(3)
     bodies = Places(*rng.uniform(-0.3, 0.3, (2, 4, 3, 3)), np.full(3, 0.05))
     found = dangers(bodies, ball([0.2, 0.1, 0.0], [0.0, 0.0, 0.0]), NEED, np.linspace(0, 2, 9), COSTS)
-    np.testing.assert_array_equal(found, np.repeat(found[:, :1], 9, axis=1))
+    np.testing.assert_array_equal(found, np.repeat(found[:1], 9, axis=0))
 
 
 def test_fewer_links_hold_all_of_them():

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from comove.coordination.coordinates import load_coordinates
+from comove.planning.configurations import span
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.courses import CourseSettings
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.reference import Reference, Stop
-from comove.robots.online.roadmap import RoadmapSettings, Way
+from comove.robots.online.roadmap import RoadmapSettings, Way, nearby, nearest
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, scene_data
 from tests.robots.small_robots import robot
@@ -80,6 +81,20 @@ def test_a_way_is_gone_in_both_directions_slot_by_slot():
 def _samples(roadmap, e):
     inside = roadmap.begin[e] + roadmap.stride[e] * np.arange(roadmap.slots[e] - 1)
     return np.concatenate([roadmap.nodes[roadmap.source[[e]]], inside, roadmap.nodes[roadmap.target[[e]]]])
+
+
+def test_the_nearest_configurations_are_chosen_but_not_two_at_one_place():
+    pilot, _ = stands()
+    space, there = pilot.ground.space, pilot.growth.roadmap.configurations
+    for q in there[::9]:
+        away = np.array([span(space, other, q) for other in there])
+        expected = []
+        for i in np.argsort(away, kind="stable"):
+            alone = all(span(space, there[i], there[k]) > 0.1 for k in expected)
+            if 1e-9 < away[i] <= 0.4 and alone and len(expected) < 4:
+                expected.append(i)
+        assert nearby(space, there, q, (0.4, 0.1), 4).tolist() == expected
+        assert away[nearest(space, there, q)] == away.min()
 
 
 def test_a_reference_is_left_without_a_jump_and_ends_at_rest():

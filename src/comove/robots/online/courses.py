@@ -10,7 +10,7 @@ the end of the time that is foreseen counts as if nothing moved any more.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import sqrt
+from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ from comove.planning.configurations import Space
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
-from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links
+from comove.robots.search.links import ROUGH, Links, place_links
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -158,8 +158,70 @@ def _is_far(start: Array, end: Array, t: int, m: int, place: Array, far: float) 
 
 
 @kernel
+def instants_near(off: Array, step: Array, far: float, n: int) -> tuple[int, int]:
+    """Return the first and one past the last k of range(n) at which |off + k step| is at most `far`; 0, 0 for none.
+
+    Parameters
+    ----------
+    off, step : arrays, shape (3,) [m]
+    """
+    square, along, left = 0.0, 0.0, -far * far
+    for x in range(3):
+        square += step[x] * step[x]
+        along += off[x] * step[x]
+        left += off[x] * off[x]
+    if square < 1e-18:
+        return 0, n if left <= 0.0 else 0
+    root = along * along - square * left
+    if root < 0.0:
+        return 0, 0
+    first, last = (-along - sqrt(root)) / square, (-along + sqrt(root)) / square
+    if last < 0.0 or first > n - 1.0:
+        return 0, 0
+    return ceil(max(first, 0.0)), int(min(last, n - 1.0)) + 1
+
+
+@kernel
+def _raise_by_ball(
+    p: Array,
+    q: Array,
+    thick: float,
+    ball: tuple[Array, Array, int],
+    need: tuple[float, float],
+    costs: Array,
+    out: Array,
+) -> None:
+    """Raise costs, array of shape (n_instants,), to those of a segment near a ball, `thick` [m] in all.
+
+    Nothing in the loop branches, so that several instants are computed at once.
+
+    Parameters
+    ----------
+    ball : its centre at instant 0 and how that moves in one, arrays of shape (3,) [m], and the first instant
+    """
+    center, step, begin = ball
+    u, v, w = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    a, b, c = center[0] - p[0], center[1] - p[1], center[2] - p[2]
+    d, e, f = step[0], step[1], step[2]
+    size = max(u * u + v * v + w * w, 1e-18)
+    share_at_first, further = (a * u + b * v + c * w) / size, (d * u + e * v + f * w) / size
+    low, high, met, near, per = need[0], need[1], costs[0], costs[1], 1.0 / (need[1] - need[0])
+    for i in range(out.shape[0]):
+        k = float(begin + i)
+        share = share_at_first + k * further
+        share = 0.0 if share < 0.0 else share
+        share = 1.0 if share > 1.0 else share
+        x, y, z = a + k * d - share * u, b + k * e - share * v, c + k * f - share * w
+        h = sqrt(x * x + y * y + z * z) - thick
+        lack = (high - h) * per
+        lack = 0.0 if lack < 0.0 else lack
+        cost = met if h < low else near * lack * lack
+        out[i] = cost if cost > out[i] else out[i]
+
+
+@kernel
 def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array) -> Array:
-    """Return what it costs to be at a sample at an instant; array, shape (n_samples, n_times).
+    """Return what it costs to be at a sample at an instant; array, shape (n_times, n_samples).
 
     Parameters
     ----------
@@ -170,32 +232,32 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
     """
     start, end, radius = bodies
     n_samples, n_times, n_movers = start.shape[0], times.shape[0], seen.table.shape[0]
-    cost, here, last = np.zeros((n_samples, n_times)), np.empty(3), np.empty(3)
+    here, step, reach = np.empty((n_movers, 3)), np.empty((n_movers, 3)), np.empty(n_movers)
     for j in range(n_movers):
-        velocity = seen.velocity[j]
-        for x in range(3):
-            here[x] = seen.table[j, CENTER + x] + times[0] * velocity[x]
-            last[x] = seen.table[j, CENTER + x] + times[-1] * velocity[x]
-        for t in range(n_samples):
-            for m in range(radius.shape[0]):
-                p, q = start[t, m], end[t, m]
-                far = radius[m] + need[1]
-                _, share, apart = nearest_shares(p, q, here, last)
-                if apart > far + seen.margin[j] + seen.table[j, REACH]:
+        here[j] = seen.table[j, CENTER : CENTER + 3] + times[0] * seen.velocity[j]
+        step[j] = (times[1] - times[0]) * seen.velocity[j]
+        reach[j] = seen.table[j, REACH] + seen.margin[j]
+    cost, off, out = np.empty((n_times, n_samples)), np.empty(3), np.empty(n_times)
+    for t in range(n_samples):
+        out[:] = 0.0
+        for m in range(radius.shape[0]):
+            p, q, far, half = start[t, m], end[t, m], radius[m] + need[1], 0.0
+            for x in range(3):
+                half += (0.5 * (q[x] - p[x])) ** 2
+            half = sqrt(half)
+            for j in range(n_movers):
+                for x in range(3):
+                    off[x] = here[j, x] - 0.5 * (p[x] + q[x])
+                first, last = instants_near(off, step[j], half + far + reach[j], n_times)
+                if seen.table[j, KIND] == SPHERE:
+                    ball = here[j], step[j], first
+                    _raise_by_ball(p, q, radius[m] + reach[j], ball, need, costs, out[first:last])
                     continue
-                middle = round(share * (n_times - 1))
-                # Distances of convex bodies are convex in time: out from the nearest instant, until it is far.
-                for way in (-1, 1):
-                    k = middle if way > 0 else middle - 1
-                    while 0 <= k < n_times:
-                        if cost[t, k] >= costs[0]:
-                            k += way
-                            continue
+                for k in range(first, last):
+                    if out[k] < costs[0]:
                         h = _clearance(seen, j, p, q, times[k], far) - radius[m]
-                        if h >= need[1]:
-                            break
-                        cost[t, k] = max(cost[t, k], _cost(h, need, costs))
-                        k += way
+                        out[k] = max(out[k], _cost(h, need, costs))
+        cost[:, t] = out
     return cost
 
 
@@ -237,28 +299,28 @@ def least_costs(net: Network, goal: int, cost: Array, left: Array) -> tuple[Arra
     Parameters
     ----------
     goal : number of the node at which slots cost nothing
-    cost : array, shape (n_samples, n_slots + 1), of being at a sample, as of `dangers`
+    cost : array, shape (n_slots + 1, n_samples), of being at a sample, as of `dangers`
     left : array, shape (n_nodes,), cost of what is left to go from a node at the end
 
     Returns
     -------
     arrays, shape (n_slots + 1, n_nodes)
     """
-    n_nodes, n_slots = net.nodes.shape[0], cost.shape[1] - 1
+    n_nodes, n_slots = net.nodes.shape[0], cost.shape[0] - 1
     value, choice = np.empty((n_slots + 1, n_nodes)), np.full((n_slots + 1, n_nodes), WAIT)
     value[n_slots] = left
     for k in range(n_slots - 1, -1, -1):
         for i in range(n_nodes):
-            value[k, i] = value[k + 1, i] + cost[net.nodes[i], k + 1] + (0.0 if i == goal else 1.0)
+            value[k, i] = value[k + 1, i] + cost[k + 1, net.nodes[i]] + (0.0 if i == goal else 1.0)
         for e in range(net.source.shape[0]):
             d, i, there = net.slots[e], net.source[e], net.target[e]
             if k + d > n_slots:
                 continue
-            total = value[k + d, there] + d + cost[net.nodes[there], k + d]
+            total = value[k + d, there] + d + cost[k + d, net.nodes[there]]
             for s in range(d - 1):
                 if total >= value[k, i]:
                     break
-                total += cost[net.begin[e] + s * net.stride[e], k + 1 + s]
+                total += cost[k + 1 + s, net.begin[e] + s * net.stride[e]]
             if total < value[k, i] - 1e-9:
                 value[k, i], choice[k, i] = total, e
     return value, choice
@@ -327,9 +389,9 @@ class Foresight:
             self._known = roadmap, self.placed(Way(roadmap.configurations, roadmap.joints))
         times = since + SLOT * np.arange(how.n_slots + 1, dtype=np.float64)
         more = self.placed(Way(extended.configurations[n:], extended.joints[n:]))
-        cost = np.concatenate([self._dangers(self._known[1], seen, times), self._dangers(more, seen, times)])
+        cost = np.hstack([self._dangers(self._known[1], seen, times), self._dangers(more, seen, times)])
         net = Network(*(getattr(extended, name) for name in Network._fields))
-        left = self._left(net, extended.goal, cost[:, -1])
+        left = self._left(net, extended.goal, cost[-1])
         value, choice = least_costs(net, extended.goal, cost, left)
         samples, ends = _samples(net, extended.goal, choice)
         way = Way(extended.configurations[samples], extended.joints[samples])

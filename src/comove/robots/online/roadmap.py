@@ -48,7 +48,7 @@ class RoadmapSettings:
         and the share of `rates` that this may take
     """
 
-    n_nodes: int = 600
+    n_nodes: int = 1800
     n_more: int = 100
     n_draws: int = 8
     reach: float = 0.3
@@ -124,12 +124,45 @@ def lead(ground: Ground, p: Array, target: Array, way: Way) -> int:
 
 
 @kernel
-def spans(space: Space, configurations: Array, q: Array) -> Array:
-    """Return the spans from several configurations to one; array, shape (n,) [m]."""
-    out = np.empty(configurations.shape[0])
+def nearest(space: Space, configurations: Array, q: Array) -> int:
+    """Return the number of the configuration from which the way to q is shortest."""
+    best, least = 0, np.inf
     for i in range(configurations.shape[0]):
-        out[i] = span(space, configurations[i], q)
-    return out
+        away = span(space, configurations[i], q)
+        if away < least:
+            best, least = i, away
+    return best
+
+
+@kernel
+def nearby(space: Space, configurations: Array, q: Array, within: tuple[float, float], most: int) -> Numbers:
+    """Return numbers of configurations near to q, nearest first, that are not all at one place; array, shape (n,).
+
+    Parameters
+    ----------
+    within : longest way to q, and least way between two that are returned [m]
+    most : how many are returned at most
+    """
+    far, apart = within
+    near, away = np.empty(configurations.shape[0], dtype=np.int64), np.empty(configurations.shape[0])
+    n, n_chosen, chosen = 0, 0, np.empty(most, dtype=np.int64)
+    for i in range(configurations.shape[0]):
+        away[n], near[n] = span(space, configurations[i], q), i
+        n += 1e-9 < away[n] <= far
+    while n_chosen < most:
+        best, least = -1, np.inf
+        for m in range(n):
+            if away[m] < least:
+                best, least = m, away[m]
+        if best < 0:
+            break
+        away[best], candidate, alone = np.inf, configurations[near[best]], True
+        for other in chosen[:n_chosen]:
+            alone = alone and span(space, candidate, configurations[other]) > apart
+        if alone:
+            chosen[n_chosen] = near[best]
+            n_chosen += 1
+    return chosen[:n_chosen].copy()
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +254,7 @@ class GrowingRoadmap:
             if added == n_nodes:
                 break
             drawn = self._drawn(around)
-            near = int(spans(self.ground.space, self._nodes.configurations, drawn).argmin())
+            near = nearest(self.ground.space, self._nodes.configurations, drawn)
             drawn = self._towards(self._nodes.configurations[near], drawn)
             ways = self.ways_to(drawn)
             if ways:
@@ -241,7 +274,8 @@ class GrowingRoadmap:
             given
         """
         how, found = self.settings, list[tuple[int, Way]]()
-        for node in self._nearby(configuration):
+        within, there = (1.5 * how.reach, how.apart), self._nodes.configurations
+        for node in nearby(self.ground.space, there, configuration, within, how.n_joined).tolist():
             way = self._way(node, configuration)
             if way is None:
                 continue
@@ -272,21 +306,6 @@ class GrowingRoadmap:
             self.ground.space, here, there, min(1.0, share * self.settings.reach / max(way, 1e-12)), out
         )
         return out
-
-    def _nearby(self, configuration: Array) -> list[int]:
-        """Return nodes within reach, nearest first, that are not all at one place."""
-        how, space = self.settings, self.ground.space
-        configurations = self._nodes.configurations
-        away = spans(space, configurations, configuration)
-        chosen = list[int]()
-        for node in np.argsort(away, kind="stable").tolist():
-            if away[node] > 1.5 * how.reach or len(chosen) == how.n_joined:
-                break
-            if away[node] > 1e-9 and all(
-                span(space, configurations[node], configurations[other]) > how.apart for other in chosen
-            ):
-                chosen.append(node)
-        return chosen
 
     def _way(self, node: int, configuration: Array) -> Way | None:
         """Return the way from a node to a configuration; None where it is blocked."""
