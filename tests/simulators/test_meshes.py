@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comove.errors import RobotError
-from comove.simulators.meshes import SEAL, as_obj, cache_folder, coloured_parts
+from comove.simulators.meshes import SEAL, as_obj, cache_folder, coloured_parts, convex_parts_of
 from tests.geometry.triangles.written import WEDGE
 
 trimesh = pytest.importorskip("trimesh")
@@ -47,6 +47,24 @@ def test_a_drawing_in_centimetres_becomes_metres(tmp_path):
     mesh = trimesh.load(as_obj(path), force="mesh")
     assert np.allclose(mesh.bounds, [[0, 0, 0], [1.0, 0.5, 0.25]])
     assert [part.suffix for part, _ in coloured_parts(path)] == [".obj"]
+
+
+def test_a_mesh_that_is_hollow_collides_by_several_hulls(tmp_path):
+    bars, path = [trimesh.creation.box(size) for size in ((40.0, 5, 5), (5.0, 40, 5))], tmp_path / "bent.stl"
+    bars[1].apply_translation((-17.5, 17.5, 0.0))
+    trimesh.util.concatenate(bars).export(path)  # in centimetres
+    whole = trimesh.load(path, force="mesh")
+    for moves in (True, False):
+        parts = convex_parts_of(path, (0.01, 0.01, 0.01), moves)
+        hulls = [trimesh.load(part, force="mesh") for part in parts]
+        assert all(hull.is_convex for hull in hulls)
+        assert sum(hull.volume for hull in hulls) < 0.6e-6 * whole.convex_hull.volume
+        assert np.allclose(trimesh.util.concatenate(hulls).bounds, 0.01 * whole.bounds, atol=1e-6)
+        assert len(parts) > 1
+    flat = tmp_path / "flat.stl"
+    trimesh.Trimesh([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [(0, 1, 2)]).export(flat)
+    parts = convex_parts_of(flat, (1.0, 1.0, 1.0), True)
+    assert all(0 < trimesh.load(part, force="mesh").volume < 1e-3 for part in parts)
 
 
 def test_what_is_converted_is_kept(box):

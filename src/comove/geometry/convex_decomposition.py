@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.cells import Solid, are_inside, no_solid, pieces, solid_of
-from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of
+from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of, thickened
 from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
@@ -172,13 +172,7 @@ def _area(corners: Array) -> Array:
 
 def _thin(points: Array, thickness: float) -> Polytope:
     """Return the hull of points, array of shape (n, 3) [m], each thickened to `thickness` [m] along the axes."""
-    return solid_hull_of(_thickened(points, thickness))
-
-
-def _thickened(points: Array, thickness: float) -> Array:
-    """Return the neighbours of every point, half the thickness away along the axes; array, shape (6 n, 3) [m]."""
-    steps = 0.5 * thickness * np.concatenate([np.eye(3), -np.eye(3)])
-    return (points[:, None] + steps).reshape(-1, 3)
+    return solid_hull_of(thickened(points, thickness))
 
 
 def _is_convex(corners: Array, hull: Polytope) -> bool:
@@ -225,7 +219,7 @@ class _Groups:
         )
         self.n = len(self.first) - 1
         if thickness:
-            self.points, self.first = _thickened(self.points, thickness), 6 * self.first
+            self.points, self.first = thickened(self.points, thickness), 6 * self.first
 
     def _planes(self, axis: int, n_planes: int) -> Array:
         """Return the positions of cuts across an axis: at the part's largest flat sides, and evenly in between."""

@@ -65,6 +65,31 @@ def solid_hull_of(points: Array) -> Polytope:
     return hull
 
 
+def hull_triangles(points: Array, thickness: float = 1e-4) -> tuple[Array, NDArray[np.int64]]:
+    """Return the convex hull of points, array of shape (n, 3) [m], as vertices and triangles that turn outwards.
+
+    Points in one plane are taken to be so thick [m].
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):  # as in `hull_of`
+        points = thickened(points, thickness)
+        hull = ConvexHull(points)
+    a, b, c = points[hull.simplices].swapaxes(0, 1)
+    inwards = (np.cross(b - a, c - a) * hull.equations[:, :3]).sum(axis=1) < 0.0
+    triangles = np.where(inwards[:, None], hull.simplices[:, ::-1], hull.simplices)
+    used = np.unique(triangles)
+    return points[used], np.searchsorted(used, triangles)
+
+
+def thickened(points: Array, thickness: float) -> Array:
+    """Return the neighbours of every point, half the thickness away along the axes; array, shape (6 n, 3) [m]."""
+    steps = 0.5 * thickness * np.concatenate([np.eye(3), -np.eye(3)])
+    return (points[:, None] + steps).reshape(-1, 3)
+
+
 def _planes(vertices: Array, normals: Array) -> Array:
     """Return the planes that touch the vertices, one for each different normal; array, shape (n, 4)."""
     kept = np.unique(np.round(normals / ALIKE).astype(np.int64), axis=0, return_index=True)[1]

@@ -12,12 +12,11 @@ from comove.planning.search import Interruption
 from comove.robots.online.executor import JointExecutor
 from comove.simulators.building import TIMESTEP, build_world
 from comove.simulators.engine import engine, without_log
-from comove.simulators.execution import Contact
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.live_record import OnlineRecord
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.settings import PLAN, USUAL, Perturbation
-from comove.simulators.simulate import at_start, broken, note_contacts
+from comove.simulators.simulate import at_start, broken, contacts_of, note_contacts
 from comove.simulators.world import World, moving_body
 
 Array = NDArray[np.float64]
@@ -92,8 +91,7 @@ def _run(world: World, data: Any, executor: JointExecutor, budget: float, every:
             record.add(executor, data.qpos[world.qpos], _load_pose(world, data))
             if broken(data) or executor.arrived:
                 break
-    found = tuple(Contact(world.names_of(pair), *seen) for pair, seen in contacts.items())
-    record.contacts, record.given_up = found, given_up
+    record.contacts, record.given_up = contacts_of(world, contacts), given_up
     record.arrived, record.unstable = executor.arrived, broken(data)
     record.interrupted = interruption.wished
     return record

@@ -12,6 +12,7 @@ import io
 import json
 import os
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ExtraError, MeshError, RobotError
+from comove.geometry.polytopes import hull_triangles
 from comove.geometry.triangles import MAX_BYTES, triangles_of
+from comove.robots.search.capsules import convex_parts
 
-VERSION = b"4"  # of the conversion
+VERSION = b"5"  # of the conversion
 SEAL = b"# sha256 "
 DARKEST = 0.08  # what is black in a mesh: true black has no shape in a picture
 MATERIALS = ".mtl"  # the only files that a mesh may bring along
@@ -47,7 +50,31 @@ def as_obj(mesh: Path) -> Path:
     RobotError
         If the mesh cannot be read or holds no triangles, or the cache cannot be written.
     """
-    return _cached(mesh, by_colour=False)[0][0]
+    return _cached(mesh, "whole", lambda data: [(_obj([_triangles(mesh, data)]), None)])[0][0]
+
+
+def convex_parts_of(mesh: Path, scale: tuple[float, float, float], moves: bool) -> list[Path]:
+    """Convert a mesh to one OBJ file, in metres, for each of the convex bodies whose union holds its surface.
+
+    MuJoCo takes the hull of a mesh, which fills what is hollow: the elbow of a link, the space below a table.
+
+    Parameters
+    ----------
+    scale : what coordinates are multiplied by
+    moves : whether the link moves; the larger bodies of those that do not are cut finer
+
+    Raises
+    ------
+    RobotError
+        As `as_obj`.
+    """
+
+    def hulls(data: bytes) -> list[tuple[bytes, Colour | None]]:
+        vertices, triangles = _triangles(mesh, data)
+        parts = convex_parts(vertices * np.array(scale), triangles, moves)
+        return [(_obj([hull_triangles(part)]), None) for part in parts]
+
+    return [path for path, _ in _cached(mesh, f"hulls {scale} {moves}", hulls)]
 
 
 def coloured_parts(mesh: Path) -> list[Part]:
@@ -59,16 +86,19 @@ def coloured_parts(mesh: Path) -> list[Part]:
     RobotError
         As `as_obj`.
     """
-    return _cached(mesh, by_colour=True)
+    return _cached(mesh, "coloured", lambda data: _by_colour(mesh, data))
 
 
-def _cached(mesh: Path, *, by_colour: bool) -> list[Part]:
+def _cached(
+    mesh: Path, what: str, convert: Callable[[bytes], list[tuple[bytes, Colour | None]]]
+) -> list[Part]:
+    """Return what a conversion makes of a mesh, from the cache where it is there."""
     data, suffix = _bytes_of(mesh), mesh.suffix.lower()
-    key = hashlib.sha256(b"|".join([VERSION, str(by_colour).encode(), suffix.encode(), data])).hexdigest()
+    key = hashlib.sha256(b"|".join([VERSION, what.encode(), suffix.encode(), data])).hexdigest()
     folder = cache_folder()
     parts = _read_parts(folder, key)
     if parts is None:
-        bodies = _converted(mesh, data, by_colour)
+        bodies = convert(data)
         names = [f"{key}-{i}.obj" for i in range(len(bodies))]
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -106,15 +136,19 @@ def _read_parts(folder: Path, key: str) -> list[Part] | None:
     return parts if all(_read_whole(path) is not None for path, _ in parts) else None
 
 
-def _converted(mesh: Path, data: bytes, by_colour: bool) -> list[tuple[bytes, Colour | None]]:
-    """Convert the mesh's pieces to OBJ, vertices and triangles alone, with their colours."""
+def _triangles(mesh: Path, data: bytes) -> Triangles:
     try:
-        whole = triangles_of(data, mesh.suffix.lower())
+        return triangles_of(data, mesh.suffix.lower())
     except MeshError as error:
         raise RobotError(
             f"the mesh cannot be read: {error.message}", file=mesh, way_out=error.way_out
         ) from error
-    if not by_colour or data.count(b"usemtl") > MAX_CHANGES:  # which take trimesh quadratic time
+
+
+def _by_colour(mesh: Path, data: bytes) -> list[tuple[bytes, Colour | None]]:
+    """Convert the mesh's pieces to OBJ, vertices and triangles alone, with their colours."""
+    whole = _triangles(mesh, data)
+    if data.count(b"usemtl") > MAX_CHANGES:  # which take trimesh quadratic time
         return [(_obj([whole]), None)]
     groups: dict[Colour | None, list[Triangles]] = {}
     for piece in _pieces(mesh, data):

@@ -148,7 +148,7 @@ def _run(
         "time": time[::every][:count],
         "commanded": position[::every][:count],
         **log.series(),
-        "contacts": tuple(Contact(world.names_of(pair), *found) for pair, found in contacts.items()),
+        "contacts": contacts_of(world, contacts),
         "steps_per_second": (step + 1) / took,
         "unstable": unstable,
     }
@@ -183,6 +183,16 @@ def note_contacts(
         pair = (int(pairs[i].min()), int(pairs[i].max()))
         first, deepest = found.get(pair, (float(time), 0.0))
         found[pair] = first, max(deepest, float(depths[i]))
+
+
+def contacts_of(world: World, found: dict[tuple[int, int], tuple[float, float]]) -> tuple[Contact, ...]:
+    """Return the contacts of bodies, whose shapes are several."""
+    told: dict[tuple[str, str], Contact] = {}
+    for pair, (first, deepest) in found.items():
+        names = world.names_of(pair)
+        known = told.get(names, Contact(names, first, deepest))
+        told[names] = Contact(names, min(known.time, first), max(known.depth, deepest))
+    return tuple(told.values())
 
 
 class _Log:

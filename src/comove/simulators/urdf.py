@@ -16,7 +16,7 @@ from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import matrices
 from comove.robots.description import Placement
 from comove.robots.urdf import Source, resolve
-from comove.simulators.meshes import as_obj, coloured_parts
+from comove.simulators.meshes import coloured_parts, convex_parts_of
 
 Array = NDArray[np.float64]
 
@@ -55,13 +55,15 @@ def for_mujoco(
                     joint.remove(child)
             if joint.get("type") != "fixed" and joint.get("name") not in moving:
                 _fix(joint, posture.get(joint.get("name", ""), 0.0))
+        moved = _moved(tree)
         for link in tree.findall("link"):
             for visual in link.findall("visual"):
                 link.remove(visual)
                 if drawn:
                     link.extend(_drawable(visual, source.file))
             for collision in link.findall("collision"):
-                _convert(collision, source.file)
+                link.remove(collision)
+                link.extend(_solid(collision, source.file, link.get("name") in moved))
             for number, shape in enumerate(link.findall("visual") + link.findall("collision")):
                 shape.set("name", f"{link.get('name')} {number}")  # names must differ
         whole.extend(part for part in tree if part.tag in ("link", "joint", "material"))
@@ -82,11 +84,30 @@ def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
     return joint
 
 
-def _convert(collision: ET.Element, file: Path) -> None:
-    """Replace the mesh of a collision element by an OBJ file."""
+def _moved(tree: ET.Element) -> set[str]:
+    """Return the names of the links that joints move, once the others are fixed."""
+    found, more = set[str](), True
+    while more:
+        more = False
+        for joint in tree.findall("joint"):
+            parent, child = (joint.find(end).get("link", "") for end in ("parent", "child"))  # type: ignore[union-attr]
+            if child not in found and (joint.get("type") != "fixed" or parent in found):
+                found.add(child)
+                more = True
+    return found
+
+
+def _solid(collision: ET.Element, file: Path, moves: bool) -> list[ET.Element]:
+    """Split a collision element into convex bodies, where it is a mesh."""
     mesh = collision.find("geometry/mesh")
-    if mesh is not None:
-        mesh.set("filename", str(as_obj(resolve(mesh.get("filename", ""), file))))
+    if mesh is None:
+        return [collision]
+    x, y, z = (float(value) for value in mesh.attrib.pop("scale", "1 1 1").split())
+    copies = []
+    for path in convex_parts_of(resolve(mesh.get("filename", ""), file), (x, y, z), moves):
+        mesh.set("filename", str(path))
+        copies.append(deepcopy(collision))
+    return copies
 
 
 def _drawable(visual: ET.Element, file: Path) -> list[ET.Element]:

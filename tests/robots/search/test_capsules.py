@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from comove.geometry.polytopes import solid_hull_of, thickened
 from comove.robots.search.capsules import (
     CELL,
     FINE,
@@ -15,8 +16,11 @@ from comove.robots.search.capsules import (
     PROUDEST,
     around,
     capsules_of,
+    convex_parts,
+    holding,
     vertices_of,
 )
+from comove.robots.search.capsules import on_triangles as densely
 from comove.robots.search.links import FAT
 from tests.cases import examples
 from tests.robots.small_robots import BUNDLED, robot
@@ -127,8 +131,8 @@ def test_a_capsule_around_a_capsule_is_hardly_larger(seed, radius, length):
     assert around(points).volume < 1.25 * np.pi * radius**2 * (length + 4 / 3 * radius)
 
 
-def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
-    """Two bars that meet at a right angle, of 40 cm and 5 cm: one capsule would fill the angle."""
+def bent():
+    """Two bars that meet at a right angle, of 40 cm and 5 cm: vertices and triangles."""
     bars = [
         np.array(np.meshgrid(*size)).reshape(3, -1).T
         for size in (((0, 0.4), (0, 0.05), (0, 0.05)), ((0, 0.05), (0, 0.4), (0, 0.05)))
@@ -149,10 +153,44 @@ def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
         (1, 7, 5),
     ]
     triangles = np.array(faces + [tuple(8 + i for i in face) for face in faces])
+    return points, triangles
+
+
+def test_a_bent_body_is_inside_capsules_that_take_less_room_than_one():
+    points, triangles = bent()  # one capsule would fill the angle
     capsules = capsules_of(mesh(points, triangles), True)
     assert outside(on_triangles(points, triangles, np.random.default_rng(1)), capsules) <= allowed(capsules)
     assert len(capsules) > 1
     assert sum(capsule.volume for capsule in capsules) < 0.4 * around(points).volume
+
+
+@examples(25)
+@given(
+    st.integers(0, 10_000), st.integers(4, 40), arrays(float, 3, elements=st.floats(0.01, 1)), st.booleans()
+)
+def test_the_hulls_of_parts_hold_the_surface_and_capsules_hold_the_hulls(seed, count, size, moves):
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-1, 1, (count, 3)) * size + rng.normal(size=3)
+    triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
+    parts = convex_parts(points, triangles, moves)
+    hulls = [solid_hull_of(thickened(part, 1e-6)) for part in parts]
+    on = on_triangles(points, triangles, rng)
+    beyond = [(on @ hull.planes[:, :3].T - hull.planes[:, 3]).max(axis=1) for hull in hulls]
+    assert np.min(beyond, axis=0).max() <= 1e-9
+    if moves:
+        capsules = holding(*densely(points, triangles))
+        for part, capsule in zip(parts, capsules, strict=True):  # and so is its hull, as capsules are convex
+            assert outside(part, [capsule]) <= allowed([capsule])
+
+
+def test_the_angle_of_a_bent_body_is_in_none_of_its_parts():
+    points, triangles = bent()
+    for moves in (True, False):
+        parts = convex_parts(points, triangles, moves)
+        hulls = [solid_hull_of(part) for part in parts]
+        inside = [(hull.planes[:, :3] @ (0.15, 0.15, 0.025) - hull.planes[:, 3]).max() < 0 for hull in hulls]
+        assert len(parts) > 1
+        assert not any(inside)
 
 
 @pytest.mark.parametrize("name", [name for name in BUNDLED if name != "baxter"])  # of boxes and cylinders

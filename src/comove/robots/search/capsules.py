@@ -64,8 +64,30 @@ def capsules_of(shape: Any, moves: bool) -> list[LinkCapsule]:
         return holding(*_on_box(np.array(shape.halfSide)))
     if kind == "Cylinder":
         return [around(_around_cylinder(shape.radius, shape.halfLength))]
-    points, spacing = _on_mesh(shape)
+    triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
+    points, spacing = on_triangles(vertices_of(shape), np.array([(t[0], t[1], t[2]) for t in triangles]))
     return holding(points, spacing) if moves else _balls(points, spacing)
+
+
+def convex_parts(vertices: Array, triangles: NDArray[np.int64], moves: bool) -> list[Array]:
+    """Return points, arrays of shape (n, 3) [m], the union of whose hulls holds a surface.
+
+    A mesh that moves is cut as for its capsules, which then hold the hulls but for what may stick out. One that does
+    not move may be hollow and large, and is cut into cells.
+
+    Parameters
+    ----------
+    vertices, triangles : arrays, shape (n_vertices, 3) [m] and (n_triangles, 3)
+    """
+    points, spacing = on_triangles(vertices, triangles)
+    if moves:
+        return [part for part, _ in parted(points, spacing)]
+    low, parts = points.min(axis=0), []
+    for cell in np.unique(np.floor((points - low) / CELL), axis=0):
+        corner = low + CELL * cell
+        near = (points >= corner - spacing) & (points <= corner + CELL + spacing)
+        parts.append(points[near.all(axis=1)])
+    return parts
 
 
 def vertices_of(shape: Any) -> Array:
@@ -74,24 +96,29 @@ def vertices_of(shape: Any) -> Array:
 
 
 def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[LinkCapsule]:
-    """Compute capsules whose union holds a body.
+    """Compute capsules whose union holds a body; parameters as of `parted`."""
+    return [capsule for _, capsule in parted(points, spacing, depth)]
+
+
+def parted(points: Array, spacing: float, depth: int = DEPTH) -> list[tuple[Array, LinkCapsule]]:
+    """Cut a body where capsules around the parts take clearly less room; returns the parts' points and capsules.
 
     Parameters
     ----------
-    points : array, shape (n_points, 3), corners of small parts of which a body's surface consists [m]
-    spacing : diameter of these parts, at most [m]
+    points : array, shape (n_points, 3), corners of small triangles of which a body's surface consists [m]
+    spacing : diameter of these triangles, at most [m]
     depth : number of times that the body may be cut in two
     """
     one = around(points)
     if depth == 0 or (cut := _best_cut(points[:: 1 + len(points) // SOME])) is None:
-        return [one]
+        return [(points, one)]
     direction, at = cut
     along = points @ direction
     # What lies across the cut is in a part with all its corners, as parts overlap by its length.
     parts = points[along <= at + spacing], points[along >= at - spacing]
     if _volume([around(part) for part in parts]) > WORTHWHILE * one.volume:
-        return [one]
-    return [capsule for part in parts for capsule in holding(part, spacing, depth - 1)]
+        return [(points, one)]
+    return [smaller for part in parts for smaller in parted(part, spacing, depth - 1)]
 
 
 def around(points: Array) -> LinkCapsule:
@@ -195,11 +222,9 @@ def _around_cylinder(radius: float, half: float) -> Array:
     return np.concatenate([np.column_stack([ring, np.full(AROUND, z)]) for z in (-half, half)])
 
 
-def _on_mesh(shape: Any) -> tuple[Array, float]:
-    """Return points on the triangles of a mesh, and the diameter of the triangles between them [m]."""
-    points = vertices_of(shape)
-    triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
-    corners = points[np.array([(t[0], t[1], t[2]) for t in triangles])]
+def on_triangles(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, float]:
+    """Return points on triangles, their corners among them, and the diameter of the triangles between them [m]."""
+    corners = points[triangles]
     longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
     parts = np.clip(np.ceil(longest / FINE), 1, MOST_PARTS).astype(int)
     dense = [(_shares(n) @ corners[parts == n]).reshape(-1, 3) for n in np.unique(parts) if n > 1]
