@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 
 from comove.errors import OptionError
 from comove.io.folders import whole_folder
@@ -15,7 +16,7 @@ from comove.simulators.live import run_live
 from comove.simulators.live_files import ROBOT_RUN, write_robot_run
 from comove.simulators.live_record import judge_run
 from tests.robots.known_carry import TABLE, posts, scene_data
-from tests.robots.small_robots import robot
+from tests.robots.small_robots import EXAMPLES, robot
 
 pytestmark = pytest.mark.slow
 BALL = {
@@ -70,6 +71,26 @@ def test_what_is_wrong_with_a_run_is_said(executed):
     said = judge_run(touched, stride=200).reasons
     assert any("a and b touch at 1.00 s" in reason for reason in said)
     assert any("has not arrived" in reason for reason in said)
+
+
+def test_a_ball_through_a_shoulder_drives_the_robot_off_and_it_goes_on():
+    path = EXAMPLES / "robots" / "two_xarm7.yaml"
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    begin, velocity = np.array([-0.4466, -0.6988, 0.2749]), np.array([0.2738, 0.2009, 0.0])  # m, m/s
+    track = {"waypoints": [begin.tolist(), (begin + 40 * velocity).tolist()], "times": [0.0, 40.0]}
+    data["obstacles"].append(
+        {"shape": "sphere", "center": track["waypoints"][0], "radius": 0.08, "motion": track}
+    )
+    scene = Scene.from_dict({**data, "demonstration": None})
+    executor = JointExecutor(scene, robot("two_xarm7"), seed=9124)
+    record = run_live(executor, 40.0)
+    report = judge_run(record, stride=100)
+    assert record.arrived and not record.given_up
+    assert any(record.driven_off) and not record.driven_off[-1]
+    assert any("link1" in contact.between[0] for contact in record.contacts)
+    assert report.hold_error_max < 1e-6
+    assert report.velocity_ratio_max <= 1.0 + 1e-6
+    assert report.end_error < 5e-3
 
 
 def test_files_are_sealed_and_read_back(executed, tmp_path):

@@ -76,7 +76,7 @@ def _run(world: World, data: Any, executor: JointExecutor, budget: float, every:
         while executor.time < budget - 1e-9 and not interruption.wished:
             before = executor.position.copy()
             try:
-                command = executor.step(data.qpos[world.qpos])
+                command = _command(executor, data.qpos[world.qpos])
             except RobotError as error:  # something holds the robot
                 given_up = error.message
                 break
@@ -95,6 +95,17 @@ def _run(world: World, data: Any, executor: JointExecutor, budget: float, every:
     record.arrived, record.unstable = executor.arrived, broken(data)
     record.interrupted = interruption.wished
     return record
+
+
+def _command(executor: JointExecutor, measured: Array) -> Array:
+    """Return the next command, of a robot that was driven off, too."""
+    if not executor.driven_off:
+        try:
+            return executor.step(measured)
+        except RobotError:
+            if not executor.driven_off:
+                raise
+    return executor.recover(measured)
 
 
 def _move_obstacles(world: World, data: Any, executor: JointExecutor) -> None:

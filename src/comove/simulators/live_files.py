@@ -2,7 +2,8 @@
 
 The arrays are, after every control step, `time` (n_steps,) [s], `commanded` and `measured` (n_steps, n_joints) [rad],
 `nodes` (n_steps, n_nodes, 3), hands and corners of the load as commanded [m], `load_pose` (n_steps, 4, 4), the load
-in the simulator, and `obstacle_center` (n_steps, n_obstacles, 3) [m].
+in the simulator, `driven_off` (n_steps,), whether the robot gave way to what had driven it off, and `obstacle_center`
+(n_steps, n_obstacles, 3) [m].
 """
 
 from __future__ import annotations
@@ -72,6 +73,7 @@ def write_robot_run(
         "measured": np.array(record.measured),
         "nodes": np.array(record.nodes),
         "load_pose": np.array(record.load),
+        "driven_off": np.array(record.driven_off),
         "obstacle_center": np.array(record.obstacles),
     }
     return ROBOT_RUN.write(folder, summary, arrays)

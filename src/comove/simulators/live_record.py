@@ -48,6 +48,7 @@ class OnlineRecord:
     commanded, measured : joints, arrays of shape (n_joints,) [rad]
     nodes : hands and corners of the load as commanded, arrays of shape (n_nodes, 3) [m]
     load : poses of the load in the simulator, arrays of shape (4, 4)
+    driven_off : whether the robot gave way to what had driven it off; commands hold nothing then
     obstacles : true places of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]
     period : control period [s]
     contacts : what touched and should not have
@@ -63,6 +64,7 @@ class OnlineRecord:
     measured: list[Array] = field(default_factory=list)
     nodes: list[Array] = field(default_factory=list)
     load: list[Array] = field(default_factory=list)
+    driven_off: list[bool] = field(default_factory=list)
     obstacles: list[Array] = field(default_factory=list)
     contacts: tuple[Contact, ...] = ()
     arrived: bool = False
@@ -88,6 +90,7 @@ class OnlineRecord:
         self.measured.append(np.array(measured, dtype=float))
         self.nodes.append(nodes_of(self.scene, executor.poses))
         self.load.append(load)
+        self.driven_off.append(executor.driven_off)
         self.obstacles.append(executor.observer.ground_truth(np.array([executor.time]))[0])
 
 
@@ -97,9 +100,10 @@ class OnlineReport:
 
     Attributes
     ----------
-    hold_error_max : largest error of a commanded hand on the load [m; a radian counts 1]
+    hold_error_max : largest error of a commanded hand on the load, but while the robot is driven off [m; a radian
+        counts 1]
     distance_error_max : largest change of two hands' distance in the simulator [m]
-    velocity_ratio_max, acceleration_ratio_max : largest share of a joint's limit that commands use
+    velocity_ratio_max, acceleration_ratio_max : largest share of a joint's limit that commands use, likewise
     joint_margin_min : least distance of commanded joints from their limits [rad]
     clearance_scene, clearance_load, clearance_self : least sampled distances of links from obstacles, from the load,
         and of each other [m]
@@ -182,7 +186,8 @@ def _reasons(record: OnlineRecord, m: dict[str, float]) -> list[str]:
 
 def _hold_error(record: OnlineRecord, hands: Array) -> float:
     """Return the largest error of the commanded hands on the load [m, rad]."""
-    nodes, grasp = np.array(record.nodes)[:, : hands.shape[1]], record.scene.grasp
+    held = ~np.array(record.driven_off)
+    nodes, hands, grasp = np.array(record.nodes)[held, : hands.shape[1]], hands[held], record.scene.grasp
     off = np.linalg.norm(hands[..., :3, 3] - nodes, axis=-1).max()
     if grasp is None:
         return float(off)
@@ -200,7 +205,9 @@ def _distance_errors(hands: Array) -> float:
 def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float]:
     """Return the largest shares of speed and acceleration limits, and the least margin of the joints [rad]."""
     robot, rates = record.robot, np.diff(commanded, axis=0) / record.period
-    bends = np.diff(rates, axis=0) / record.period
+    bends, off = np.diff(rates, axis=0) / record.period, np.array(record.driven_off)
+    went = off[1:] | off[:-1]  # where it was, not where it was commanded to
+    rates, bends = rates[~went], bends[~(went[1:] | went[:-1])]
     margin = np.minimum(commanded - robot.lower, robot.upper - commanded).min()
     return (
         float((np.abs(rates) / robot.velocity).max(initial=0.0)),

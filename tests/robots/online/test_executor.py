@@ -10,8 +10,10 @@ from comove.execution import Clouds
 from comove.reaction.twists import nodes_of
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.robots.online.pilot import PilotSettings
+from comove.robots.online.righting import way_back
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, posts, scene_data
+from tests.robots.online.test_righting import displaced
 from tests.robots.small_robots import robot
 
 AWAY = {"shape": "sphere", "center": [0.55, 0.9, 0.2], "radius": 0.08}
@@ -123,6 +125,43 @@ def test_a_robot_that_does_not_come_along_is_waited_for_and_then_told_of():
     for wrong in (stuck[:3], np.full(len(stuck), np.nan)):
         with pytest.raises(RobotError, match="measured joints"):
             executor.step(wrong)
+
+
+@pytest.mark.slow
+def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands():
+    executor = JointExecutor(scene_with(), robot("baxter"), seed=1, settings=OnlineSettings(lost=0.2))
+    for _ in range(300):
+        executor.step(executor.position)
+    machine, arms = executor.robot, executor.carrier.holders
+    held = np.array([machine.tool_pose(executor.position, arm) for arm in arms])
+    tilted = displaced(held, np.array([0.3, 0.2, 0.0]), np.array([-0.05, 0.0, 0.04]))
+    away = executor.position.copy()
+    away[executor.columns] = way_back(executor.carrier.arms, away[executor.columns], held, tilted)[-1]
+    before = executor.position.copy()
+    with pytest.raises(RobotError, match="rad from where it was commanded"):
+        executor.step(away)
+    assert executor.driven_off
+    np.testing.assert_array_equal(executor.position, before)
+    measured, lag = before, executor.settings.lag
+    for share in np.linspace(0.0, 1.0, 100):  # it is still driven
+        measured = before + share * (away - before)
+        assert np.abs(executor.recover(measured) - measured)[executor.columns].max() <= lag + 1e-12
+    for _ in range(60):  # it stands, but not for long enough
+        command = executor.recover(measured)
+    assert np.abs(command - measured).max() <= lag + 1e-12
+    while executor.driven_off:
+        assert executor.time < 20.0
+        command = executor.recover(command)
+    nodes, commands = [], [command]
+    while executor.time < 40.0 and not executor.arrived:
+        commands.append(executor.step(commands[-1]))
+        nodes.append(nodes_of(executor.scene, executor.poses))
+    assert executor.arrived
+    assert hold_error(executor, np.array(commands), nodes) < 1e-8
+    assert np.abs(np.diff(commands, axis=0)).max() <= 0.004 * machine.velocity.max()
+    assert [event.what for event in executor.log.events][-2:-1] == ["it goes on from where it stands"]
+    with pytest.raises(RobotError, match="measured joints"):
+        executor.recover(np.full(len(away), np.nan))
 
 
 @pytest.mark.parametrize("change", [{"period": 0.0}, {"period": 0.5}, {"leisure": -1.0}, {"lag": np.nan}])

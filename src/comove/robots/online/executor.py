@@ -6,7 +6,8 @@ wanted rates of all joints so that links and load keep clear of what is seen now
 Where the arms fall behind, the reference waits for them.
 
 The load is moved by the exact step of its twist, and joints are solved for its hands: so commands keep hold of it to
-rounding, however long a run is. Measured joints slow the plan down where the robot does not come along.
+rounding, however long a run is. Measured joints slow the plan down where the robot does not come along. A robot
+that was driven off is told of, and can be let give way until it stands, to go on from there.
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from comove.robots.model import Robot
 from comove.robots.online.joint_programme import JointProgramme, JointState
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.reference import Reference
+from comove.robots.online.righting import at_ease, way_back
 from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
 from comove.robots.search.following import Arms
@@ -61,6 +63,8 @@ class OnlineSettings:
     behind : distance of the hands behind the reference at which it waits [m]
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
+    still, rests : rate of the joints below which a robot that was driven off stands, and how long it has to, until it
+        goes on [rad/s, s]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
     pilot : settings of what chooses the reference
     """
@@ -71,6 +75,8 @@ class OnlineSettings:
     behind: float = 0.05
     lag: float = 0.06
     lost: float = 0.5
+    still: float = 0.02
+    rests: float = 0.3
     at_goal: float = 1e-3
     at_rest: float = 2e-3
     pilot: PilotSettings = field(default_factory=PilotSettings)
@@ -109,6 +115,7 @@ class JointExecutor:
     poses : poses of the load
     log : log of the run
     plan : the carry that is followed
+    driven_off : whether the robot is not where it was commanded, and `recover` is to be called
 
     Raises
     ------
@@ -174,9 +181,16 @@ class JointExecutor:
     def _stand_at_start(self) -> None:
         """Stand at the beginning of the plan."""
         self.position = self.plan.joints.position[0].copy()
-        self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
-        self.poses, self._before = poses_of(self.scene, "start"), np.zeros((len(self.scene.manipulators), 3))
+        self._stop_at(poses_of(self.scene, "start"), self.position[self.columns])
         self._waited = self.pilot.clock = 0.0
+        self.driven_off, self._stood, self._measured = False, 0.0, self.position
+        self._back = np.empty((0, len(self.columns)))
+
+    def _stop_at(self, poses: HandPoses, joints: Array) -> None:
+        """Take the load to be at rest at some poses, held by some joints."""
+        self.poses, self._before = poses, np.zeros((len(self.scene.manipulators), 3))
+        self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
+        self.position[self.columns] = joints
 
     @property
     def time(self) -> float:
@@ -197,7 +211,8 @@ class JointExecutor:
         Raises
         ------
         RobotError
-            If measured joints are no numbers, or far from what was commanded.
+            If measured joints are no numbers, or far from what was commanded; then nothing is done, and `driven_off`
+            is true.
         """
         lag = self._lag(measured)
         seen = self.observer.observe(self.time)
@@ -209,21 +224,91 @@ class JointExecutor:
         self.log.control.append(clock.perf_counter() - begun - planned)
         return self.position.copy()
 
-    def _lag(self, measured: Array) -> float:
-        """Return the largest difference of measured and commanded joints [rad]."""
+    def recover(self, measured: Array) -> Array:
+        """Perform one control step of a robot that was driven off, and return the joints to command; arrays, shape
+        (n_joints,) [rad].
+
+        Commands give way: they stay near to where the robot is. Once it stands, its hands turn the load gently to the
+        nearest pose in which it can be carried on, and `step` goes on from there, by another course.
+
+        Raises
+        ------
+        RobotError
+            If measured joints are no numbers, or the arms cannot go on from where they stand.
+        """
+        how, measured, columns, begun = (
+            self.settings,
+            self._numbers(measured),
+            self.columns,
+            clock.perf_counter(),
+        )
+        moves = float(np.abs(measured - self._measured).max()) / how.period
+        self._stood = self._stood + how.period if moves <= how.still else 0.0
+        self._measured = measured.copy()
+        if len(self._back) and np.abs(measured - self.position).max() <= how.lost:
+            self.position[columns], self._back = self._back[0], self._back[1:]
+            if not len(self._back):
+                self._go_on()
+        else:
+            off = self.position[columns] - measured[columns]
+            self.position[columns] = measured[columns] + np.clip(off, -how.lag, how.lag)
+            self._back = self._way_back(measured) if self._stood >= how.rests else self._back[:0]
+        self.n_steps += 1
+        self.log.control.append(clock.perf_counter() - begun)
+        return self.position.copy()
+
+    def _way_back(self, measured: Array) -> Array:
+        """Return the commands that bring the load from where the robot stands to where it can be carried on; array,
+        shape (n_steps, n_joints), one row a period [rad].
+        """
+        arms, joints = self._arms(), self.position[self.columns]
+        held = np.array([self.robot.tool_pose(measured, arm) for arm in self.carrier.holders])
+        for poses in (self._nearest(held), self.poses):  # or to where it was driven off from
+            wanted, nodes = held.copy(), nodes_of(self.scene, poses)[: len(held)]
+            wanted[:, :3, 3], wanted[:, :3, :3] = nodes, self.carrier.grasp.hand_rotations(nodes[None])[0]
+            way = way_back(arms, measured[self.columns], held, wanted)
+            if way is not None:
+                way += np.linspace(1.0, 0.0, len(way))[:, None] * (joints - way[0])  # commands do not jump
+                return at_ease(arms, way, self.settings.period)
+        raise RobotError(
+            f"'{self.robot.name}' was driven off, and cannot go on from where it stands at {self.time:.2f} s",
+            way_out="take the load, and begin again",
+        )
+
+    def _nearest(self, held: Array) -> HandPoses:
+        """Return the poses of the load that are nearest to hands, array of shape (n_hands, 4, 4)."""
+        return poses_of(self.scene, held[:, : self.scene.n_dims, 3])
+
+    def _go_on(self) -> None:
+        """Let steps begin where the way back has ended."""
+        held = np.array([self.robot.tool_pose(self.position, arm) for arm in self.carrier.holders])
+        poses, joints = self._nearest(held), self.position[self.columns]
+        (solved,), missed = tracked(self._arms(), nodes_of(self.scene, poses)[None], joints[None], HOLDING)
+        if missed.max() > HOLDING.tolerance:
+            raise RobotError("the hands cannot hold the load")
+        self._stop_at(poses, solved)
+        self.pilot.stand(self._here())
+        self._waited, self.driven_off = self.settings.pilot.patience, False
+        self._tell("it goes on from where it stands")
+
+    def _numbers(self, measured: Array) -> Array:
         measured = np.asarray(measured, dtype=float)
         if measured.shape != self.position.shape or not np.isfinite(measured).all():
             raise RobotError(
                 f"the measured joints are {np.array2string(measured, threshold=8)}",
                 way_out=f"give {len(self.position)} finite numbers, in the order of joint_names",
             )
-        apart = np.abs(measured - self.position)
+        return measured
+
+    def _lag(self, measured: Array) -> float:
+        """Return the largest difference of measured and commanded joints [rad]."""
+        apart = np.abs(self._numbers(measured) - self.position)
         if apart.max() > self.settings.lost:
             name = self.robot.joint_names[int(apart.argmax())]
-            raise RobotError(
-                f"{name} is {apart.max():.2g} rad from where it was commanded at {self.time:.2f} s",
-                way_out="look what holds it, or command slower",
-            )
+            self.driven_off, self._stood, self._back = True, 0.0, self._back[:0]
+            off = f"{name} is {apart.max():.2g} rad from where it was commanded"
+            self._tell(off)
+            raise RobotError(f"{off} at {self.time:.2f} s", way_out="look what holds it, or command slower")
         return float(apart.max())
 
     def _advance(self, seen: Sighting, lag: float) -> None:
@@ -308,15 +393,18 @@ class JointExecutor:
         pilot, movers = self.pilot, self._movers(seen)
         if not pilot.looks_on(self.time, movers, self._waited):
             return
-        (part,) = self._coordinates.parts  # one rigid load, or the programme had refused it
-        pose = GroupPose(self.poses.center[0], matrices(self.poses.quaternion[0]))
-        here = Way(write_pose(part.kind, pose, self.scene.n_dims)[None], self.position[self.columns][None])
         begun = clock.perf_counter()
-        found = pilot.choose(self.time, movers, here, self._reference()[3], self._waited)
+        found = pilot.choose(self.time, movers, self._here(), self._reference()[3], self._waited)
         self.log.planning.append(clock.perf_counter() - begun)
         if found:
             self._waited = 0.0
             self._tell(f"another course, of {pilot.reference.duration:.2f} s")
+
+    def _here(self) -> Way:
+        """Return configuration and joints of the run, one sample."""
+        (part,) = self._coordinates.parts  # one rigid load, or the programme had refused it
+        pose = GroupPose(self.poses.center[0], matrices(self.poses.quaternion[0]))
+        return Way(write_pose(part.kind, pose, self.scene.n_dims)[None], self.position[self.columns][None])
 
     def _movers(self, seen: Sighting) -> Sighting:
         """Return the rows of what moves, and of what is seen beyond the scene's obstacles."""

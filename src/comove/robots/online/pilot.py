@@ -208,6 +208,11 @@ class Pilot:
         self.reference, self.clock, self._pause = other, 0.0, how.at_once
         return True
 
+    def stand(self, here: Way) -> None:
+        """Follow nothing any more but stand at a sample, and look for a course at once."""
+        self.reference, self.clock = Reference.standing(here), 0.0
+        self._looked = self._chosen = -np.inf
+
     def _course(
         self, configuration: Array, joints: Array, seen: Sighting, stop: Stop
     ) -> RoadmapCourse | None:
