@@ -82,6 +82,8 @@ def _run(world: World, data: Any, executor: JointExecutor, budget: float, every:
                 break
             _move_obstacles(world, data, executor)
             rates = (command - before) / executor.settings.period
+            if executor.driven_off:  # what gives way brakes: its commands go where the robot goes
+                rates *= 0.0
             for part in range(every):
                 reference = before + (part + 1) / every * (command - before)
                 data.ctrl[world.servos] = reference + world.lead * rates

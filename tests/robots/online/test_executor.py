@@ -142,13 +142,13 @@ def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands(
         executor.step(away)
     assert executor.driven_off
     np.testing.assert_array_equal(executor.position, before)
-    measured, lag = before, executor.settings.lag
+    measured, gives = before, executor.settings.gives
     for share in np.linspace(0.0, 1.0, 100):  # it is still driven
         measured = before + share * (away - before)
-        assert np.abs(executor.recover(measured) - measured)[executor.columns].max() <= lag + 1e-12
+        assert np.abs(executor.recover(measured) - measured)[executor.columns].max() <= gives + 1e-12
     for _ in range(60):  # it stands, but not for long enough
         command = executor.recover(measured)
-    assert np.abs(command - measured).max() <= lag + 1e-12
+    assert np.abs(command - measured).max() <= gives + 1e-12
     while executor.driven_off:
         assert executor.time < 20.0
         command = executor.recover(command)

@@ -63,8 +63,9 @@ class OnlineSettings:
     behind : distance of the hands behind the reference at which it waits [m]
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
-    still, rests : rate of the joints below which a robot that was driven off stands, and how long it has to, until it
-        goes on [rad/s, s]
+    gives : difference of measured and commanded joints up to which a robot that was driven off holds against it [rad]
+    still, rests : it stands once no joint has moved by more than this for this time [rad, s]
+    longest : time after which one that does not come to stand is given up [s]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
     pilot : settings of what chooses the reference
     """
@@ -75,8 +76,10 @@ class OnlineSettings:
     behind: float = 0.05
     lag: float = 0.06
     lost: float = 0.5
-    still: float = 0.02
+    gives: float = 0.03
+    still: float = 0.01
     rests: float = 0.3
+    longest: float = 20.0
     at_goal: float = 1e-3
     at_rest: float = 2e-3
     pilot: PilotSettings = field(default_factory=PilotSettings)
@@ -183,7 +186,7 @@ class JointExecutor:
         self.position = self.plan.joints.position[0].copy()
         self._stop_at(poses_of(self.scene, "start"), self.position[self.columns])
         self._waited = self.pilot.clock = 0.0
-        self.driven_off, self._stood, self._measured = False, 0.0, self.position
+        self.driven_off, self._stood, self._stands, self._lost_at = False, 0.0, self.position, np.inf
         self._back = np.empty((0, len(self.columns)))
 
     def _stop_at(self, poses: HandPoses, joints: Array) -> None:
@@ -234,7 +237,7 @@ class JointExecutor:
         Raises
         ------
         RobotError
-            If measured joints are no numbers, or the arms cannot go on from where they stand.
+            If measured joints are no numbers, or the robot does not come to stand, or cannot go on from there.
         """
         how, measured, columns, begun = (
             self.settings,
@@ -242,16 +245,21 @@ class JointExecutor:
             self.columns,
             clock.perf_counter(),
         )
-        moves = float(np.abs(measured - self._measured).max()) / how.period
-        self._stood = self._stood + how.period if moves <= how.still else 0.0
-        self._measured = measured.copy()
+        if self.time - self._lost_at > how.longest:
+            raise RobotError(
+                f"'{self.robot.name}' was driven off at {self._lost_at:.2f} s, and has not come to stand since",
+                way_out="look what holds it",
+            )
+        if np.abs(measured - self._stands).max() > how.still:
+            self._stands, self._stood = measured.copy(), 0.0
+        self._stood += how.period
         if len(self._back) and np.abs(measured - self.position).max() <= how.lost:
             self.position[columns], self._back = self._back[0], self._back[1:]
             if not len(self._back):
                 self._go_on()
         else:
             off = self.position[columns] - measured[columns]
-            self.position[columns] = measured[columns] + np.clip(off, -how.lag, how.lag)
+            self.position[columns] = measured[columns] + np.clip(off, -how.gives, how.gives)
             self._back = self._way_back(measured) if self._stood >= how.rests else self._back[:0]
         self.n_steps += 1
         self.log.control.append(clock.perf_counter() - begun)
@@ -305,7 +313,8 @@ class JointExecutor:
         apart = np.abs(self._numbers(measured) - self.position)
         if apart.max() > self.settings.lost:
             name = self.robot.joint_names[int(apart.argmax())]
-            self.driven_off, self._stood, self._back = True, 0.0, self._back[:0]
+            self.driven_off, self._lost_at = True, self.time
+            self._stood, self._back = 0.0, self._back[:0]
             off = f"{name} is {apart.max():.2g} rad from where it was commanded"
             self._tell(off)
             raise RobotError(f"{off} at {self.time:.2f} s", way_out="look what holds it, or command slower")
