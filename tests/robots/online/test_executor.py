@@ -10,10 +10,10 @@ from comove.execution import Clouds
 from comove.reaction.twists import nodes_of
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.robots.online.pilot import PilotSettings
-from comove.robots.online.righting import way_back
+from comove.robots.online.recovery import RecoverySettings, way_back
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, posts, scene_data
-from tests.robots.online.test_righting import displaced
+from tests.robots.online.test_recovery import displaced
 from tests.robots.small_robots import robot
 
 AWAY = {"shape": "sphere", "center": [0.55, 0.9, 0.2], "radius": 0.08}
@@ -34,6 +34,8 @@ def through(*points, times):
 def test_settings_of_the_pilot_that_are_not_positive_are_refused():
     with pytest.raises(OptionError, match="every"):
         OnlineSettings(pilot=PilotSettings(every=0.0))
+    with pytest.raises(OptionError, match="rests"):
+        OnlineSettings(recovery=RecoverySettings(rests=0.0))
 
 
 def test_clouds_are_refused():
@@ -130,6 +132,8 @@ def test_a_robot_that_does_not_come_along_is_waited_for_and_then_told_of():
 @pytest.mark.slow
 def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands():
     executor = JointExecutor(scene_with(), robot("baxter"), seed=1, settings=OnlineSettings(lost=0.2))
+    with pytest.raises(RobotError, match="was not driven off"):
+        executor.recover(executor.position)
     for _ in range(300):
         executor.step(executor.position)
     machine, arms = executor.robot, executor.carrier.holders
@@ -142,7 +146,7 @@ def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands(
         executor.step(away)
     assert executor.driven_off
     np.testing.assert_array_equal(executor.position, before)
-    measured, gives = before, executor.settings.gives
+    measured, gives = before, executor.settings.recovery.gives
     for share in np.linspace(0.0, 1.0, 100):  # it is still driven
         measured = before + share * (away - before)
         assert np.abs(executor.recover(measured) - measured)[executor.columns].max() <= gives + 1e-12
@@ -160,8 +164,13 @@ def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands(
     assert hold_error(executor, np.array(commands), nodes) < 1e-8
     assert np.abs(np.diff(commands, axis=0)).max() <= 0.004 * machine.velocity.max()
     assert [event.what for event in executor.log.events][-2:-1] == ["it goes on from where it stands"]
+    with pytest.raises(RobotError):
+        executor.step(away)
     with pytest.raises(RobotError, match="measured joints"):
         executor.recover(np.full(len(away), np.nan))
+    with pytest.raises(RobotError, match="has not come to stand since"):
+        for k in range(6000):
+            executor.recover(before + 0.02 * np.sin(0.3 * k))
 
 
 @pytest.mark.parametrize("change", [{"period": 0.0}, {"period": 0.5}, {"leisure": -1.0}, {"lag": np.nan}])

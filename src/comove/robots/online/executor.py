@@ -34,8 +34,8 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.online.joint_programme import JointProgramme, JointState
 from comove.robots.online.pilot import Pilot, PilotSettings
+from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
 from comove.robots.online.reference import Reference
-from comove.robots.online.righting import at_ease, way_back
 from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
 from comove.robots.search.following import Arms
@@ -63,11 +63,8 @@ class OnlineSettings:
     behind : distance of the hands behind the reference at which it waits [m]
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
-    gives : difference of measured and commanded joints up to which a robot that was driven off holds against it [rad]
-    still, rests : it stands once no joint has moved by more than this for this time [rad, s]
-    longest : time after which one that does not come to stand is given up [s]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
-    pilot : settings of what chooses the reference
+    pilot, recovery : settings of what chooses the reference, and of what a robot does that was driven off
     """
 
     period: float = 0.004
@@ -76,17 +73,14 @@ class OnlineSettings:
     behind: float = 0.05
     lag: float = 0.06
     lost: float = 0.5
-    gives: float = 0.03
-    still: float = 0.01
-    rests: float = 0.3
-    longest: float = 20.0
     at_goal: float = 1e-3
     at_rest: float = 2e-3
     pilot: PilotSettings = field(default_factory=PilotSettings)
+    recovery: RecoverySettings = field(default_factory=RecoverySettings)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name != "pilot":
+            if name not in ("pilot", "recovery"):
                 require_positive(name, value)
         if not 1e-3 <= self.period <= 0.02:
             raise OptionError(
@@ -118,7 +112,6 @@ class JointExecutor:
     poses : poses of the load
     log : log of the run
     plan : the carry that is followed
-    driven_off : whether the robot is not where it was commanded, and `recover` is to be called
 
     Raises
     ------
@@ -186,8 +179,7 @@ class JointExecutor:
         self.position = self.plan.joints.position[0].copy()
         self._stop_at(poses_of(self.scene, "start"), self.position[self.columns])
         self._waited = self.pilot.clock = 0.0
-        self.driven_off, self._stood, self._stands, self._lost_at = False, 0.0, self.position, np.inf
-        self._back = np.empty((0, len(self.columns)))
+        self._recovery: Recovery | None = None
 
     def _stop_at(self, poses: HandPoses, joints: Array) -> None:
         """Take the load to be at rest at some poses, held by some joints."""
@@ -199,6 +191,11 @@ class JointExecutor:
     def time(self) -> float:
         """Return the present time [s]."""
         return self.n_steps * self.settings.period
+
+    @property
+    def driven_off(self) -> bool:
+        """Return whether the robot is not where it was commanded; then `recover` takes the place of `step`."""
+        return self._recovery is not None
 
     @property
     def arrived(self) -> bool:
@@ -237,30 +234,24 @@ class JointExecutor:
         Raises
         ------
         RobotError
-            If measured joints are no numbers, or the robot does not come to stand, or cannot go on from there.
+            If measured joints are no numbers, or the robot was not driven off, does not come to stand, or cannot go
+            on from there.
         """
-        how, measured, columns, begun = (
-            self.settings,
-            self._numbers(measured),
-            self.columns,
-            clock.perf_counter(),
-        )
-        if self.time - self._lost_at > how.longest:
+        begun, recovery = clock.perf_counter(), self._recovery
+        measured, columns, lost = self._numbers(measured), self.columns, self.settings.lost
+        if recovery is None:
+            raise RobotError(f"'{self.robot.name}' was not driven off", way_out="call 'step'")
+        if self.time - recovery.began > recovery.settings.longest:
             raise RobotError(
-                f"'{self.robot.name}' was driven off at {self._lost_at:.2f} s, and has not come to stand since",
+                f"'{self.robot.name}' was driven off at {recovery.began:.2f} s, and has not come to stand since",
                 way_out="look what holds it",
             )
-        if np.abs(measured - self._stands).max() > how.still:
-            self._stands, self._stood = measured.copy(), 0.0
-        self._stood += how.period
-        if len(self._back) and np.abs(measured - self.position).max() <= how.lost:
-            self.position[columns], self._back = self._back[0], self._back[1:]
-            if not len(self._back):
-                self._go_on()
-        else:
-            off = self.position[columns] - measured[columns]
-            self.position[columns] = measured[columns] + np.clip(off, -how.gives, how.gives)
-            self._back = self._way_back(measured) if self._stood >= how.rests else self._back[:0]
+        stands = recovery.stands(measured[columns], self.time)
+        self.position[columns] = recovery.command(self.position[columns], measured[columns], lost)
+        if recovery.ended:
+            self._go_on()
+        elif stands and not len(recovery.way):
+            recovery.way = self._way_back(measured)
         self.n_steps += 1
         self.log.control.append(clock.perf_counter() - begun)
         return self.position.copy()
@@ -278,7 +269,10 @@ class JointExecutor:
             if way is not None:
                 way += np.linspace(1.0, 0.0, len(way))[:, None] * (joints - way[0])  # commands do not jump
                 return at_ease(arms, way, self.settings.period)
-        raise RobotError(
+        raise self._cannot_go_on()
+
+    def _cannot_go_on(self) -> RobotError:
+        return RobotError(
             f"'{self.robot.name}' was driven off, and cannot go on from where it stands at {self.time:.2f} s",
             way_out="take the load, and begin again",
         )
@@ -293,10 +287,10 @@ class JointExecutor:
         poses, joints = self._nearest(held), self.position[self.columns]
         (solved,), missed = tracked(self._arms(), nodes_of(self.scene, poses)[None], joints[None], HOLDING)
         if missed.max() > HOLDING.tolerance:
-            raise RobotError("the hands cannot hold the load")
+            raise self._cannot_go_on()
         self._stop_at(poses, solved)
         self.pilot.stand(self._here())
-        self._waited, self.driven_off = self.settings.pilot.patience, False
+        self._waited, self._recovery = self.settings.pilot.patience, None
         self._tell("it goes on from where it stands")
 
     def _numbers(self, measured: Array) -> Array:
@@ -310,11 +304,11 @@ class JointExecutor:
 
     def _lag(self, measured: Array) -> float:
         """Return the largest difference of measured and commanded joints [rad]."""
-        apart = np.abs(self._numbers(measured) - self.position)
+        measured = self._numbers(measured)
+        apart = np.abs(measured - self.position)
         if apart.max() > self.settings.lost:
             name = self.robot.joint_names[int(apart.argmax())]
-            self.driven_off, self._lost_at = True, self.time
-            self._stood, self._back = 0.0, self._back[:0]
+            self._recovery = Recovery(self.time, measured[self.columns], self.settings.recovery)
             off = f"{name} is {apart.max():.2g} rad from where it was commanded"
             self._tell(off)
             raise RobotError(f"{off} at {self.time:.2f} s", way_out="look what holds it, or command slower")

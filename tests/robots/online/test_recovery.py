@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.robots.online.righting import PACE, at_ease, way_back
+from comove.robots.online.recovery import PACE, at_ease, way_back
 from tests.robots.online.test_link_rows import at_start
 
 PERIOD = 0.004

@@ -1,4 +1,4 @@
-"""The way back of a robot that was driven off: its hands turn the load, as they hold it, until plans know the pose.
+"""Recovery of a robot that was driven off: it gives way until it stands, and turns the load back.
 
 What drives arms off tilts the load and the hands with it, and plans know only poses in which hands turn as the grasp
 says. The nearest of these is gone to: load and hands turn as one body about their middle.
@@ -6,11 +6,14 @@ says. The nearest of these is gone to: load and hands turn as one body about the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import exponential, logarithm, matrices, quaternion_of_rotation
 from comove.planning.seeds import minimum_jerk
+from comove.primitives.arguments import require_positive
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import Arms
 
@@ -19,6 +22,68 @@ Array = NDArray[np.float64]
 PACE = 0.3  # of the joints' speeds and accelerations
 TURN, SHIFT = 0.02, 0.01  # rad and m, of a step at most
 REACHING = Iteration(gain=0.0, keep=0.0, tolerance=1e-8, steady=np.inf, most=30)
+
+
+@dataclass(frozen=True)
+class RecoverySettings:
+    """Settings of what a robot does that was driven off.
+
+    Attributes
+    ----------
+    gives : difference of measured and commanded joints up to which arms hold against what drives them [rad]
+    still, rests : they stand once no joint has moved by more than this for this time [rad, s]
+    longest : time after which a robot that does not come to stand is given up [s]
+    """
+
+    gives: float = 0.03
+    still: float = 0.01
+    rests: float = 0.3
+    longest: float = 20.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            require_positive(name, value)
+
+
+class Recovery:
+    """A robot that was driven off, step by step.
+
+    Parameters
+    ----------
+    began : when it was driven off [s]
+    measured : array, shape (n_joints,), where its arms were then [rad]
+
+    Attributes
+    ----------
+    way : the commands that are left of the way back, array, shape (n_steps, n_joints) [rad]
+    ended : whether it has gone back
+    """
+
+    def __init__(self, began: float, measured: Array, settings: RecoverySettings):
+        self.settings, self.began = settings, began
+        self._place, self._since = measured, began
+        self.way, self.ended = measured[None][:0], False
+
+    def stands(self, measured: Array, time: float) -> bool:
+        """Return whether the arms have not moved for long enough; to be asked at every step."""
+        if np.abs(measured - self._place).max() > self.settings.still:
+            self._place, self._since = measured.copy(), time
+        return time - self._since >= self.settings.rests
+
+    def command(self, before: Array, measured: Array, lost: float) -> Array:
+        """Return the next command, of the way back where there is one and arms come along, else one that gives way.
+
+        Parameters
+        ----------
+        before, measured : arrays, shape (n_joints,), the last command, and where arms are [rad]
+        lost : difference of both at which arms do not come along [rad]
+        """
+        if len(self.way) and np.abs(measured - before).max() <= lost:
+            command, self.way = self.way[0], self.way[1:]
+            self.ended = not len(self.way)
+            return command
+        self.way = self.way[:0]
+        return measured + np.clip(before - measured, -self.settings.gives, self.settings.gives)
 
 
 def way_back(arms: Arms, joints: Array, held: Array, wanted: Array) -> Array | None:
