@@ -94,24 +94,15 @@ def way_back(arms: Arms, joints: Array, held: Array, wanted: Array) -> Array | N
     joints : array, shape (n_joints,), where the arms stand
     held, wanted : arrays, shape (n_arms, 4, 4), poses of the hands there, and those they are to have
     """
-    turns = np.array(
-        [
-            logarithm(quaternion_of_rotation(b[:3, :3] @ a[:3, :3].T))
-            for a, b in zip(held, wanted, strict=True)
-        ]
-    )
+    turns = np.array([_turn(*ends) for ends in zip(held, wanted, strict=True)])
     place, target = held[:, :3, 3], wanted[:, :3, 3]
     middle, shift = place.mean(axis=0), target.mean(axis=0) - place.mean(axis=0)
-    apart = (
-        target - middle - shift - _turned(turns, place - middle)
-    )  # how hands come to lie otherwise on the load
-    count = max(
-        np.linalg.norm(turns, axis=1).max() / TURN, np.linalg.norm(target - place, axis=1).max() / SHIFT
-    )
+    slid = target - middle - shift - _turned(turns, place - middle)  # of hands on the load
+    longest = np.linalg.norm(turns, axis=1).max() / TURN, np.linalg.norm(target - place, axis=1).max() / SHIFT
     way = [joints]
-    for share in np.linspace(0.0, 1.0, 2 + int(count))[1:]:
+    for share in np.linspace(0.0, 1.0, 2 + int(max(longest)))[1:]:
         q = way[-1].copy()
-        places = middle + share * (shift + apart) + _turned(share * turns, place - middle)
+        places = middle + share * (shift + slid) + _turned(share * turns, place - middle)
         rotations = matrices(exponential(share * turns)) @ held[:, :3, :3]
         for i in range(len(held)):
             if reach_pose(arms.chains, i, rotations[i], places[i], q, REACHING, q) > REACHING.tolerance:
@@ -129,6 +120,11 @@ def at_ease(arms: Arms, way: Array, period: float) -> Array:
     count = 1 + int(np.ceil(max(least) / period))
     at = seconds[-1] * minimum_jerk(np.linspace(0.0, 1.0, count + 1))[1:]
     return np.stack([np.interp(at, seconds, q) for q in way.T], axis=1)
+
+
+def _turn(here: Array, there: Array) -> Array:
+    """Return the rotation vector from one pose, array of shape (4, 4), to another [rad]."""
+    return logarithm(quaternion_of_rotation(there[:3, :3] @ here[:3, :3].T))
 
 
 def _turned(turns: Array, points: Array) -> Array:
