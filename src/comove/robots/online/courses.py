@@ -20,12 +20,12 @@ from scipy.sparse.csgraph import dijkstra
 
 from comove.compiled import kernel
 from comove.coordination.blocks import place_one
-from comove.geometry.distances import CENTER, KIND, REACH, SPHERE, segment_distance
+from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
 from comove.planning.configurations import Space
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
-from comove.robots.search.links import ROUGH, Links, place_links
+from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -128,10 +128,16 @@ def _cost(h: float, need: tuple[float, float], costs: Array) -> float:
 
 
 @kernel
-def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: float) -> float:
+def _clearance(
+    seen: Sighting, j: int, p: Array, q: Array, time: float, far: float, ends: tuple[Array, Array]
+) -> float:
     """Return the clearance of a segment from a mover at a time, less its margin [m].
 
     Where it is above `far`, any value above `far` may be returned.
+
+    Parameters
+    ----------
+    ends : work arrays, shape (3,), of the axis of a capsule
     """
     table, velocity = seen.table, seen.velocity
     x, y, z = time * velocity[j, 0], time * velocity[j, 1], time * velocity[j, 2]
@@ -141,6 +147,15 @@ def _clearance(seen: Sighting, j: int, p: Array, q: Array, time: float, far: flo
     away = sqrt((a - share * u) ** 2 + (b - share * v) ** 2 + (c - share * w) ** 2) - seen.margin[j]
     if away - table[j, REACH] > far or table[j, KIND] == SPHERE:
         return away - table[j, REACH]
+    if table[j, KIND] == CAPSULE:
+        moved = x, y, z
+        for k in range(3):
+            middle, half = (
+                table[j, CENTER + k] + moved[k],
+                table[j, SIZE + 1] * table[j, ROTATION + 3 * k + 2],
+            )
+            ends[0][k], ends[1][k] = middle - half, middle + half
+        return nearest_shares(p, q, ends[0], ends[1])[2] - table[j, SIZE] - seen.margin[j]
     near = segment_distance(
         table, j, p[0] - x, p[1] - y, p[2] - z, q[0] - x, q[1] - y, q[2] - z, far + seen.margin[j], ROUGH
     )
@@ -220,6 +235,14 @@ def _raise_by_ball(
 
 
 @kernel
+def _off_axis(axis: Array, vector: Array, out: Array) -> None:
+    """Write the part of a vector that is perpendicular to a unit vector; arrays, shape (3,)."""
+    along = axis[0] * vector[0] + axis[1] * vector[1] + axis[2] * vector[2]
+    for x in range(3):
+        out[x] = vector[x] - along * axis[x]
+
+
+@kernel
 def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array) -> Array:
     """Return what it costs to be at a sample at an instant; array, shape (n_times, n_samples).
 
@@ -238,6 +261,7 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
         step[j] = (times[1] - times[0]) * seen.velocity[j]
         reach[j] = seen.table[j, REACH] + seen.margin[j]
     cost, off, out = np.empty((n_times, n_samples)), np.empty(3), np.empty(n_times)
+    ends, aside = (np.empty(3), np.empty(3)), np.empty(3)
     for t in range(n_samples):
         out[:] = 0.0
         for m in range(radius.shape[0]):
@@ -253,9 +277,19 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
                     ball = here[j], step[j], first
                     _raise_by_ball(p, q, radius[m] + reach[j], ball, need, costs, out[first:last])
                     continue
+                if seen.table[j, KIND] == CAPSULE:  # nor are they near where they are too far off its axis
+                    axis, width = seen.table[j, ROTATION + 2 : ROTATION + 9 : 3], seen.table[j, SIZE]
+                    _off_axis(axis, off, off)
+                    _off_axis(axis, step[j], aside)
+                    begin, stop = instants_near(off, aside, half + far + width + seen.margin[j], n_times)
+                    first, last = max(first, begin), min(last, stop)
+                was_near = False
                 for k in range(first, last):
                     if out[k] < costs[0]:
-                        h = _clearance(seen, j, p, q, times[k], far) - radius[m]
+                        h = _clearance(seen, j, p, q, times[k], far, ends) - radius[m]
+                        if h >= need[1] and was_near:  # distances of convex bodies are convex in time
+                            break
+                        was_near = h < need[1]
                         out[k] = max(out[k], _cost(h, need, costs))
         cost[:, t] = out
     return cost
@@ -267,7 +301,7 @@ def dangers_along(
 ) -> Array:
     """Return what each sample costs at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
     start, end, radius = bodies
-    cost, here = np.zeros(start.shape[0]), np.empty(3)
+    cost, here, ends = np.zeros(start.shape[0]), np.empty(3), (np.empty(3), np.empty(3))
     for t in range(start.shape[0]):
         for j in range(seen.table.shape[0]):
             for x in range(3):
@@ -276,7 +310,7 @@ def dangers_along(
                 far = radius[m] + need[1]
                 if _is_far(start, end, t, m, here, far + seen.margin[j] + seen.table[j, REACH]):
                     continue
-                h = _clearance(seen, j, start[t, m], end[t, m], times[t], far) - radius[m]
+                h = _clearance(seen, j, start[t, m], end[t, m], times[t], far, ends) - radius[m]
                 cost[t] = max(cost[t], _cost(h, need, costs))
     return cost
 
