@@ -20,7 +20,7 @@ from timing import on_one_thread, print_table
 import comove
 from comove import LeastJerk, PaperCost
 from comove.demonstrations import lasa_names
-from comove.experiments.bench.sets import draw_scene
+from comove.experiments.bench.sets import SETS
 from comove.experiments.examples import example_path
 from comove.geometry.distances import configuration_distance
 from comove.planning import carried_demonstration
@@ -52,7 +52,7 @@ def main() -> None:
     on_one_thread()
     warnings.simplefilter("ignore")
     scenes = {name: [comove.Scene.load(example_path(name))] for name in ("narrow", "wide")}
-    drawn = [draw_scene("easy", 2 * i, asked.seed)[0] for i in range(5)]
+    drawn = [SETS["easy"].draw(2 * i, asked.seed)[0] for i in range(5)]
     scenes["easy"] = [comove.Scene.from_dict(data) for data in drawn]
     primitives = [
         comove.DMP.fit(comove.Demonstration.from_lasa(name)) for name in lasa_names()[: asked.shapes]

@@ -23,7 +23,7 @@ from timing import Watch, on_one_thread, print_table
 
 import comove
 from comove import LeastJerk, PaperCost
-from comove.experiments.bench.sets import draw_scene
+from comove.experiments.bench.sets import SETS
 from comove.planning import Comove
 from comove.planning.convex.jerk import jerk_cost
 from comove.planning.seeds import minimum_jerk
@@ -52,7 +52,7 @@ def main() -> None:
             found: dict[str, list[tuple[float, ...]]] = {}
             for i in range(count // 2):
                 scene = comove.Scene.from_dict(
-                    draw_scene(set_name, 2 * i + (kind == "spatial"), asked.seed)[0]
+                    SETS[set_name].draw(2 * i + (kind == "spatial"), asked.seed)[0]
                 )
                 for name, figures in measured(scene, asked.many).items():
                     found.setdefault(name, []).append(figures)

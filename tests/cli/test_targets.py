@@ -53,7 +53,7 @@ def place(tmp_path, monkeypatch):
         monkeypatch.setattr(f"comove.{name}", working)
     for name in ("execution.Executor", "robots.carry", "experiments.paper.page.reproduce"):
         monkeypatch.setattr(f"comove.{name}", working)
-    for name in ("sets.draw_scene", "scaling.measure"):
+    for name in ("sets.drawn", "scaling.measure"):
         monkeypatch.setattr(f"comove.experiments.bench.{name}", working)
     return tmp_path
 

@@ -193,6 +193,38 @@ def test_a_trunk_stays_within_its_limits(tmp_path):
     assert proposal.data["posture"] == {"lift": 0.1}
 
 
+def test_a_joint_may_be_called_like_a_link(tmp_path):
+    """As the fingers' joint of an SO-100 is, and here a joint of the arm itself as well."""
+    text = urdf(link("base"), arm("", "base", gripper=(0, 0, 1)))
+    for own, other in (("slide_a", "link5"), ("joint2", "link3")):
+        text = text.replace(f'"{own}"', f'"{other}"')
+    proposal = propose([written(tmp_path, text)] * 2, tmp_path / "robot.yaml")
+    plain = propose(
+        [written(tmp_path, urdf(link("base"), arm("", "base", gripper=(0, 0, 1))), "plain.urdf")] * 2,
+        tmp_path / "robot.yaml",
+    )
+    assert "left_link3" in proposal.robot.joint_names
+    q = np.linspace(-0.5, 0.5, len(plain.robot.lower))
+    for one, other in zip(proposal.robot.arms, plain.robot.arms, strict=True):
+        assert proposal.robot.tool_pose(q, one) == pytest.approx(plain.robot.tool_pose(q, other))
+
+
+def test_a_joint_that_does_not_move_may_mimic_another(tmp_path):
+    stiff = joint("stiff", "link5", "tag", kind="fixed", more='<mimic joint="joint0"/>')
+    text = urdf(link("base"), arm("", "base"), link("tag"), stiff)
+    assert propose([written(tmp_path, text)], tmp_path / "robot.yaml").robot.arms
+
+
+def test_a_home_at_a_limit_is_within_it(tmp_path):
+    """A limit of 1.5708 rad is no 1.571."""
+    near = '<limit lower="1.2006" upper="1.2008" velocity="2" effort="40"/>'
+    text = urdf(link("base"), arm("", "base")).replace(LIMIT, near, 1)
+    file = tmp_path / "robot.yaml"
+    proposal = propose([written(tmp_path, text)], file)
+    file.write_text(proposal.text(), encoding="utf-8")
+    assert (Robot.load(file).home[0] >= 1.2006) and (Robot.load(file).home[0] <= 1.2008)
+
+
 def test_what_is_written_is_a_description(tmp_path):
     path = written(tmp_path, urdf(link("base"), arm("", "base", gripper=(0, 0, 1))))
     file = tmp_path / "deep" / "made.yaml"

@@ -15,6 +15,7 @@ from comove.simulators.building import build_world
 from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.servos import servo_gains
+from comove.simulators.world import lower_floor
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import posts, standing
 
@@ -191,11 +192,31 @@ def test_the_stick_weighs_what_the_scene_says():
 def test_the_floor_is_under_the_robot():
     """Baxter's base frame is 0.92 m above the floor."""
     robot, motion = standing()
-    from comove.simulators.world import lower_floor
-
     world, data = in_state(robot, motion.position[0])
-    lower_floor(world.model, data)
+    lower_floor(world, data, motion.position)
     assert world.model.geom("the floor").pos[2] == pytest.approx(-0.925, abs=0.005)
+
+
+def test_the_floor_is_under_arms_that_will_go_lower_than_they_begin(crane):
+    robot = crane()
+    ways = np.linspace([0, 0.5, 0] * 2, [0.0, 0, 0] * 2, 30)  # booms go down
+    world, data = in_state(robot, ways[0])
+    floor = world.model.geom("the floor").id
+
+    def touches(planned):
+        data.qpos[world.qpos] = ways[0]
+        engine().mj_forward(world.model, data)
+        lower_floor(world, data, planned)
+        assert (data.qpos[world.qpos] == ways[0]).all()
+        met = False
+        for q in ways:
+            data.qpos[world.qpos] = q
+            engine().mj_forward(world.model, data)
+            met |= any(floor in contact.geom for contact in data.contact)
+        return met
+
+    assert touches(ways[:1])  # where they begin is not enough
+    assert not touches(ways)
 
 
 def test_a_scene_that_is_not_the_motions_is_refused():

@@ -16,6 +16,7 @@ group = sub_application(
 )
 
 SETS = ["easy", "hard", "extreme"]
+ALL_SETS = "easy, hard, extreme, robots-easy, robots-hard, robots-extreme"
 SYSTEMS = ["comove"]
 GROWTHS = ["manipulators", "basis", "steps", "obstacles", "difficulty"]
 
@@ -29,16 +30,18 @@ def names_of(given: list[str]) -> list[str]:
 
 @verb_of(group)
 def draw(
-    name: Annotated[str, typer.Argument(metavar="SET", help="One of: easy, hard, extreme.")],
+    name: Annotated[str, typer.Argument(metavar="SET", help=f"One of: {ALL_SETS}.")],
     out: Annotated[Path, typer.Option(help="Folder for the scenes and their witnesses.")],
-    count: Annotated[int, typer.Option(help="Scenes; every other one is in space.")] = 50,
+    count: Annotated[
+        int | None, typer.Option(help="Scenes, in turn of every kind; as many as are frozen unless given.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers; the frozen sets have 0.")] = 0,
 ) -> int:
     """Draw scenes as those of SET are drawn."""
-    from comove.experiments.bench.sets import WITNESSES, draw_set
+    from comove.experiments.bench.sets import draw_set
 
-    draw_set(name, out, count, seed)
-    print(f"{out} holds {count} scene{'' if count == 1 else 's'}, and in {WITNESSES} how each can be solved")
+    count = draw_set(name, out, count, seed)
+    print(f"{out} holds {count} scene{'' if count == 1 else 's'}, and witnesses that each can be solved")
     return 0
 
 
@@ -53,10 +56,11 @@ def run(
     *,
     out: Annotated[Path, typer.Option(help="File for the runs (SQLite); one that is there is gone on with.")],
     sets: Annotated[
-        list[str] | None, typer.Option(metavar="SET,...", help="Of: easy, hard, extreme; all unless given.")
+        list[str] | None,
+        typer.Option(metavar="SET,...", help=f"Of: {ALL_SETS}; the first three unless given."),
     ] = None,
     scenes: Annotated[
-        int | None, typer.Option(metavar="N", help="Of every set, the first; all 50 unless given.")
+        int | None, typer.Option(metavar="N", help="Of every set, the first; all unless given.")
     ] = None,
     systems: Annotated[
         list[str], typer.Option(metavar="SYSTEM,...", help="What runs; comove unless given.")

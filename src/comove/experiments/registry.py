@@ -18,7 +18,7 @@ from comove.planning.paper import Paper
 from comove.planning.printed import Printed
 
 _OWN = (
-    OwnSystem("comove", Comove()),
+    OwnSystem("comove", Comove(), carries=True),
     OwnSystem("comove-no-planner", Comove(), planner=False),
     OwnSystem("projection", Projection()),
     OwnSystem("paper", Paper()),

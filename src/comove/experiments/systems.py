@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
@@ -84,10 +84,12 @@ class System(ABC):
     Attributes
     ----------
     name : name in tables
+    carries : whether it moves a robot's joints, too
     timing : makes the context in which it is run, which says what its times are
     """
 
     name: str
+    carries: bool = False
     timing: Callable[[], AbstractContextManager[None]] = staticmethod(nullcontext)
 
     @property
@@ -115,12 +117,13 @@ class OwnSystem(System):
     ----------
     method : the method
     planner : whether it may plan
-    timing : as in `System`
+    carries, timing : as in `System`; a robot is moved by comove's own method for robots
     """
 
     name: str
     method: Method
     planner: bool = True
+    carries: bool = False
     timing: Callable[[], AbstractContextManager[None]] = nullcontext
 
     def warm_up(self, problem: SystemProblem) -> None:
@@ -178,6 +181,13 @@ class SystemOutcome(Figures):
     history: tuple[tuple[float, float], ...] = field(default=(), repr=False)
 
 
+def refusal(system: System, scene: Scene) -> str:
+    """Return why a system is not run on a scene, in words; empty if it is."""
+    if scene.file.robot is not None and not system.carries:
+        return "It moves hands, and the scene asks for a robot's joints."
+    return system.refuses(scene)
+
+
 def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     """Run a system and judge its offers; return None if it offers nothing."""
     system.warm_up(problem)
@@ -188,29 +198,46 @@ def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     if not offers.taken:
         return None
     reports = [report_of(problem, hands) for _, hands in offers.taken]
-    history: list[tuple[float, float]] = []
-    for (at, hands), report in zip(offers.taken, reports, strict=True):
-        cost = float(cost_of(problem.scene, hands))
-        if not report.reasons and (not history or cost < history[-1][1]):
-            history.append((at, cost))
     last, report = offers.taken[-1][1], reports[-1]
-    step = problem.scene.duration / (N_SAMPLES - 1)
-    jerk = np.diff(last, n=3, axis=0) / step**3
-    way = float(((problem.scene.goal - problem.scene.start) ** 2).sum())
-    return SystemOutcome(
+    outcome = SystemOutcome(
         verified=not report.reasons,
         reasons=report.reasons,
         seconds=seconds,
-        first_verified=history[0][0] if history else None,
-        history=tuple(history),
-        cost=float(cost_of(problem.scene, last)),
-        path_length=float(np.linalg.norm(np.diff(last, axis=0), axis=2).sum()),
         acceleration_max=report.acceleration_max,
-        jerk_max=float(np.linalg.norm(jerk, axis=2).max()),
-        jerk_ratio=float((jerk**2).sum() * step * problem.scene.duration**5 / (720.0 * max(way, 1e-12))),
-        duration=problem.scene.duration,
         distance_error_max=report.distance_error_max,
         clearance_min=report.clearance_min,
+    )
+    kept = [offer for offer, report in zip(offers.taken, reports, strict=True) if not report.reasons]
+    return with_figures(outcome, problem.scene, last, kept)
+
+
+def with_figures(
+    outcome: SystemOutcome, scene: Scene, hands: Array, verified: list[tuple[float, Array]]
+) -> SystemOutcome:
+    """Return an outcome with the figures of its last offer, and with the history of the verified ones.
+
+    Parameters
+    ----------
+    hands : array, shape (N_SAMPLES, n_manipulators, n_dims), the last offer [m]
+    verified : the verified offers and when they were found [s]
+    """
+    history: list[tuple[float, float]] = []
+    for at, offered in verified:
+        cost = float(cost_of(scene, offered))
+        if not history or cost < history[-1][1]:
+            history.append((at, cost))
+    step = scene.duration / (len(hands) - 1)
+    jerk = np.diff(hands, n=3, axis=0) / step**3
+    way = float(((scene.goal - scene.start) ** 2).sum())
+    return replace(
+        outcome,
+        first_verified=history[0][0] if history else None,
+        history=tuple(history),
+        cost=float(cost_of(scene, hands)),
+        path_length=float(np.linalg.norm(np.diff(hands, axis=0), axis=2).sum()),
+        jerk_max=float(np.linalg.norm(jerk, axis=2).max()),
+        jerk_ratio=float((jerk**2).sum() * step * scene.duration**5 / (720.0 * max(way, 1e-12))),
+        duration=scene.duration,
     )
 
 

@@ -31,6 +31,7 @@ from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, r
 
 Array = NDArray[np.float64]
 
+OF_JOINT = " (joint)"  # after the name of a frame that a link has, too
 LARGEST_BODY = 50.0  # m, radius of a collision body
 LARGEST_LIMIT = 1e6  # rad, m, s, N m or N
 
@@ -210,6 +211,7 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
         try:
             text = for_pinocchio(source, folder)
             model = pin.buildModelFromXML(text)
+            _tell_frames_apart(model)
             geometry = pin.buildGeomFromUrdfString(
                 model, text, pin.GeometryType.COLLISION, mesh_loader=loader
             )
@@ -226,6 +228,19 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
             ) from failure
         _check_bodies(model, geometry)
     return model, geometry
+
+
+def _tell_frames_apart(model: Any) -> None:
+    """Rename the frames of joints that are called like a link: frames are looked up by their names alone."""
+    links = {frame.name for frame in model.frames if frame.type == pin.FrameType.BODY}
+    for frame in model.frames:
+        if frame.type in (pin.FrameType.JOINT, pin.FrameType.FIXED_JOINT) and frame.name in links:
+            frame.name += OF_JOINT
+
+
+def frame_of_joint(model: Any, name: str) -> int:
+    """Return the number of the frame of a joint in a model."""
+    return model.getFrameId(name + OF_JOINT if model.existFrame(name + OF_JOINT) else name)
 
 
 def _reason(error: Exception) -> str:
@@ -354,7 +369,7 @@ def _with_posture(
             lower, upper = _range(model, joint)
             posture.setdefault(name, min(max(0.0, lower), upper))
     for name, mimic in _leaders_first(mimics):
-        if name in description.posture:
+        if name in description.posture or name not in list(model.names):  # a fixed joint may have a <mimic>
             continue
         if mimic.joint not in list(model.names):
             raise RobotError(
@@ -422,7 +437,12 @@ def _reduced(
     for name in moving:
         _require_limited(model.joints[model.getJointId(name)], name)
     locked = [j for j in range(1, model.njoints) if model.names[j] not in moving]
-    reduced, geometry = pin.buildReducedModel(model, collision, locked, _locked_at(description, model))
+    stay = _locked_at(description, model)
+    for j in locked:  # becomes a frame of its name
+        if model.existFrame(model.names[j] + OF_JOINT):
+            model.names[j] += OF_JOINT
+    reduced, geometry = pin.buildReducedModel(model, collision, locked, stay)
+    _tell_frames_apart(reduced)
     _drop_rigid(geometry)
     names = list(reduced.names)[1:]
     limits = _limits(description, reduced, names)

@@ -210,7 +210,7 @@ def stage(
         data, options = engine().MjData(world.model), engine().MjvOption()
         options.geomgroup[:] = [group in DRAWN_GROUPS for group in range(len(options.geomgroup))]
         place(execution, world, data, 0)
-        lower_floor(world.model, data)
+        lower_floor(world, data, execution.motion.position)
         with _renderer(world.model, height, width) as renderer:
 
             def draw(step: int, camera: Any) -> NDArray[np.uint8]:

@@ -90,7 +90,7 @@ def at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> A
         data.qpos[world.load_qpos + 3 : world.load_qpos + 7] = quaternion_of_rotation(pose[:3, :3])
     mj.mj_forward(model, data)
     _move_grasps(world, data)
-    lower_floor(model, data)
+    lower_floor(world, data, motion.position)
     limit_servos(world, data)
     mj.mj_forward(model, data)
     return data

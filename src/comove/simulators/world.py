@@ -162,11 +162,27 @@ def _finish(geom: Any, name: str, colour: tuple[float, ...]) -> None:
     geom.solref = STIFF
 
 
-def lower_floor(model: Any, data: Any) -> None:
-    """Move the floor below everything in the world, at the present state."""
-    floor = model.geom("the floor").id
-    lowest = min(_lowest(model, data, geom) for geom in range(model.ngeom) if geom != floor)
-    model.geom_pos[floor, 2] = lowest - 1e-3  # what stands on it does not touch it
+def lower_floor(world: World, data: Any, planned: Array) -> None:
+    """Move the floor below everything in the world at the present state, and below links wherever they will be.
+
+    Parameters
+    ----------
+    planned : array, shape (n_steps, n_joints), joints of a motion [rad, m for prismatic joints]
+    """
+    looked_at, below = 50, 0.05  # steps, and m that links keep from the floor
+    model, floor = world.model, world.model.geom("the floor").id
+    shapes = [geom for geom in range(model.ngeom) if geom != floor]
+    lowest = min(_lowest(model, data, geom) for geom in shapes) - 1e-3  # what stands on it does not touch it
+    stands = model.body_weldid[model.geom_bodyid] == 0
+    links = [geom for geom in shapes if not stands[geom] and model.geom_bodyid[geom] != world.load_body]
+    present = data.qpos.copy()
+    for q in planned[:: max(1, len(planned) // looked_at)]:
+        data.qpos[world.qpos] = q
+        engine().mj_kinematics(model, data)
+        lowest = min(lowest, min(_lowest(model, data, geom) for geom in links) - below)
+    data.qpos[:] = present
+    engine().mj_kinematics(model, data)
+    model.geom_pos[floor, 2] = lowest
     model.geom_sameframe[floor] = 0
 
 

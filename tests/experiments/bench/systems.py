@@ -7,7 +7,7 @@ import signal
 import sys
 from dataclasses import dataclass
 
-from comove.experiments.bench.sets import scenes_of
+from comove.experiments.bench.sets import SETS, scenes_of
 from comove.experiments.systems import N_SAMPLES, System
 
 
@@ -51,4 +51,4 @@ class Thrower(System):
 
 def witness(scene):
     """Of a scene of the set easy."""
-    return next(s for s in scenes_of("easy") if s.name == scene.name).witness(scene)
+    return SETS["easy"].witness(next(s for s in scenes_of("easy") if s.name == scene.name), scene)

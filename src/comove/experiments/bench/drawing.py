@@ -207,7 +207,7 @@ class _Draft:
             for _ in range(TRIES):
                 near = swept[rng.integers(len(swept))] + rng.normal(0.0, 0.8 * self.reach, self.n_dims)
                 center = np.round(np.clip(near, 0.02, scene.upper - 0.02), 3)
-                obstacle = _clutter(rng, center, rng.uniform(*d.size))
+                obstacle = clutter(rng, center, rng.uniform(*d.size))
                 if self.feasible([obstacle]):
                     self.obstacles.append(obstacle)
                     break
@@ -256,7 +256,7 @@ def _wall(x: float, thickness: float, at: Array, opening: Array) -> list[dict[st
     ]
 
 
-def _clutter(rng: np.random.Generator, center: Array, size: float) -> dict[str, Any]:
+def clutter(rng: np.random.Generator, center: Array, size: float) -> dict[str, Any]:
     """Draw a sphere, a rotated box, or a rotated capsule."""
     shape = str(rng.choice(["sphere", "box", "capsule"]))
     found: dict[str, Any] = {"shape": shape, "center": center.tolist()}

@@ -18,7 +18,7 @@ from comove._version import __version__
 from comove.errors import InputError, OptionError
 from comove.experiments.bench.sets import BenchScene
 from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
-from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured
+from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured, refusal
 from comove.primitives.dmp import DMP
 from comove.processes import TaskResult, run_tasks
 from comove.processes.worker import told
@@ -132,13 +132,19 @@ def run(job: BenchJob) -> Run:
 
 def _outcome(job: BenchJob) -> tuple[str, str, SystemOutcome | None]:
     c, scene = job.configuration, Scene.load(job.path)
-    why = job.system.refuses(scene)
+    why = refusal(job.system, scene)
     if why:
         return "refused", why, None
     demonstration = demonstration_of(scene)
     if not (demonstration is None or isinstance(demonstration, DMP)):
         return "refused", "It begins from one movement, and the scene names several or one of poses.", None
-    outcome = measured(job.system, SystemProblem(scene, demonstration, c.seed, c.budget))
+    problem = SystemProblem(scene, demonstration, c.seed, c.budget)
+    if scene.file.robot is None:
+        outcome = measured(job.system, problem)
+    else:
+        from comove.experiments.carried import carried  # robots are an extra
+
+        outcome = carried(problem)
     if outcome is None:
         return "nothing", "it offered nothing", None
     return "verified" if outcome.verified else "not verified", "; ".join(outcome.reasons), outcome

@@ -1,31 +1,36 @@
-"""The frozen sets of scenes, and functions that draw and write them."""
+"""The frozen sets of scenes, for hands and for robots, and functions that draw and write them."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, near_name
-from comove.experiments.bench.drawing import DIFFICULTIES, Difficulty, drawn
+from comove.experiments.bench.drawing import DIFFICULTIES, drawn
 from comove.experiments.bench.witness import Witness
+from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
+from comove.io.arrays import read_arrays
 from comove.io.folders import Contents, whole_folder
 from comove.io.yaml_reader import read_yaml
 from comove.scenes.scene import Scene
 
+if TYPE_CHECKING:
+    from comove.experiments.bench.robot_witness import JointWitness
+
 Array = NDArray[np.float64]
 
-SETS = tuple(DIFFICULTIES)
-COUNT, SEED = 50, 0  # of the frozen sets
 OWN = "own"  # name of the set in which scenes of one's own are
 WITNESSES = "witnesses.yaml"
+JOINT_WITNESSES = "witnesses.npz"
 CONTENTS = Contents("set of scenes", frozenset(), frozenset())  # one that is drawn replaces nothing
 HEAD = """\
 # That the scenes of this folder can be solved: poses that the load passes, from rest to rest, by scene.
@@ -60,9 +65,107 @@ class BenchScene:
         """Read the scene."""
         return Scene.load(self.path)
 
-    def witness(self, scene: Scene) -> Witness:
-        """Return the witness that the scene can be solved; `scene` is the result of `load`."""
-        return Witness.from_rows(_witnesses(self.path.with_name(WITNESSES))[self.name], scene)
+
+@dataclass(frozen=True)
+class SceneSet(ABC):
+    """A set of scenes of equal difficulty.
+
+    Attributes
+    ----------
+    name : name of the set
+    number : number of the set, which goes into the seeds of its scenes
+    kinds : kinds of scenes, which take turns
+    count : number of frozen scenes
+    """
+
+    name: str
+    number: int
+    kinds: tuple[str, ...]
+    count: int
+
+    @property
+    def folder(self) -> Path:
+        """Return the folder of the frozen scenes."""
+        return Path(str(files("comove") / "experiments" / "sets" / self.name))
+
+    def draw(self, index: int, seed: int = 0) -> tuple[dict[str, Any], Any]:
+        """Draw a scene; return the contents of its file, and its witness as `keep` takes it; the frozen ones have
+        the seed 0.
+        """
+        turn, kind = divmod(index, len(self.kinds))
+        return self._drawn(f"{self.kinds[kind]}-{turn:02d}", self.kinds[kind], [seed, self.number, index])
+
+    @abstractmethod
+    def _drawn(self, name: str, kind: str, seed: list[int]) -> tuple[dict[str, Any], Any]:
+        """Draw a scene of a kind."""
+
+    @abstractmethod
+    def keep(self, folder: Path, witnesses: Mapping[str, Any]) -> None:
+        """Write the witnesses of scenes, by name, into the folder of the scenes."""
+
+    @abstractmethod
+    def witness(self, of: BenchScene, scene: Scene) -> Any:
+        """Return the witness of a scene, which `scene` is as it was read; its `judged` says that it can be solved."""
+
+
+@dataclass(frozen=True)
+class HandSet(SceneSet):
+    """Scenes of hands alone, planar and spatial in turn; a witness is the poses that the load passes."""
+
+    def _drawn(self, name: str, kind: str, seed: list[int]) -> tuple[dict[str, Any], Array]:
+        return drawn(name, DIFFICULTIES[self.name], 3 if kind == "spatial" else 2, seed)
+
+    def keep(self, folder: Path, witnesses: Mapping[str, Array]) -> None:
+        """Write the poses of all scenes into one file, a line each."""
+        lines = [
+            f"{name}: [{', '.join(flow(row) for row in rows.tolist())}]\n" for name, rows in witnesses.items()
+        ]
+        (folder / WITNESSES).write_text(HEAD + "".join(sorted(lines)), encoding="utf-8")
+
+    def witness(self, of: BenchScene, scene: Scene) -> Witness:
+        """Return the poses as a movement."""
+        return Witness.from_rows(_witnesses(of.path.with_name(WITNESSES))[of.name], scene)
+
+
+@dataclass(frozen=True)
+class RobotSet(SceneSet):
+    """Scenes of five robots in turn; a witness is a motion of the joints."""
+
+    def _drawn(self, name: str, kind: str, seed: list[int]) -> tuple[dict[str, Any], JointWitness]:
+        from comove.experiments.bench import robot_drawing
+
+        return robot_drawing.drawn(name, ROBOT_DIFFICULTIES[self.name], WORKPLACES[kind], seed)
+
+    def keep(self, folder: Path, witnesses: Mapping[str, JointWitness]) -> None:
+        """Write the joints of all scenes into one archive."""
+        arrays = {
+            f"{name}.{key}": value
+            for name, witness in witnesses.items()
+            for key, value in vars(witness).items()
+        }
+        np.savez_compressed(folder / JOINT_WITNESSES, **arrays)
+
+    def witness(self, of: BenchScene, scene: Scene) -> JointWitness:
+        """Return the joints and the motion of the load."""
+        from comove.experiments.bench.robot_witness import JointWitness
+
+        names = {key: f"{of.name}.{key}" for key in ("weights", "position")}
+        arrays = read_arrays(of.path.with_name(JOINT_WITNESSES), tuple(names.values()))
+        return JointWitness(**{key: arrays[name] for key, name in names.items()})
+
+
+_KINDS, _ROBOTS = ("planar", "spatial"), tuple(WORKPLACES)
+SETS: dict[str, SceneSet] = {
+    one.name: one
+    for one in (
+        HandSet("easy", 0, _KINDS, 50),
+        HandSet("hard", 1, _KINDS, 50),
+        HandSet("extreme", 2, _KINDS, 50),
+        RobotSet("robots-easy", 3, _ROBOTS, 20),
+        RobotSet("robots-hard", 4, _ROBOTS, 20),
+        RobotSet("robots-extreme", 5, _ROBOTS, 20),
+    )
+}
 
 
 @lru_cache(maxsize=8)
@@ -70,18 +173,30 @@ def _witnesses(path: Path) -> dict[str, list[list[float]]]:
     return read_yaml(path)[0]
 
 
+def set_named(name: str) -> SceneSet:
+    """Return the set of a name.
+
+    Raises
+    ------
+    OptionError
+        If there is none.
+    """
+    if name not in SETS:
+        raise OptionError(f"there is no set '{name}'", key="set", way_out=near_name(name, SETS))
+    return SETS[name]
+
+
 def scenes_of(name: str, count: int | None = None) -> list[BenchScene]:
-    """Return the scenes of a frozen set, planar and spatial in turn, or only the first `count`.
+    """Return the scenes of a frozen set, their kinds in turn, or only the first `count`.
 
     Raises
     ------
     OptionError
         If there is no such set, or `count` is not between 1 and their number.
     """
-    difficulty_named(name)
-    folder = Path(str(files("comove") / "experiments" / "sets" / name))
-    planar, spatial = (sorted(folder.glob(f"{kind}-*.yaml")) for kind in ("planar", "spatial"))
-    paths = [path for pair in zip(planar, spatial, strict=True) for path in pair]
+    chosen = set_named(name)
+    by_kind = [sorted(chosen.folder.glob(f"{kind}-*.yaml")) for kind in chosen.kinds]
+    paths = [path for turn in zip(*by_kind, strict=True) for path in turn]
     if count is not None and not 0 < count <= len(paths):
         raise OptionError(
             f"scenes = {count}",
@@ -121,28 +236,8 @@ def own_scenes(paths: Iterable[Path]) -> list[BenchScene]:
     return found
 
 
-def difficulty_named(name: str) -> Difficulty:
-    """Return the difficulty of a set.
-
-    Raises
-    ------
-    OptionError
-        If there is no such set.
-    """
-    if name not in DIFFICULTIES:
-        raise OptionError(f"there is no set '{name}'", key="set", way_out=near_name(name, DIFFICULTIES))
-    return DIFFICULTIES[name]
-
-
-def draw_scene(set_name: str, index: int, seed: int = SEED) -> tuple[dict[str, Any], Array]:
-    """Draw scene `index` of a set, as `drawing.drawn` returns it: even ones are planar, odd ones spatial."""
-    n_dims = 2 + index % 2
-    name = f"{('planar', 'spatial')[index % 2]}-{index // 2:02d}"
-    return drawn(name, difficulty_named(set_name), n_dims, [seed, SETS.index(set_name), index])
-
-
-def draw_set(set_name: str, folder: Path, count: int = COUNT, seed: int = SEED) -> None:
-    """Draw a set and write it to a folder: a file per scene, and the witnesses.
+def draw_set(name: str, folder: Path, count: int | None = None, seed: int = 0) -> int:
+    """Draw a set and write it to a folder: a file per scene, and the witnesses; return the number of scenes.
 
     Raises
     ------
@@ -151,17 +246,18 @@ def draw_set(set_name: str, folder: Path, count: int = COUNT, seed: int = SEED) 
     ResultError
         If the folder is not empty or cannot be written.
     """
-    difficulty_named(set_name)
+    chosen = set_named(name)
+    count = chosen.count if count is None else count
     if count < 1:
         raise OptionError(f"count = {count}", key="--count", way_out="draw 1 scene or more")
     with whole_folder(folder, CONTENTS) as draft:
-        lines = []
+        witnesses = {}
         for index in range(count):
-            data, rows = draw_scene(set_name, index, seed)
+            data, witness = chosen.draw(index, seed)
             (draft / f"{data['name']}.yaml").write_text(scene_text(data), encoding="utf-8")
-            poses = ", ".join(flow(row) for row in rows.tolist())
-            lines.append(f"{data['name']}: [{poses}]\n")
-        (draft / WITNESSES).write_text(HEAD + "".join(sorted(lines)), encoding="utf-8")
+            witnesses[data["name"]] = witness
+        chosen.keep(draft, witnesses)
+    return count
 
 
 def scene_text(data: dict[str, Any]) -> str:

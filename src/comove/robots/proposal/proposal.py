@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from comove.errors import ComoveWarning, RobotError
 from comove.robots.description import RobotFile
-from comove.robots.model import Arm, Robot, assembled
+from comove.robots.model import Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.examination import link_of, pairs_of, touching
 from comove.robots.proposal.homes import Homes, homes_of
 from comove.robots.proposal.tree import Chain, Tree
@@ -131,8 +131,14 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
     robot = robot if not always else _without(robot, always)
     homes: Homes = homes_of(robot, seed)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
-        data["arms"][arm.name]["home"] = [round(float(value), 3) for value in home]
+        data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
     return Proposal(data, _without(_robot(data, file), always), srdf, (*notes, *homes.notes))
+
+
+def _written(home: Array, lower: Array, upper: Array) -> list[float]:
+    """Return joints in thousandths, or in all digits where rounding would lead out of their limits."""
+    rounded = home.round(3)
+    return np.where((rounded < lower) | (rounded > upper), home, rounded).tolist()
 
 
 def _name_of(file: Path) -> str:
@@ -291,7 +297,7 @@ def _finger_frames(robot: Robot, arm: Arm) -> Array:
     data = model.createData()
     pin.framesForwardKinematics(model, data, robot.home)
     wrist, tip = data.oMi[int(arm.columns[-1]) + 1].translation, data.oMf[model.getFrameId(arm.tip)]
-    frames = [tip, *(data.oMf[model.getFrameId(finger)] for finger in arm.fingers)]
+    frames = [tip, *(data.oMf[frame_of_joint(model, finger)] for finger in arm.fingers)]
     places = np.array([tip.rotation.T @ (frame.translation - wrist) for frame in frames])
     return places if arm.fingers else np.zeros((0, 3))
 

@@ -1,0 +1,88 @@
+"""Acceleration and jerk of robots' joints, beside TOPP-RA (toppra) on the same paths, in one run.
+
+    pip install 'comove[bench]'
+    python benchmarks/robots_pacing.py                           # 5 scenes of `comove bench`, one for each robot
+    python benchmarks/robots_pacing.py --set robots-extreme --scenes 20
+
+Every scene is solved twice: in its duration, and as fast as hands and joints can. The joints' path of the second
+motion is then timed by TOPP-RA, which knows the joints' limits of velocity and acceleration; hands' limits, torques
+and the law of motion are comove's alone, so it may be slower. Acceleration and jerk are root mean squares over all
+joints that move, for unit duration, so that pace does not count; the jerk's largest value is at the motion's own
+pace, from 20,000 samples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from timing import number, on_one_thread, peer, print_table
+
+from comove import LeastTime
+from comove.experiments.bench.sets import scenes_of
+from comove.robots import JointMotion, Robot, carry
+
+Array = NDArray[np.float64]
+
+N_PATH, N_SEEN = 2001, 20_001
+SEEN = {"duration [s]": 0, "acceleration": 1, "jerk": 2, "largest jerk [rad/s³]": 3}
+
+
+def main() -> None:
+    """Print one row for each system."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--set", default="robots-hard", help="robots-easy, robots-hard or robots-extreme")
+    parser.add_argument("--scenes", type=int, default=5)
+    asked = parser.parse_args()
+    on_one_thread()
+    warnings.simplefilter("ignore")
+    toppra = peer("toppra")
+    toppra.setup_logging("ERROR")
+    found: dict[str, list[tuple[float, ...]]] = {}
+    for frozen in scenes_of(asked.set, asked.scenes):
+        scene = frozen.load()
+        robot = Robot.load(scene.file.robot)
+        columns = np.concatenate([robot.arm(name).columns for name in scene.manipulators])
+        fastest = None
+        for name, objective in (("comove, in the duration", None), ("comove, in least time", LeastTime())):
+            motion = carry(scene, robot, objective=objective).motion
+            if motion is not None:
+                found.setdefault(name, []).append(seen(motion.joints.curve, motion.joints.duration, columns))
+                fastest = motion.joints if objective is not None else None
+        if fastest is not None and (timed := by_toppra(toppra, robot, fastest, columns)) is not None:
+            found.setdefault("TOPP-RA on the latter's path", []).append(timed)
+    rows = [
+        [name, str(len(values)), *(number(np.median(column), 3) for column in zip(*values, strict=True))]
+        for name, values in found.items()
+    ]
+    print_table(("", "motions", *SEEN), rows)
+
+
+def by_toppra(toppra: Any, robot: Robot, joints: JointMotion, columns: Array) -> tuple[float, ...] | None:
+    """Time the path of joints by TOPP-RA; return what `seen` measures, None where it finds nothing."""
+    position = joints.curve(np.linspace(0.0, joints.duration, N_PATH))[:, columns]
+    # At rest at both ends, the path by time has no speed there: by its own length it has.
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
+    kept = np.concatenate([[True], np.diff(length) > 1e-6 * length[-1] / N_PATH])
+    path = toppra.SplineInterpolator(length[kept], position[kept])
+    kinds = toppra.constraint.JointVelocityConstraint, toppra.constraint.JointAccelerationConstraint
+    most = robot.velocity[columns], robot.acceleration[columns]
+    limits = [kind(np.stack([-x, x], axis=1)) for kind, x in zip(kinds, most, strict=True)]
+    timed = toppra.algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
+    return None if timed is None else seen(timed, timed.duration, np.arange(len(columns)))
+
+
+def seen(curve: Any, duration: float, columns: Array) -> tuple[float, ...]:
+    """Return duration, acceleration and jerk for unit duration, and the largest jerk, of a curve of joints."""
+    time = np.linspace(0.0, duration, N_SEEN)
+    acceleration = curve(time, 2)[:, columns]
+    jerk = np.diff(acceleration, axis=0) / time[1]
+    sizes = (float(np.sqrt((x**2).mean())) for x in (acceleration * duration**2, jerk * duration**3))
+    return (duration, *sizes, float(np.abs(jerk).max()))
+
+
+if __name__ == "__main__":
+    main()

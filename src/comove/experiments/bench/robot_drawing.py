@@ -1,0 +1,189 @@
+"""Scenes for robots, drawn around a motion of their joints, so that each is known to be feasible.
+
+First poses of the load are drawn, from start to goal, and a motion along them, which arms follow and the verification
+accepts among nothing; then obstacles in the way of the straight motion and near the volume that is swept, each of
+which leaves the motion its clearance. No planner and no smoothing has a part in it, so that none is favoured.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import SceneError
+from comove.experiments.bench.drawing import clutter
+from comove.experiments.bench.robot_witness import N_BASIS, JointWitness
+from comove.experiments.bench.workplaces import RobotDifficulty, Workplace
+from comove.planning.configurations import configuration_space
+from comove.planning.seeds import fit, targets_along
+from comove.primitives.basis import motion_basis
+from comove.robots import RobotCarrier
+from comove.scenes.scene import Scene
+from comove.studies.carried import robot_of
+from comove.verification.verify import verify
+
+Array = NDArray[np.float64]
+
+DURATION, CLEARANCE = 10.0, 0.01  # s, m
+RATE = 20.0  # Hz, of a witness's samples
+RIDGE, STEADY = 2, -1  # of the fits of `seeds.fit`: which damping and which profile of speed a witness has
+TRIES = 6  # of an obstacle, before a new beginning
+N_STEPS_AWAY = 12  # of an obstacle, from the bar
+UPRIGHT = 0.6  # share of obstacles that are posts from the bottom of the workspace to its top
+FAR = 0.4  # least distance between start and goal, in lengths of the bar
+
+
+def drawn(
+    name: str, difficulty: RobotDifficulty, place: Workplace, seed: list[int], most: int | None = None
+) -> tuple[dict[str, Any], JointWitness]:
+    """Draw a scene, and return the contents of its scene file and its witness.
+
+    Parameters
+    ----------
+    seed : seed of all random numbers, one or several
+    most : number of drafts after which it is given up; None for never
+
+    Raises
+    ------
+    SceneError
+        If none of `most` drafts is a scene; it says why most of them are none.
+    """
+    rng, reasons = np.random.default_rng(seed), list[str]()
+    while len(reasons) != most:
+        draft = _Draft(name, difficulty, place, rng)
+        witness = draft.moved()
+        if witness is not None and draft.obstructed(witness):
+            return draft.data(), witness
+        reasons.append(draft.reason)
+    raise SceneError(
+        f"of {most} drafts for the robot '{place.robot}' none is a scene, mostly for this: "
+        f"{max(reasons, key=reasons.count)}",
+        way_out="give a workplace that the hands reach",
+    )
+
+
+def scene_of(name: str, place: Workplace, start: Array, goal: Array) -> dict[str, Any]:
+    """Return the contents of a scene file without obstacles, for hands at both ends, arrays of shape (2, 3) [m]."""
+    hands = zip(("left", "right"), start.round(10), goal.round(10), strict=True)
+    return {
+        "name": name,
+        "duration": DURATION,
+        "robot": place.robot,
+        "grasp": {"orientation": "down", "yaw": "load", "offset_deg": place.offset_deg},
+        "workspace": {"lower": list(place.lower), "upper": list(place.upper)},
+        "obstacles": [],
+        "load": {"shape": "bar", "length": place.length, "radius": place.radius, "mass": place.mass},
+        "manipulators": [{"name": name, "start": a.tolist(), "goal": b.tolist()} for name, a, b in hands],
+        "limits": {"speed": 0.5, "acceleration": 1.0, "clearance": CLEARANCE},
+    }
+
+
+class _Draft:
+    """A scene that is being drawn."""
+
+    def __init__(self, name: str, difficulty: RobotDifficulty, place: Workplace, rng: np.random.Generator):
+        self.name, self.difficulty, self.place, self.rng = name, difficulty, place, rng
+        self.obstacles: list[dict[str, Any]] = []
+        self.reason = ""  # why it is no scene
+        self.tilt = rng.uniform(-difficulty.tilt, difficulty.tilt)  # which hands keep that point down
+        between = int(rng.integers(difficulty.between[0], difficulty.between[1] + 1))
+        while True:
+            self.poses = [self._pose() for _ in range(between + 2)]
+            if np.linalg.norm(self.poses[-1][0] - self.poses[0][0]) > FAR * place.length:
+                break
+
+    def _pose(self) -> Array:
+        """Draw the hands on a bar somewhere in the workspace; array, shape (2, 3) [m]."""
+        p, d, rng = self.place, self.difficulty, self.rng
+        heading, tilt = rng.uniform(-d.turn, d.turn), self.tilt
+        along = np.array([-np.sin(heading) * np.cos(tilt), np.cos(heading) * np.cos(tilt), np.sin(tilt)])
+        aside = 0.5 * p.length * np.abs(along) + p.radius + d.spare
+        middle = rng.uniform(np.array(p.lower) + aside, np.array(p.upper) - aside)
+        return middle + 0.5 * p.length * np.array([along, -along])
+
+    def data(self, first: int = 0, last: int = -1) -> dict[str, Any]:
+        """Return the contents of the scene's file, from one of the poses to another."""
+        scene = scene_of(self.name, self.place, self.poses[first], self.poses[last])
+        return scene | {"obstacles": self.obstacles}
+
+    def moved(self) -> JointWitness | None:
+        """Return a motion along the poses, among nothing; None where arms cannot follow it."""
+        scene = Scene.from_dict(self.data())
+        coordinates, carrier = load_coordinates(scene), RobotCarrier(robot_of(scene), scene)
+        try:
+            carrier.require_reach()
+        except SceneError:
+            self.reason = "an end is out of reach"
+            return None
+        path = [
+            load_coordinates(Scene.from_dict(self.data(k, k + 1))).boundary()[0]
+            for k in range(len(self.poses) - 1)
+        ]
+        path.append(coordinates.boundary()[2])
+        space = configuration_space(scene, coordinates)
+        target = targets_along(space, np.array(path), gentle=True)[STEADY:]
+        dmp, weights = fit(target, target[0, -1], coordinates, motion_basis(N_BASIS, "jerk"), scene)
+        motion = CoordinatedMotion(scene, coordinates, dmp.basis, dmp.boundary, weights[RIDGE])
+        if verify(motion).verified is None:
+            self.reason = "the load leaves its workspace, or is too fast"
+            return None
+        joints, miss = carrier.track(motion)
+        if miss is not None:
+            self.reason = "a hand cannot follow the load"
+            return None
+        time = np.linspace(0.0, DURATION, round(RATE * DURATION) + 1)
+        witness = JointWitness(motion.weights, joints.curve(time))
+        return witness if self._clear(witness, scene) else None
+
+    def _clear(self, witness: JointWitness, scene: Scene) -> bool:
+        """Return whether a witness is verified, with the clearance to spare."""
+        verdict = witness.judged(scene.limited(clearance=self.difficulty.spare), slack=1.0)
+        self.reason = verdict.reasons[0] if verdict.reasons else ""
+        return verdict.verified is not None
+
+    def obstructed(self, witness: JointWitness) -> bool:
+        """Add obstacles; return False if there is no room for them, or the straight motion is still possible."""
+        d, free = self.difficulty, Scene.from_dict(self.data())
+        straight, swept = CoordinatedMotion.straight(free), witness.motion(free)
+        for k in range(int(self.rng.integers(d.obstacles[0], d.obstacles[1] + 1))):
+            if not self._placed(straight if k < d.in_the_way else swept, witness):
+                return False
+            if k + 1 == d.in_the_way and not verify(straight.on(Scene.from_dict(self.data()))).reasons:
+                self.reason = "the straight motion is possible"
+                return False
+        return self._clear(witness, Scene.from_dict(self.data()))
+
+    def _placed(self, motion: CoordinatedMotion, witness: JointWitness) -> bool:
+        """Place an obstacle beside the bar in a motion, as near to it as the witness allows."""
+        for _ in range(TRIES):
+            point, away, obstacle = self._obstacle(motion)
+            for apart in self.difficulty.step * np.arange(N_STEPS_AWAY):
+                center = np.clip(point + apart * away, self.place.lower, self.place.upper)
+                if "height" in obstacle:
+                    center[2] = 0.5 * (self.place.lower[2] + self.place.upper[2])
+                placed = obstacle | {"center": center.round(3).tolist()}
+                try:
+                    scene = Scene.from_dict(self.data() | {"obstacles": [placed]})
+                except SceneError:  # an end in an obstacle
+                    continue
+                if self._clear(witness, scene):
+                    self.obstacles.append(placed)
+                    return True
+        return False
+
+    def _obstacle(self, motion: CoordinatedMotion) -> tuple[Array, Array, dict[str, Any]]:
+        """Draw a point of the bar in a motion, a direction away from it, and an obstacle."""
+        p, rng = self.place, self.rng
+        hands = motion.hands(rng.uniform(0.2, 0.8, 1))[0, 0]
+        point = hands[0] + rng.uniform() * (hands[1] - hands[0])
+        away, size = rng.standard_normal(3), rng.uniform(*self.difficulty.size)
+        if rng.uniform() >= UPRIGHT:
+            return point, away / np.linalg.norm(away), clutter(rng, point, size)
+        height = round(p.upper[2] - p.lower[2], 3)
+        post = {"shape": "cylinder", "radius": round(0.75 * size, 3), "height": height}
+        away[2] = 0.0
+        return point, away / np.linalg.norm(away), post

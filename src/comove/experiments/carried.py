@@ -1,0 +1,77 @@
+"""A run of the comparison with a robot: from the scene to the load that MuJoCo delivers."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.experiments.systems import SystemOutcome, SystemProblem, with_figures
+from comove.planning import SceneKind
+from comove.planning.clock import now
+from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry
+from comove.robots.kernels import load_robot_kernels
+from comove.scenes.scene import Scene
+from comove.simulators import Execution, Friction, GraspModel, Perturbation, Weld, simulate
+from comove.studies.carried import robot_of
+
+Array = NDArray[np.float64]
+
+
+def carried(problem: SystemProblem) -> SystemOutcome:
+    """Carry the load by comove's method for robots; it counts as verified where it is delivered as well.
+
+    The joints are played in MuJoCo, perturbed by numbers that belong to scene and seed; hands hold the load by
+    friction where they have fingers, and are welded to it otherwise.
+    """
+    scene, robot = problem.scene, robot_of(problem.scene)
+    load_robot_kernels(SceneKind.of(scene))
+    _ = RobotCarrier(robot, scene.alternatives[0]).arms  # what belongs to the robot is not a search's
+    begun, found = now(), list[tuple[float, VerifiedJointMotion]]()
+    solution = carry(
+        scene,
+        robot,
+        demonstration=problem.demonstration,
+        seed=problem.seed,
+        budget=problem.budget,
+        found=lambda motion: found.append((now() - begun, motion)),
+    )
+    seconds, report = now() - begun, solution.report
+    execution = None
+    if solution.motion is not None:
+        execution = executed(solution.motion, secure_grasp(robot, scene), problem.seed)
+    reasons = (
+        solution.solution.reasons or solution.verdict.reasons if execution is None else execution.reasons
+    )
+    outcome = SystemOutcome(
+        verified=execution is not None and execution.delivered,
+        reasons=tuple(reasons),
+        seconds=seconds,
+        acceleration_max=solution.solution.report.acceleration_max,
+        distance_error_max=report.distance_error_max,
+        clearance_min=min(
+            solution.solution.report.clearance_min,
+            report.clearance_scene,
+            report.clearance_load,
+            report.clearance_self,
+        ),
+    )
+
+    def hands(motion: VerifiedJointMotion) -> Array:
+        return motion.motion.motion.hands(problem.instants)[0]
+
+    last = solution.solution.attempt.hands(problem.instants)[0]
+    return with_figures(outcome, scene, last, [(at, hands(motion)) for at, motion in found])
+
+
+def secure_grasp(robot: Robot, scene: Scene) -> GraspModel:
+    """Return friction, where all hands of a scene have fingers, and a weld otherwise."""
+    return Friction() if all(robot.arm(name).fingers for name in scene.manipulators) else Weld()
+
+
+def executed(motion: VerifiedJointMotion, grasp: GraspModel, seed: int) -> Execution:
+    """Simulate a verified motion, perturbed by numbers that belong to its scene and the seed."""
+    scene, robot = motion.scene, motion.robot
+    drawn = Perturbation.drawn(
+        np.random.default_rng([seed, int(scene.sha256[:8], 16)]), len(robot.joint_names)
+    )
+    return simulate(motion.joints, scene, robot, grasp, drawn)

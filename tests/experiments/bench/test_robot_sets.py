@@ -1,0 +1,101 @@
+"""Every frozen scene of robots can be solved, as its witness of joints shows, and no straight motion does."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import SceneError
+from comove.experiments.bench.robot_drawing import drawn
+from comove.experiments.bench.robot_witness import JointWitness
+from comove.experiments.bench.runner import jobs_of, run
+from comove.experiments.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
+from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
+from comove.experiments.registry import systems_named
+from comove.scenes import Scene
+from comove.verification.verify import verify
+
+ROBOTS = [name for name, one in SETS.items() if isinstance(one, RobotSet)]
+FROZEN = [(name, scene) for name in ROBOTS for scene in scenes_of(name)]
+SOME = {scene.path for name in ROBOTS for scene in scenes_of(name)[2:3]}  # two UR10
+
+
+@pytest.mark.parametrize(
+    "name, frozen",
+    [
+        pytest.param(
+            name,
+            scene,
+            id=f"{name}-{scene.name}",
+            marks=() if scene.path in SOME else pytest.mark.slow,
+        )
+        for name, scene in FROZEN
+    ],
+)
+def test_the_witness_is_verified_with_room_to_spare(name, frozen):
+    scene, spare = frozen.load(), ROBOT_DIFFICULTIES[name].spare
+    assert spare > scene.clearance
+    verdict = SETS[name].witness(frozen, scene).judged(scene.limited(clearance=spare))
+    assert verdict.reasons == ()
+
+
+@pytest.mark.parametrize("name, frozen", FROZEN, ids=[f"{name}-{scene.name}" for name, scene in FROZEN])
+def test_the_straight_motion_is_not_possible(name, frozen):
+    scene = frozen.load()
+    assert scene.file.robot in WORKPLACES
+    low, high = ROBOT_DIFFICULTIES[name].obstacles
+    assert low <= len(scene.file.obstacles) <= high
+    assert verify(CoordinatedMotion.straight(scene)).reasons
+
+
+def test_scenes_are_drawn_again_as_they_are_frozen():
+    frozen = scenes_of("robots-easy")[2]
+    data, witness = SETS["robots-easy"].draw(2)
+    assert scene_text(data) == frozen.path.read_text(encoding="utf-8")
+    kept = SETS["robots-easy"].witness(frozen, frozen.load())
+    assert witness.position == pytest.approx(kept.position, abs=1e-6)
+
+
+def test_a_witness_that_ends_elsewhere_or_touches_something_is_no_witness():
+    """A joint that is 1 mrad off in between, or an obstacle in the way."""
+    frozen = scenes_of("robots-easy")[2]
+    scene = frozen.load()
+    witness = SETS["robots-easy"].witness(frozen, scene)
+    moved = witness.position.copy()
+    moved[len(moved) // 2, 0] += 1e-3
+    assert JointWitness(witness.weights, moved).judged(scene).verified is None
+    middle = witness.motion(scene).hands(np.array([0.5]))[0, 0].mean(axis=0)
+    ball = {"shape": "sphere", "center": middle.tolist(), "radius": 0.01}
+    within = Scene.from_dict({**scene.file.model_dump(exclude_none=True), "obstacles": [ball]})
+    assert witness.judged(within).verified is None
+
+
+def test_a_place_out_of_reach_is_told():
+    far = replace(WORKPLACES["two_ur10"], lower=(3.0, -0.8, 0.1), upper=(4.0, 0.8, 0.6))
+    with pytest.raises(SceneError, match=r"of 3 drafts .* mostly for this: an end is out of reach"):
+        drawn("far", ROBOT_DIFFICULTIES["robots-easy"], far, [0], 3)
+
+
+def test_systems_that_move_hands_refuse_robots():
+    jobs = jobs_of(scenes_of("robots-easy", 1), systems_named(["paper", "leader-follower", "ompl-aorrtc"]))
+    for job in jobs:
+        row = run(job)
+        assert (row.status, row.message) == (
+            "refused",
+            "It moves hands, and the scene asks for a robot's joints.",
+        )
+
+
+@pytest.mark.slow
+def test_from_a_drawn_scene_to_a_delivered_load(tmp_path):
+    draw_set("robots-easy", tmp_path / "mine", count=3, seed=4)
+    assert (tmp_path / "mine" / "witnesses.npz").exists()
+    (ur10,) = [scene for scene in own_scenes([tmp_path / "mine"]) if scene.name.startswith("two_ur10")]
+    (job,) = jobs_of([ur10], systems_named(["comove"]), budget=20.0)
+    row = run(job)
+    assert row.status == "verified", row.message
+    assert 0 < row.figures.first_verified <= row.figures.seconds
+    assert row.figures.clearance_min >= 0.005
