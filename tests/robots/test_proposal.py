@@ -153,6 +153,24 @@ def test_a_tool_frame_whose_x_is_the_approach_is_turned_and_stays_where_it_is(tm
     assert any("fingers point along its x" in note for note in proposal.notes)
 
 
+@pytest.mark.parametrize("front", [1, -1])
+def test_hands_at_home_stand_side_by_side_where_arms_reach_best(tmp_path, front):
+    """In front is where most of what the hands reach is: iCub's is where x is negative."""
+    text = urdf(link("torso"), arm("l_", "torso", (0, 0.2, 0.3)), arm("r_", "torso", (0, -0.2, 0.3)))
+    bent = '<limit lower="0.05" upper="2" velocity="2" effort="40"/>'
+    if front < 0:
+        bent = '<limit lower="-2" upper="-0.05" velocity="2" effort="40"/>'
+    robot = propose(
+        [written(tmp_path, text.replace(f'"0 1 0"/>{LIMIT}', f'"0 1 0"/>{bent}'))], tmp_path / "robot.yaml"
+    ).robot
+    left, right = (robot.tool_pose(robot.home, robot.arm(name)) for name in ("left", "right"))
+    assert front * left[0, 3] > 0.1
+    assert left[[0, 2], 3] == pytest.approx(right[[0, 2], 3], abs=0.01)
+    assert left[1, 3] > right[1, 3]
+    for pose in (left, right):
+        assert pose[:3, 2] == pytest.approx([0, 0, -1], abs=0.02)
+
+
 def test_a_bare_flange_is_told(tmp_path):
     path = written(tmp_path, urdf(link("base"), arm("", "base")))
     assert any("without fingers" in note for note in propose([path], tmp_path / "made.yaml").notes)

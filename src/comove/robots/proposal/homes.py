@@ -1,4 +1,4 @@
-"""A home for every arm: hands down and in front, joints away from their limits, nothing that touches."""
+"""A home for every arm: hands down and in front, side by side, joints far from limits, nothing that touches."""
 
 from __future__ import annotations
 
@@ -12,8 +12,15 @@ from comove.robots.model import Arm, Robot
 
 Array = NDArray[np.float64]
 
-N_DRAWN, N_TRIED = 3000, 150  # configurations drawn, and those that are turned and tested for contact
-N_TURNS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration that turns a hand down
+N_DRAWN, N_TRIED = 3000, 150  # configurations drawn, and those that are settled and tested for contact
+N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settles
+WANTED = np.array(
+    [0.55, 0.0, -0.15]
+)  # place of a hand from its arm's base, in reaches: in front, below the shoulder
+BACKWARDS = (
+    -0.1
+)  # mean of the places of all hands along x, in reaches, below which the front is where x is negative
+SETTLED = 2e-3  # by how many reaches and radians together a hand may miss its home
 DOWN = np.array([0.0, 0.0, -1.0])
 NEAR_DOWN = np.deg2rad(5.0)
 FREE = 0.01  # m, of clearance at home
@@ -37,12 +44,22 @@ def homes_of(robot: Robot, seed: int = 0) -> Homes:
     """Find a home for every arm: of random configurations the best one that is free once its hand is turned down."""
     q, notes = robot.home, []
     rng = np.random.default_rng(seed)
-    for k, arm in enumerate(robot.arms):
+    drawn_by_arm = [_Drawn.of(robot, arm, rng) for arm in robot.arms]
+    backwards = np.mean([drawn.places[:, 0].mean() for drawn in drawn_by_arm]) < BACKWARDS
+    wanted = WANTED * ([-1.0, 1.0, 1.0] if backwards else [1.0, 1.0, 1.0])
+    reach = min(drawn.reach for drawn in drawn_by_arm)
+    for k, (arm, drawn) in enumerate(zip(robot.arms, drawn_by_arm, strict=True)):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
-        drawn = [*_as_before(robot, q, k), *_drawn(robot, arm, q, rng)[:N_TRIED]]
-        best = [_turned_down(robot, arm, each) for each in drawn]
-        near = (each for margin in (FREE, 0.0) for each in best if _is_free(robot, each, margin, later))
-        found = next(near, None)
+        begun = [*_as_before(robot, q, k), *drawn.best(q, wanted)[:N_TRIED]]
+        place = drawn.base + reach * wanted
+        ended = [_settled(robot, arm, each, place, reach) for each in begun]
+        best = [each for each, miss in ended if miss < SETTLED]
+        found = _first_free(robot, best, later)
+        if found is None:  # then anywhere with the hand down
+            own = [robot.tool_pose(each, arm)[:3, 3] for each in begun]
+            ended = [_settled(robot, arm, *pair, reach) for pair in zip(begun, own, strict=True)]
+            best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > SETTLED)]
+            found = _first_free(robot, best, later)
         q = best[0] if found is None else found
         if found is None:
             notes.append(
@@ -69,25 +86,49 @@ def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
     return found
 
 
-def _drawn(robot: Robot, arm: Arm, q: Array, rng: np.random.Generator) -> Array:
-    """Return random configurations of the robot with one arm moved, the best first; array, shape (n, n_joints)."""
-    lower, upper = robot.lower[arm.columns], robot.upper[arm.columns]
-    low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-    drawn = np.repeat(q[None], N_DRAWN, axis=0)
-    joints = drawn[:, arm.columns] = rng.uniform(low, high, (N_DRAWN, len(low)))
-    poses = robot.tool_poses(drawn, (arm,))[:, 0]
-    base = base_of(robot, arm)
-    reach = np.linalg.norm(poses[:, :3, 3] - base, axis=1).max()
-    comfort = (np.minimum(joints - lower, upper - joints) / (upper - lower)).min(axis=1)
-    worth = comfort + [_score(pose, base, reach) for pose in poses]
-    return drawn[np.argsort(-worth, kind="stable")]
+@dataclass(frozen=True, eq=False)
+class _Drawn:
+    """Random configurations of one arm.
 
+    Attributes
+    ----------
+    arm : the arm
+    joints : array, shape (n, n_joints of the arm) [rad, m]
+    comfort : array, shape (n,), least share of its range that a joint is away from its limits
+    places : array, shape (n, 3), places of the hand from the arm's base, in reaches
+    approach : array, shape (n, 3), directions of its approach
+    base, reach : place of the arm's first joint, and largest distance of the hand from there [m]
+    """
 
-def _score(pose: Array, base: Array, reach: float) -> float:
-    """Return how good a pose of a hand is for a home: it points down, in front of its base and below its shoulder."""
-    place = (pose[:3, 3] - base) / reach
-    wanted = np.array([0.55, 0.0, -0.15])
-    return float(2.0 * (DOWN @ pose[:3, 2]) - 2.0 * np.linalg.norm(place - wanted))
+    arm: Arm
+    joints: Array
+    comfort: Array
+    places: Array
+    approach: Array
+    base: Array
+    reach: float
+
+    @classmethod
+    def of(cls, robot: Robot, arm: Arm, rng: np.random.Generator) -> _Drawn:
+        lower, upper = robot.lower[arm.columns], robot.upper[arm.columns]
+        low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
+        drawn = np.repeat(robot.home[None], N_DRAWN, axis=0)
+        joints = drawn[:, arm.columns] = rng.uniform(low, high, (N_DRAWN, len(low)))
+        poses, base = robot.tool_poses(drawn, (arm,))[:, 0], base_of(robot, arm)
+        places = poses[:, :3, 3] - base
+        reach = float(np.linalg.norm(places, axis=1).max())
+        comfort = (np.minimum(joints - lower, upper - joints) / (upper - lower)).min(axis=1)
+        return cls(arm, joints, comfort, places / reach, poses[:, :3, 2], base, reach)
+
+    def best(self, q: Array, wanted: Array) -> Array:
+        """Return configurations of the robot with this arm moved, the best for a home first, and all else as in q;
+        array, shape (n, n_joints).
+        """
+        away = np.linalg.norm(self.places - wanted, axis=1)
+        worth = self.comfort + 2.0 * (self.approach @ DOWN) - 2.0 * away
+        found = np.repeat(q[None], len(worth), axis=0)
+        found[:, self.arm.columns] = self.joints
+        return found[np.argsort(-worth, kind="stable")]
 
 
 def base_of(robot: Robot, arm: Arm) -> Array:
@@ -97,19 +138,35 @@ def base_of(robot: Robot, arm: Arm) -> Array:
     return np.array(data.oMi[int(arm.columns[0]) + 1].translation)
 
 
-def _turned_down(robot: Robot, arm: Arm, q: Array) -> Array:
-    """Return a configuration near to q whose hand points down, or as nearly so as the joints allow."""
+def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tuple[Array, float]:
+    """Return a configuration near to q whose hand points down at a place [m], or as nearly so as the joints allow,
+    and by how many reaches and radians it misses that.
+    """
     model, q = robot.model, q.copy()
     data, frame = model.createData(), model.getFrameId(arm.tip)
-    for _ in range(N_TURNS):
-        error = np.cross(robot.tool_pose(q, arm)[:3, 2], DOWN)
-        if np.linalg.norm(error) < 1e-4:
+    aside = np.eye(3)[
+        :2
+    ]  # of the axes about which a hand that points down is turned; the vertical one is free
+    miss = np.inf
+    for _ in range(N_STEPS):
+        pose = robot.tool_pose(q, arm)
+        error = np.concatenate([place - pose[:3, 3], aside @ np.cross(pose[:3, 2], DOWN)])
+        miss = float(np.linalg.norm(error[:3]) / reach + np.arccos(np.clip(pose[:3, 2] @ DOWN, -1.0, 1.0)))
+        if miss < SETTLED:
             break
-        turning = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[3:, arm.columns]
-        square = turning @ turning.T + DAMPING * np.eye(3)
-        q[arm.columns] += GAIN * turning.T @ np.linalg.solve(square, error)
+        moved = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:, arm.columns]
+        lever = pose[:3, 3] - data.oMf[frame].translation
+        rates = np.concatenate([moved[:3] + np.cross(moved[3:].T, lever).T, aside @ moved[3:]])
+        square = rates @ rates.T + DAMPING * np.eye(5)
+        q[arm.columns] += GAIN * rates.T @ np.linalg.solve(square, error)
         q = np.clip(q, robot.lower, robot.upper)
-    return q
+    return q, miss
+
+
+def _first_free(robot: Robot, some: list[Array], later: set[int]) -> Array | None:
+    """Return the first configuration at which nothing touches, with a margin if one has it; None if none does."""
+    near = (each for margin in (FREE, 0.0) for each in some if _is_free(robot, each, margin, later))
+    return next(near, None)
 
 
 def _is_free(robot: Robot, q: Array, margin: float, later: set[int]) -> bool:
