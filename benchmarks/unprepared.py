@@ -5,11 +5,10 @@
 
 Each is done as a newcomer would: `comove robot new` proposes a description, which is taken as it is; a bar is put
 between the hands, as far apart as they are at home, and a scene is drawn about that place as those of `comove bench
-draw robots-easy` are, with one or two obstacles, which stand beside the way; hands are turned as at home, or by
-quarters against that. `carry`
-solves it, and MuJoCo plays the joints, perturbed, hands welded to the bar. All models are those of
-example-robot-data, which `comove[robot]` installs; none of them comes with comove as a robot. `--more URDF...` adds
-models of one's own, each a robot with two arms.
+draw robots-easy` are, with one or two obstacles, which stand beside the way; hands are turned on the bar by the
+quarters with which they reach most. `carry` solves it, and MuJoCo plays the joints, perturbed, hands welded to the
+bar. All models are those of example-robot-data, which `comove[robot]` installs; none of them comes with comove as a
+robot. `--more URDF...` adds models of one's own, each a robot with two arms.
 """
 
 from __future__ import annotations
@@ -21,18 +20,20 @@ import sys
 import tempfile
 import time
 import warnings
+from contextlib import suppress
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 from timing import on_one_thread
 
 from comove.errors import ComoveError, SceneError
-from comove.experiments.bench.robot_drawing import drawn, scene_of
+from comove.experiments.bench.robot_drawing import Draft, drawn
 from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, Workplace
 from comove.experiments.carried import executed
 from comove.planning import SceneKind
-from comove.robots import Robot, carry
+from comove.robots import Robot, RobotCarrier, carry
 from comove.robots.kernels import load_robot_kernels
 from comove.scenes import Scene
 from comove.simulators import Weld
@@ -53,33 +54,45 @@ ROBOTS = {
     "alex": ["package://alex_description/urdf/alex_nub_hands.urdf"],
 }
 APART = {"two_so100": 0.3, "two_z1": 0.5, "two_ur3": 0.5, "two_kinova": 0.7, "panda_and_xarm7": 0.8}  # m
-# Size of the place, and by how much hands are turned against how they are at home [deg], in the order of trying.
-TRIED = ((1.0, 0.0), (0.5, 0.0), (0.5, 180.0), (0.5, 90.0), (0.5, -90.0))
-N_DRAFTS = 80  # for each
+SIZES = (1.0, 0.5)  # of the place, in what is tried first
+QUARTERS = (0.0, 90.0, 180.0, -90.0)  # degrees, of a hand on the bar
+N_DRAFTS = 80  # for each size
 MASS = 0.1  # kg
-BESIDE = replace(ROBOT_DIFFICULTIES["robots-easy"], in_the_way=0)  # small places have no room for more
+BESIDE = replace(
+    ROBOT_DIFFICULTIES["robots-easy"], in_the_way=0, spare=0.012
+)  # small places have little room
 
 
-def workplace(robot: Robot, path: Path, size: float, turn: float) -> Workplace:
+def workplace(robot: Robot, path: Path, size: float) -> Workplace:
     """Return a place about the hands at home, and a bar as long as they are apart there, 0.15 to 0.6 m.
 
-    Hands are turned on it as at home, to the next quarter, and by `turn` [deg].
+    Hands are turned on it by the quarters with which they reach most of some draws.
     """
-    left, right = (robot.tool_pose(robot.home, robot.arm(name)) for name in ("left", "right"))
-    apart = np.linalg.norm(left[:3, 3] - right[:3, 3])
-    middle, length = 0.5 * (left + right)[:3, 3], round(float(np.clip(apart, 0.15, 0.6)), 3)
+    home = {name: robot.tool_pose(robot.home, robot.arm(name))[:3, 3] for name in ("left", "right")}
+    hands = sorted(home, key=lambda name: -home[name][1])
+    first, second = (home[name] for name in hands)
+    middle = 0.5 * (first + second)
+    length = round(float(np.clip(np.linalg.norm(first - second), 0.15, 0.6)), 3)
     aside = np.array([0.3 * length, 0.55 * length, 0.03]) + size * np.array([0.12, 0.15, 0.1])
     lower, upper = (tuple(np.round(middle + side * aside, 3).tolist()) for side in (-1, 1))
-    plain = Workplace(str(path), lower, upper, length, 0.01, MASS)
-    along = middle + 0.5 * length * np.array([[0.0, 1.0, 0.0], [0.0, -1.0, 0.0]])
-    scene = Scene.from_dict(scene_of("as at home", plain, along, along + [0.01, 0.0, 0.0]))
-    assert scene.grasp is not None, "the scene has one"
-    turned = scene.grasp.hand_rotations(scene.nodes_at("start")[:2]).transpose(0, 2, 1) @ [
-        left[:3, :3],
-        right[:3, :3],
+    turned = [
+        Workplace(
+            str(path), lower, upper, length, 0.01, MASS, dict(zip(hands, turns, strict=True)), tuple(hands)
+        )
+        for turns in product(QUARTERS, repeat=2)
     ]
-    quarters = turn - 90.0 * np.round(np.rad2deg(np.arctan2(turned[:, 1, 0], turned[:, 0, 0])) / 90.0)
-    return replace(plain, offset_deg=dict(zip(("left", "right"), quarters.tolist(), strict=True)))
+    return max(turned, key=lambda place: reached(robot, place))
+
+
+def reached(robot: Robot, place: Workplace, n_drafts: int = 6) -> int:
+    """Return in how many of some drafts the hands reach start and goal."""
+    rng, count = np.random.default_rng(0), 0
+    for _ in range(n_drafts):
+        with suppress(SceneError):
+            scene = Scene.from_dict(Draft("reached", BESIDE, place, rng).data())
+            RobotCarrier(robot, scene).require_reach()
+            count += 1
+    return count
 
 
 def carried(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[list[float], str]:
@@ -98,9 +111,9 @@ def carried(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[list[
     try:
         robot = Robot.load(path)
         data, why = None, ""
-        for size, turn in TRIED:
+        for size in SIZES:
             try:
-                place = workplace(robot, path, size, turn)
+                place = workplace(robot, path, size)
                 data, _ = drawn(name, BESIDE, place, [seed, 9], N_DRAFTS)
                 break
             except SceneError as error:

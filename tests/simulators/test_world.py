@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from comove.errors import RobotError, SceneError
+from comove.errors import ComoveWarning, RobotError, SceneError
 from comove.robots import JointMotion, Robot
 from comove.robots.description import bundled_robots
 from comove.scenes import Scene
@@ -178,6 +178,20 @@ def test_links_meet_obstacles_and_the_load_but_not_each_other():
 
     assert meet(link, post) and meet(link, stick) and meet(stick, post)
     assert not meet(link, link)
+
+
+def test_a_moment_of_inertia_below_0_is_raised(crane, tmp_path):
+    """As of the antennas of a TIAGo: MuJoCo would refuse the whole robot."""
+    robot = crane()
+    text = (tmp_path / "crane.urdf").read_text()
+    wrist = '<inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/>'
+    assert wrist in text
+    (tmp_path / "crane.urdf").write_text(text.replace(wrist, wrist.replace('ixx=".01"', 'ixx="-1e-5"')))
+    with pytest.warns(ComoveWarning, match="none can be negative"):
+        robot = Robot.load(tmp_path / "cranes.yaml")
+    model = in_state(robot, some_joints(robot))[0].model
+    assert model.body_inertia[1:].min() > 0
+    assert model.body_mass.sum() == pytest.approx(sum(body.mass for body in robot.model.inertias))
 
 
 def test_the_stick_weighs_what_the_scene_says():

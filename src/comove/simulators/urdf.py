@@ -64,10 +64,26 @@ def for_mujoco(
             for collision in link.findall("collision"):
                 link.remove(collision)
                 link.extend(_solid(collision, source.file, link.get("name") in moved))
+            for inertia in link.findall("inertial/inertia"):
+                _make_physical(inertia)
             for number, shape in enumerate(link.findall("visual") + link.findall("collision")):
                 shape.set("name", f"{link.get('name')} {number}")  # names must differ
         whole.extend(part for part in tree if part.tag in ("link", "joint", "material"))
     return ET.tostring(whole, encoding="unicode")
+
+
+def _make_physical(inertia: ET.Element) -> None:
+    """Raise moments of inertia that are not positive, which MuJoCo refuses; who reads the robot is warned of them."""
+    least = float(COMPILER["boundinertia"])
+    rows, columns = np.triu_indices(3)
+    names = [f"i{'xyz'[row]}{'xyz'[column]}" for row, column in zip(rows, columns, strict=True)]
+    whole = np.zeros((3, 3))
+    whole[rows, columns] = whole[columns, rows] = [float(inertia.get(name, "0")) for name in names]
+    moments, axes = np.linalg.eigh(whole)
+    if moments.min() < least:
+        physical = (axes * np.maximum(moments, least)) @ axes.T
+        for name, value in zip(names, physical[rows, columns], strict=True):
+            inertia.set(name, repr(float(value)))
 
 
 def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:

@@ -54,7 +54,7 @@ def drawn(
     """
     rng, reasons = np.random.default_rng(seed), list[str]()
     while len(reasons) != most:
-        draft = _Draft(name, difficulty, place, rng)
+        draft = Draft(name, difficulty, place, rng)
         witness = draft.moved()
         if witness is not None and draft.obstructed(witness):
             return draft.data(), witness
@@ -68,7 +68,7 @@ def drawn(
 
 def scene_of(name: str, place: Workplace, start: Array, goal: Array) -> dict[str, Any]:
     """Return the contents of a scene file without obstacles, for hands at both ends, arrays of shape (2, 3) [m]."""
-    hands = zip(("left", "right"), start.round(10), goal.round(10), strict=True)
+    hands = zip(place.hands, start.round(10), goal.round(10), strict=True)
     return {
         "name": name,
         "duration": DURATION,
@@ -82,7 +82,7 @@ def scene_of(name: str, place: Workplace, start: Array, goal: Array) -> dict[str
     }
 
 
-class _Draft:
+class Draft:
     """A scene that is being drawn."""
 
     def __init__(self, name: str, difficulty: RobotDifficulty, place: Workplace, rng: np.random.Generator):

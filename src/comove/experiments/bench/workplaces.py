@@ -17,6 +17,7 @@ class Workplace:
     lower, upper : workspace of load and hands [m]
     length, radius, mass : of the bar [m, m, kg]; along y, unless it is turned
     offset_deg : turn of the hands on it, as in scene files
+    hands : names of the arms, the first one at the larger y
     """
 
     robot: str
@@ -26,6 +27,7 @@ class Workplace:
     radius: float
     mass: float
     offset_deg: float | dict[str, float] = 0.0
+    hands: tuple[str, str] = ("left", "right")
 
 
 _WORKPLACES = (

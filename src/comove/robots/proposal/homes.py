@@ -14,12 +14,10 @@ Array = NDArray[np.float64]
 
 N_DRAWN, N_TRIED = 3000, 150  # configurations drawn, and those that are settled and tested for contact
 N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settles
-WANTED = np.array(
-    [0.55, 0.0, -0.15]
-)  # place of a hand from its arm's base, in reaches: in front, below the shoulder
-BACKWARDS = (
-    -0.1
-)  # mean of the places of all hands along x, in reaches, below which the front is where x is negative
+# Of hands' places along x, in reaches: mean below which the front is where x is negative, and where it begins.
+BACKWARDS, IN_FRONT = -0.1, 0.25
+FAR = 0.75  # share of the places of hands that are nearer than a home
+STEEP = np.cos(np.deg2rad(30.0))  # of an approach that counts as down where a home is looked for
 SETTLED = 2e-3  # by how many reaches and radians together a hand may miss its home
 DOWN = np.array([0.0, 0.0, -1.0])
 NEAR_DOWN = np.deg2rad(5.0)
@@ -45,8 +43,7 @@ def homes_of(robot: Robot, seed: int = 0) -> Homes:
     q, notes = robot.home, []
     rng = np.random.default_rng(seed)
     drawn_by_arm = [_Drawn.of(robot, arm, rng) for arm in robot.arms]
-    backwards = np.mean([drawn.places[:, 0].mean() for drawn in drawn_by_arm]) < BACKWARDS
-    wanted = WANTED * ([-1.0, 1.0, 1.0] if backwards else [1.0, 1.0, 1.0])
+    wanted = _middle_of_reach(drawn_by_arm)
     reach = min(drawn.reach for drawn in drawn_by_arm)
     for k, (arm, drawn) in enumerate(zip(robot.arms, drawn_by_arm, strict=True)):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
@@ -136,6 +133,20 @@ def base_of(robot: Robot, arm: Arm) -> Array:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.home)
     return np.array(data.oMi[int(arm.columns[0]) + 1].translation)
+
+
+def _middle_of_reach(drawn: list[_Drawn]) -> Array:
+    """Return the place straight in front of an arm's base at the middle height, and rather far away, of those where
+    hands can point down; array, shape (3,), in reaches.
+    """
+    places = np.concatenate([arm.places for arm in drawn])
+    front = -1.0 if places[:, 0].mean() < BACKWARDS else 1.0
+    ahead = front * places[:, 0] > IN_FRONT
+    down = np.concatenate([arm.approach for arm in drawn]) @ DOWN > STEEP
+    known = places[ahead & down] if (ahead & down).any() else places[ahead]
+    if not len(known):
+        return np.array([front * 0.5, 0.0, -0.15])
+    return np.array([front * np.quantile(front * known[:, 0], FAR), 0.0, np.median(known[:, 2])])
 
 
 def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tuple[Array, float]:
