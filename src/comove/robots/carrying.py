@@ -22,7 +22,7 @@ from comove.processes.processors import n_processors
 from comove.robots.effort import load_mass, shortest_duration
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
-from comove.robots.search.chains import Chains, chains_of
+from comove.robots.search.chains import Chains, chains_of, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
 from comove.robots.search.following import MET, Arms, Strain, follow, solutions
 from comove.robots.search.links import (
@@ -266,14 +266,20 @@ class RobotCarrier:
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
         """Return pairs of joint positions at start and goal, as paths between them are likely: first those that keep
-        the clearance, then those that may keep it, and among them those that differ least.
+        the clearance, then those that may keep it, and among them those that differ least. Goals are there as they
+        were found and, where joints can turn further than once, as many turns away as is nearest to the start.
         """
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
         tight = [[self._tightness(q, nodes) for q in some] for some, nodes in zip(both, at, strict=True)]
         pairs = product(zip(both[0], tight[0], strict=True), zip(both[1], tight[1], strict=True))
-        ranked = sorted(pairs, key=lambda pair: (max(pair[0][1], pair[1][1]), _apart(pair[0][0], pair[1][0])))
-        return tuple((first, last) for (first, _), (last, _) in ranked)
+        every: dict[tuple[float, ...], tuple[tuple[int, float], Array, Array]] = {}
+        for (first, tight_first), (goal, tight_last) in pairs:
+            for last in (turned_towards(self.arms.chains, first, goal), goal):
+                rank = max(tight_first, tight_last), _apart(first, last)
+                every.setdefault(tuple(np.concatenate([first, last]).round(6)), (rank, first, last))
+        ranked = sorted(every.values(), key=lambda pair: pair[0])
+        return tuple((first, last) for _, first, last in ranked)
 
     def _tightness(self, q: Array, nodes: Array) -> int:
         """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
@@ -427,9 +433,10 @@ class RobotCarrier:
             cost = self._cost(strain)
             if n_most == 1 or (kept and cost[0] < 2):
                 return led
-        arms = list(zip(self.starts, self.goals, strict=True))
         tried = [
-            np.hstack([_onward(starts[min(k, len(starts) - 1)], goals) for starts, goals in arms])
+            np.hstack(
+                [self._onward(i, starts[min(k, len(starts) - 1)]) for i, starts in enumerate(self.starts)]
+            )
             for k in range(n_most)
         ]
         if n_most == 1:
@@ -438,6 +445,13 @@ class RobotCarrier:
         best, first = penalties.argmin(axis=0), self.arms.chains.first
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
         return chosen if led is None or self._cost(self.strain(nodes, chosen)) < cost else led
+
+    def _onward(self, i: int, start: Array) -> Array:
+        """Return the joints of arm i at a start, and the nearest ones of its goals; array, shape (2, n_joints)."""
+        chains = self.arms.chains
+        part = slice(chains.first[i], chains.first[i + 1])
+        goals = (turned_towards(chains, start, goal, part) for goal in self.goals[i])
+        return np.stack([start, min(goals, key=lambda goal: _apart(start, goal))])
 
     def _cost(self, strain: Strain) -> tuple[int, float]:
         """Return how tight it is for links in one motion, and its penalty.
@@ -551,11 +565,6 @@ def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
     lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
     pairs = [(corners[a], corners[b]) for corners in solids for a, b in lines]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
-
-
-def _onward(start: Array, goals: Array) -> Array:
-    """Return the joints of one arm at a start, and the nearest ones of its goals; array, shape (2, n_joints)."""
-    return np.stack([start, min(goals, key=lambda goal: _apart(start, goal))])
 
 
 def _apart(p: Array, q: Array, digits: int = 6) -> float:

@@ -17,6 +17,7 @@ from comove.robots.search.chains import (
     pose_error,
     reach_pose,
     torques,
+    turned_towards,
 )
 from tests.cases import examples
 from tests.robots.small_robots import BUNDLED, RANDOM, columns, robot
@@ -220,6 +221,28 @@ def test_what_is_left_of_a_pose_out_of_reach_is_the_distance_missing(point, yaw)
     q = 0.5 * (chains.lower + chains.upper)
     left = reach_pose(chains, 0, target, point, q.copy(), EXACT, q)
     assert left == pytest.approx(np.linalg.norm(point - np.clip(point, low, high)), abs=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ur5_and_panda", "gantry"])
+def test_joints_turn_towards_others_by_whole_turns_within_their_limits(name):
+    own = robot(name)
+    chains, rng = chains_of(own, own.arms), np.random.default_rng(3)
+    order, turn = columns(own.arms), 2 * np.pi
+    data = own.model.createData()
+    for _ in range(50):
+        start, goal = rng.uniform(chains.lower, chains.upper), rng.uniform(chains.lower, chains.upper)
+        turned = turned_towards(chains, start, goal)
+        assert ((turned >= chains.lower) & (turned <= chains.upper)).all()
+        for other in (turned - turn, turned + turn):
+            allowed = (other >= chains.lower) & (other <= chains.upper) & ~chains.slides
+            assert (np.abs(turned - start) <= np.abs(other - start) + 1e-9)[allowed].all()
+        poses = []
+        for joints in (goal, turned):
+            q = own.home
+            q[order] = joints
+            pin.forwardKinematics(own.model, data, q)
+            poses.append([placed.homogeneous for placed in data.oMi])
+        assert np.allclose(*poses, atol=1e-9)
 
 
 def test_redundancy_is_drawn_where_it_is_pulled_without_moving_the_hand():

@@ -7,6 +7,7 @@ which leaves the motion its clearance. No planner and no smoothing has a part in
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -61,9 +62,15 @@ def drawn(
         reasons.append(draft.reason)
     raise SceneError(
         f"of {most} drafts for the robot '{place.robot}' none is a scene, mostly for this: "
-        f"{max(reasons, key=reasons.count)}",
+        f"{_commonest(reasons)}",
         way_out="give a workplace that the hands reach",
     )
+
+
+def _commonest(reasons: list[str]) -> str:
+    """Return one of the reasons that are most frequent, their numbers left out of account."""
+    kinds = [re.split(r"\d", reason, maxsplit=1)[0] for reason in reasons]
+    return reasons[kinds.index(max(kinds, key=kinds.count))]
 
 
 def scene_of(name: str, place: Workplace, start: Array, goal: Array) -> dict[str, Any]:

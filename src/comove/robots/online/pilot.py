@@ -25,6 +25,7 @@ from comove.robots.online.courses import CourseSettings, Foresight, Places, Road
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
 from comove.robots.online.roadmap import SLOT, Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
+from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import Arms
 from comove.robots.search.planner import plan_with_arms
 from comove.scenes.scene import Scene
@@ -240,12 +241,15 @@ class Pilot:
         around = self.arms.around._replace(
             ends=np.ascontiguousarray(nodes[:, : self.arms.around.ends.shape[1]])
         )
-        for k in np.argsort(np.abs(self._goals - joints).max(axis=1), kind="stable")[: how.most_goals]:
+        goals = np.unique(
+            np.vstack([turned_towards(self.arms.chains, joints, self._goals), self._goals]), axis=0
+        )
+        for k in np.argsort(np.abs(goals - joints).max(axis=1), kind="stable")[: how.most_goals]:
             found = plan_with_arms(
                 ground.space,
                 self.arms._replace(around=around),
                 (configuration, joints),
-                (end, self._goals[k].copy()),
+                (end, goals[k].copy()),
                 how.spare,
                 self._rng,
                 required=ground.space.required,

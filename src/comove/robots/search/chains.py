@@ -79,6 +79,24 @@ class Iteration(NamedTuple):
     most: int
 
 
+def turned_towards(chains: Chains, start: Array, goal: Array, part: slice = slice(None)) -> Array:
+    """Return joints as many whole turns away as is nearest to those of a start and within their limits.
+
+    Parameters
+    ----------
+    start, goal : arrays, shape (..., n_joints), joints of the chains, or of `part` of their columns [rad]
+
+    Returns
+    -------
+    array, shape (..., n_joints)
+    """
+    turn = np.where(chains.slides[part], np.inf, 2.0 * np.pi)
+    fewest = np.ceil((chains.lower[part] - goal) / turn)
+    most = np.floor((chains.upper[part] - goal) / turn)
+    turns = np.clip(np.round((start - goal) / turn), fewest, most)
+    return goal + np.where(turns == 0.0, 0.0, turns * 2.0 * np.pi)
+
+
 def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
     """Build the arrays of some of a robot's arms, in the order given."""
     model = robot.model
