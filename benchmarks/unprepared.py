@@ -29,7 +29,7 @@ import numpy as np
 from timing import on_one_thread
 
 from comove.errors import ComoveError, SceneError
-from comove.experiments.bench.robot_drawing import Draft, drawn
+from comove.experiments.bench.robot_drawing import RobotDraft, drawn
 from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, Workplace
 from comove.experiments.carried import executed
 from comove.planning import SceneKind
@@ -89,7 +89,7 @@ def reached(robot: Robot, place: Workplace, n_drafts: int = 16) -> int:
     rng, count = np.random.default_rng(0), 0
     for _ in range(n_drafts):
         with suppress(SceneError):
-            scene = Scene.from_dict(Draft("reached", BESIDE, place, rng).data())
+            scene = Scene.from_dict(RobotDraft("reached", BESIDE, place, rng).data())
             _ = RobotCarrier(robot, scene).starts
             count += 1
     return count

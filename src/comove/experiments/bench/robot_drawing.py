@@ -55,7 +55,7 @@ def drawn(
     """
     rng, reasons = np.random.default_rng(seed), list[str]()
     while len(reasons) != most:
-        draft = Draft(name, difficulty, place, rng)
+        draft = RobotDraft(name, difficulty, place, rng)
         witness = draft.moved()
         if witness is not None and draft.obstructed(witness):
             return draft.data(), witness
@@ -89,7 +89,7 @@ def scene_of(name: str, place: Workplace, start: Array, goal: Array) -> dict[str
     }
 
 
-class Draft:
+class RobotDraft:
     """A scene that is being drawn."""
 
     def __init__(self, name: str, difficulty: RobotDifficulty, place: Workplace, rng: np.random.Generator):

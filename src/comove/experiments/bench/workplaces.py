@@ -9,7 +9,7 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Workplace:
-    """What a robot carries, and where.
+    """The place in which a robot carries a bar, and the bar.
 
     Attributes
     ----------
