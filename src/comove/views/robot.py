@@ -52,8 +52,7 @@ def draw_robot(robot: Robot, found: Examination) -> Figure:
         panel.grid(alpha=0.25)
     for colour, name in AXES:
         panels[0].plot([], [], color=colour, linewidth=2.5, label=name)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="lower center", ncols=6, fontsize=9)
-    figure.subplots_adjust(bottom=0.2, left=0.05, right=0.98, wspace=0.22)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=6, fontsize=9)
     return figure
 
 
