@@ -117,7 +117,7 @@ def carried(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[list[
                 data, _ = drawn(name, BESIDE, place, [seed, 9], N_DRAFTS)
                 break
             except SceneError as error:
-                why = why or str(error)
+                why = str(error)
         passed()
         if data is None:
             return seconds, why

@@ -28,11 +28,11 @@ JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin
 JOINT += '<limit lower="-3" upper="3" velocity="2" effort="50"/></joint>'
 
 
-def small_robot(folder, elbow="elbow", inertia="0.01"):
+def small_robot(folder, elbow="elbow"):
     """Two joints; a link has the name `elbow`."""
     parts = [
         '<link name="base"/>',
-        LINK.format(elbow).replace("0.01", inertia),
+        LINK.format(elbow),
         LINK.format("wrist"),
         JOINT.format("first", "revolute", "base", elbow),
         JOINT.format("second", "revolute", elbow, "wrist"),
@@ -82,11 +82,10 @@ def test_a_load_has_no_name_that_a_link_may_have():
 
 
 def test_what_mujoco_cannot_build_is_told(tmp_path):
-    for changes in ({"inertia": "-1"}, {"elbow": "world"}):
-        robot = small_robot(tmp_path, **changes)
-        motion, scene = resting(robot)
-        with pytest.raises(RobotError, match=r"MuJoCo cannot build 'small': .*; correct its URDF"):
-            simulate(motion, scene, robot)
+    robot = small_robot(tmp_path, elbow="world")
+    motion, scene = resting(robot)
+    with pytest.raises(RobotError, match=r"MuJoCo cannot build 'small': .*; correct its URDF"):
+        simulate(motion, scene, robot)
 
 
 @pytest.mark.parametrize(

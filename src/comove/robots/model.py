@@ -346,12 +346,9 @@ def _chains(description: RobotFile, model: Any) -> dict[str, list[str]]:
 
 
 def _frame(model: Any, name: str, key: str) -> Any:
-    """Return the frame called `name`."""
-    found = [frame for frame in model.frames if frame.name == name]
-    if len(found) == 1:
-        return found[0]
-    if found:
-        raise RobotError(f"a link and a joint are both called '{name}'", key=key, way_out="rename one")
+    """Return the frame called `name`; of a link and a joint that are both called so, the link's."""
+    if model.existFrame(name):
+        return model.frames[model.getFrameId(name)]
     links = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
     raise RobotError(f"there is no frame '{name}'", key=key, way_out=_near(name, links))
 
