@@ -73,22 +73,6 @@ def _commonest(reasons: list[str]) -> str:
     return reasons[kinds.index(max(kinds, key=kinds.count))]
 
 
-def scene_of(name: str, place: Workplace, start: Array, goal: Array) -> dict[str, Any]:
-    """Return the contents of a scene file without obstacles, for hands at both ends, arrays of shape (2, 3) [m]."""
-    hands = zip(place.hands, start.round(10), goal.round(10), strict=True)
-    return {
-        "name": name,
-        "duration": DURATION,
-        "robot": place.robot,
-        "grasp": {"orientation": "down", "yaw": "load", "offset_deg": place.offset_deg},
-        "workspace": {"lower": list(place.lower), "upper": list(place.upper)},
-        "obstacles": [],
-        "load": {"shape": "bar", "length": place.length, "radius": place.radius, "mass": place.mass},
-        "manipulators": [{"name": name, "start": a.tolist(), "goal": b.tolist()} for name, a, b in hands],
-        "limits": {"speed": 0.5, "acceleration": 1.0, "clearance": CLEARANCE},
-    }
-
-
 class RobotDraft:
     """A scene that is being drawn."""
 
@@ -114,8 +98,19 @@ class RobotDraft:
 
     def data(self, first: int = 0, last: int = -1) -> dict[str, Any]:
         """Return the contents of the scene's file, from one of the poses to another."""
-        scene = scene_of(self.name, self.place, self.poses[first], self.poses[last])
-        return scene | {"obstacles": self.obstacles}
+        p = self.place
+        hands = zip(p.hands, self.poses[first].round(10), self.poses[last].round(10), strict=True)
+        return {
+            "name": self.name,
+            "duration": DURATION,
+            "robot": p.robot,
+            "grasp": {"orientation": "down", "yaw": "load", "offset_deg": p.offset_deg},
+            "workspace": {"lower": list(p.lower), "upper": list(p.upper)},
+            "obstacles": self.obstacles,
+            "load": {"shape": "bar", "length": p.length, "radius": p.radius, "mass": p.mass},
+            "manipulators": [{"name": name, "start": a.tolist(), "goal": b.tolist()} for name, a, b in hands],
+            "limits": {"speed": 0.5, "acceleration": 1.0, "clearance": CLEARANCE},
+        }
 
     def moved(self) -> JointWitness | None:
         """Return a motion along the poses, among nothing; None where arms cannot follow it."""
