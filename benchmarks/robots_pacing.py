@@ -28,7 +28,7 @@ from comove.robots import JointMotion, Robot, carry
 Array = NDArray[np.float64]
 
 N_PATH, N_SEEN = 2001, 20_001
-SEEN = {"duration [s]": 0, "acceleration": 1, "jerk": 2, "largest jerk [rad/s³]": 3}
+SEEN = ("duration [s]", "acceleration", "jerk", "largest jerk [rad/s³]")
 
 
 def main() -> None:

@@ -9,7 +9,8 @@ import time
 
 import pytest
 
-from comove.experiments.bench.sets import own_scenes, scenes_of
+from comove.cli.bench import ALL_SETS
+from comove.experiments.bench.sets import SETS, own_scenes, scenes_of
 from comove.experiments.bench.store import RunStore
 from comove.experiments.examples import example_path
 from tests.commands import invoke
@@ -54,6 +55,10 @@ def test_drawing(tmp_path):
     refused(bench("draw", "hrad", "--out", tmp_path / "new"), "did you mean 'hard'?")
     refused(bench("draw", "hard", "--out", tmp_path / "new", "--count", 0), "--count")
     assert not (tmp_path / "new").exists()
+
+
+def test_the_help_names_all_sets():
+    assert ALL_SETS.split(", ") == list(SETS)
 
 
 def test_bad_runs(tmp_path, others):

@@ -60,7 +60,8 @@ def carried(problem: SystemProblem) -> SystemOutcome:
         return motion.motion.motion.hands(problem.instants)[0]
 
     last = solution.solution.attempt.hands(problem.instants)[0]
-    return with_figures(outcome, scene, last, [(at, hands(motion)) for at, motion in found])
+    timed = solution.solution.scene  # which has a duration where the problem leaves it open
+    return with_figures(outcome, timed, last, [(at, hands(motion)) for at, motion in found])
 
 
 def secure_grasp(robot: Robot, scene: Scene) -> GraspModel:

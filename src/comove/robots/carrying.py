@@ -83,6 +83,7 @@ class CarrierSettings:
 
 
 SETTINGS = CarrierSettings()
+DIGITS = 6  # of differences of joints, by which they are compared
 FULL = 6  # joints with which a hand can be turned every way
 N_THREADS = min(4, n_processors())
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
@@ -272,14 +273,18 @@ class RobotCarrier:
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
         tight = [[self._tightness(q, nodes) for q in some] for some, nodes in zip(both, at, strict=True)]
-        pairs = product(zip(both[0], tight[0], strict=True), zip(both[1], tight[1], strict=True))
-        every: dict[tuple[float, ...], tuple[tuple[int, float], Array, Array]] = {}
-        for (first, tight_first), (goal, tight_last) in pairs:
-            for last in (turned_towards(self.arms.chains, first, goal), goal):
-                rank = max(tight_first, tight_last), _apart(first, last)
-                every.setdefault(tuple(np.concatenate([first, last]).round(6)), (rank, first, last))
-        ranked = sorted(every.values(), key=lambda pair: pair[0])
-        return tuple((first, last) for _, first, last in ranked)
+        start, goal = (np.array(list(part)) for part in zip(*product(*both), strict=True))
+        turned = turned_towards(self.arms.chains, start, goal)
+        first, last = (
+            np.repeat(start, 2, axis=0),
+            np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
+        )
+        tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
+        apart = np.abs(first - last).max(axis=1).round(DIGITS)
+        _, once = np.unique(np.hstack([first, last]).round(DIGITS), axis=0, return_index=True)
+        once.sort()
+        ranked = once[np.lexsort((apart[once], tightest[once]))]
+        return tuple((first[k], last[k]) for k in ranked)
 
     def _tightness(self, q: Array, nodes: Array) -> int:
         """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
@@ -567,6 +572,6 @@ def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _apart(p: Array, q: Array, digits: int = 6) -> float:
+def _apart(p: Array, q: Array) -> float:
     """Return the largest difference of joints, rounded: what mirrors each other is equally far away."""
-    return round(float(np.abs(p - q).max()), digits)
+    return round(float(np.abs(p - q).max()), DIGITS)
