@@ -494,7 +494,7 @@ class RobotCarrier:
             moved[:, part] = branches
             alone = self.arms.links.of(i)  # where the other arms will be, is not known
             free = np.array([self.clearance(q, nodes, alone) for q in moved]) > 0.0
-            found.append(branches[free] if free.any() else branches)
+            found.append((branches[free] if free.any() else branches)[: SETTINGS.n_branches])
         return tuple(found)
 
     def _solutions(self, i: int, rotation: Array, point: Array) -> tuple[Array, Array]:
@@ -525,7 +525,7 @@ class RobotCarrier:
         for q in sorted(joints, key=lambda q: _apart(q, posture)):
             if all(np.abs(q - other).max() > SETTINGS.same_branch for other in kept):
                 kept.append(q)
-        return np.array(kept[: SETTINGS.n_branches])
+        return np.array(kept)
 
     def _out_of_reach(self, arm: Arm, end: str, joints: Array, rotation: Array, point: Array) -> SceneError:
         """Return the error that an arm cannot reach its pose at an end, and what is missing from its best joints."""

@@ -15,7 +15,10 @@ from comove.experiments.bench.runner import jobs_of, run
 from comove.experiments.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
 from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
 from comove.experiments.registry import systems_named
+from comove.robots import RobotCarrier
+from comove.robots.search.chains import turned_towards
 from comove.scenes import Scene
+from comove.studies.carried import robot_of
 from comove.verification.verify import verify
 
 ROBOTS = [name for name, one in SETS.items() if isinstance(one, RobotSet)]
@@ -49,6 +52,19 @@ def test_the_straight_motion_is_not_possible(name, frozen):
     low, high = ROBOT_DIFFICULTIES[name].obstacles
     assert low <= len(scene.file.obstacles) <= high
     assert verify(CoordinatedMotion.straight(scene)).reasons
+
+
+@pytest.mark.parametrize("frozen", [scene for scene in scenes_of("robots-extreme") if "baxter" in scene.name])
+def test_a_search_knows_the_joints_with_which_a_witness_ends(frozen):
+    """Also where what is nearer to home touches something: those are left out before the nearest are taken."""
+    scene, far = frozen.load(), 0.6  # rad; another branch is further away, a redundant arm at rest nearer
+    carrier = RobotCarrier(robot_of(scene), scene)
+    witness, first = SETS["robots-extreme"].witness(frozen, scene).position, carrier.arms.chains.first
+    for joints, known in ((witness[0], carrier.starts), (witness[-1], carrier.goals)):
+        for i, arm in enumerate(carrier.holders):
+            part, wanted = slice(first[i], first[i + 1]), joints[arm.columns]
+            turned = turned_towards(carrier.arms.chains, wanted[None], known[i], part)
+            assert np.abs(turned - wanted).max(axis=1).min() < far
 
 
 def test_scenes_are_drawn_again_as_they_are_frozen():

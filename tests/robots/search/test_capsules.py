@@ -112,6 +112,19 @@ def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_tria
     assert max(ball.radius for ball in balls) < 0.5 * np.sqrt(3) * CELL + spread
 
 
+def test_a_tube_with_a_thick_joint_at_each_end_has_three_capsules():
+    """Whichever end is cut off first, the rest is as thick as before."""
+    tube, joint, half = 0.03, 0.06, 0.2
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    ring = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    heights = np.linspace(-half, half, 81)
+    points = np.concatenate([ring * (joint if abs(z) > half - 0.08 else tube) + [0, 0, z] for z in heights])
+    capsules = holding(points, 0.01)
+    assert len(capsules) == 3 and outside(points, capsules) <= allowed(capsules)
+    beside = np.array([[1.5 * tube, 0.0, 0.0]])
+    assert outside(beside, capsules) > 0.3 * tube
+
+
 def test_a_flat_or_straight_mesh_has_capsules_too():
     flat = np.array([(0, 0, 0), (0.3, 0, 0), (0, 0.2, 0.0)])
     straight = np.array([(0, 0, 0), (0.1, 0, 0), (0.3, 0, 0.0)])

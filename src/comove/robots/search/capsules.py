@@ -116,9 +116,10 @@ def parted(points: Array, spacing: float, depth: int = DEPTH) -> list[tuple[Arra
     along = points @ direction
     # What lies across the cut is in a part with all its corners, as parts overlap by its length.
     parts = points[along <= at + spacing], points[along >= at - spacing]
-    if _volume([around(part) for part in parts]) > WORTHWHILE * one.volume:
+    smaller = [cut for part in parts for cut in parted(part, spacing, depth - 1)]
+    if _volume([capsule for _, capsule in smaller]) > WORTHWHILE * one.volume:
         return [(points, one)]
-    return [smaller for part in parts for smaller in parted(part, spacing, depth - 1)]
+    return smaller
 
 
 def around(points: Array) -> LinkCapsule:
