@@ -11,6 +11,9 @@ from comove.errors import RobotError, SceneError
 from comove.robots import JointMotion
 from comove.scenes import Scene
 from comove.simulators import Connect, Friction, Perturbation, Push, Settings, Weld, play, simulate
+from comove.simulators.building import build_world
+from comove.simulators.loads import hand_poses, load_of
+from comove.simulators.simulate import at_start
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import joints_straight, load_straight, posts, standing
 
@@ -118,6 +121,26 @@ def test_friction_holds_what_fingers_press_for(coefficient, holds):
     """Two fingers a hand of 20 N hold 4 x 20 N x mu: the stick's 2.45 N from mu = 0.031 on."""
     execution = held(Friction(coefficient=coefficient), duration=1.0)
     assert execution.delivered == holds, execution.reasons
+
+
+def test_no_finger_holds_a_stick_by_its_very_end():
+    """Where a round finger touches it along one line, it would slip out there."""
+    robot, motion = standing()
+    data = posts().file.model_dump(exclude_none=True)
+    scene = Scene.from_dict({**data, "load": {**data["load"], "overhang": 0.0}})
+    grasp, hands = Friction(), hand_poses(robot, scene, motion.position[:1])[0]
+    load = load_of(scene, hands, grasp.section)
+    world = build_world(robot, scene, load, grasp, Perturbation())
+    data = at_start(world, motion, Perturbation())
+    grasp.close(world, data)
+    within = dict[int, float]()  # m, how far from the stick's end a finger touches it
+    for pair, point in zip(data.contact.geom, data.contact.pos, strict=True):
+        bodies = world.model.geom_bodyid[pair]
+        if world.load_body in bodies and world.hand_of_geom[pair].max() >= 0:
+            along = (point - data.xpos[world.load_body]) @ data.xmat[world.load_body].reshape(3, 3)[:, 0]
+            finger = int(bodies[bodies != world.load_body][0])
+            within[finger] = max(within.get(finger, 0.0), load.parts[0].size[0] - abs(along))
+    assert len(within) == 4 and min(within.values()) > 5e-3, within
 
 
 def test_what_falls_before_the_motion_begins_was_not_held():

@@ -115,7 +115,7 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
         if sides is None:
             yield _rod(nodes[a], nodes[b], float(radius))
         else:
-            half = float(np.linalg.norm(nodes[a] - nodes[b])) / 2
+            half = float(np.linalg.norm(nodes[a] - nodes[b])) / 2 + float(radius)  # as far as its round ends
             yield LoadPart("box", (nodes[a] + nodes[b]) / 2, np.eye(3), (half, sides[0] / 2, sides[1] / 2))
     for corners in getattr(body, "solids", ()):  # numbered in binary by the sides they are on
         first, *along, last = (nodes[corners[i]] for i in (0, 1, 2, 4, 7))
