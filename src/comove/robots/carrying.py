@@ -257,7 +257,7 @@ class RobotCarrier:
         """Return an iterator over the tolerance of the links' clearance, one for each plan [m]: capsules are wider
         than the links, for some robots by much.
         """
-        return cycle((0.0, FAT))
+        return cycle((0.0, FAT, 2 * FAT))
 
     @cached_property
     def _tally(self) -> Array:
