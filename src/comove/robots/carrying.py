@@ -28,6 +28,7 @@ from comove.robots.search.following import MET, Arms, Strain, follow, solutions
 from comove.robots.search.links import (
     ENOUGH,
     FAT,
+    FATTEST,
     Links,
     LinkSurroundings,
     clearance_at,
@@ -257,7 +258,7 @@ class RobotCarrier:
         """Return an iterator over the tolerance of the links' clearance, one for each plan [m]: capsules are wider
         than the links, for some robots by much.
         """
-        return cycle((0.0, FAT, 2 * FAT))
+        return cycle((0.0, FAT, FATTEST))
 
     @cached_property
     def _tally(self) -> Array:
@@ -478,8 +479,8 @@ class RobotCarrier:
         return clearance_at(arms.chains, some or arms.links, arms.around, q, nodes, ENOUGH)
 
     def _branches(self, end: str) -> tuple[Array, ...]:
-        """Compute the joint positions at an end, by arm; those in which the arm by itself touches something are kept
-        only if there are no others.
+        """Compute the joint positions at an end, by arm; those in which its capsules touch something come last, and
+        those in which the arm by itself does are kept only if there are no others.
         """
         nodes = self.scene.nodes_at(end)
         rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
@@ -493,8 +494,10 @@ class RobotCarrier:
             moved = np.repeat(posture[None], len(branches), axis=0)
             moved[:, part] = branches
             alone = self.arms.links.of(i)  # where the other arms will be, is not known
-            free = np.array([self.clearance(q, nodes, alone) for q in moved]) > 0.0
-            found.append((branches[free] if free.any() else branches)[: SETTINGS.n_branches])
+            apart = np.array([self.clearance(q, nodes, alone) for q in moved])
+            order = np.argsort(apart <= 0.0, kind="stable")
+            free = order[apart[order] > self.scene.clearance - FATTEST]
+            found.append(branches[free if len(free) else order][: SETTINGS.n_branches])
         return tuple(found)
 
     def _solutions(self, i: int, rotation: Array, point: Array) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
 from comove.experiments.registry import systems_named
 from comove.robots import RobotCarrier
 from comove.robots.search.chains import turned_towards
+from comove.robots.search.links import FATTEST
 from comove.scenes import Scene
 from comove.studies.carried import robot_of
 from comove.verification.verify import verify
@@ -65,6 +66,21 @@ def test_a_search_knows_the_joints_with_which_a_witness_ends(frozen):
             part, wanted = slice(first[i], first[i + 1]), joints[arm.columns]
             turned = turned_towards(carrier.arms.chains, wanted[None], known[i], part)
             assert np.abs(turned - wanted).max(axis=1).min() < far
+
+
+def test_ends_in_which_an_arm_touches_nothing_come_first():
+    scene = scenes_of("robots-extreme")[17].load()
+    carrier = RobotCarrier(robot_of(scene), scene)
+    first, posture = carrier.arms.chains.first, carrier.arms.around.posture
+    for end, known in (("start", carrier.starts), ("goal", carrier.goals)):
+        for i, branches in enumerate(known):
+            joints = np.repeat(posture[None], len(branches), axis=0)
+            joints[:, first[i] : first[i + 1]] = branches
+            links = carrier.arms.links.of(i)
+            apart = np.array([carrier.clearance(q, scene.nodes_at(end), links) for q in joints])
+            assert (np.diff((apart <= 0.0).astype(int)) >= 0).all() and (
+                apart > scene.clearance - FATTEST
+            ).all()
 
 
 def test_scenes_are_drawn_again_as_they_are_frozen():

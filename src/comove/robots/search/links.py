@@ -23,6 +23,7 @@ STATIC = -1
 ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told apart
 ROUGH = 1e-3  # m, of distances to obstacles
 FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
+FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
 
 
 class LinkSurroundings(NamedTuple):
