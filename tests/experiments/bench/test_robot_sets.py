@@ -57,7 +57,7 @@ def test_the_straight_motion_is_not_possible(name, frozen):
 
 @pytest.mark.parametrize("frozen", [scene for scene in scenes_of("robots-extreme") if "baxter" in scene.name])
 def test_a_search_knows_the_joints_with_which_a_witness_ends(frozen):
-    """Also where what is nearer to home touches something: those are left out before the nearest are taken."""
+    """Also where what is nearer to home touches something: what touches nothing comes first."""
     scene, far = frozen.load(), 0.6  # rad; another branch is further away, a redundant arm at rest nearer
     carrier = RobotCarrier(robot_of(scene), scene)
     witness, first = SETS["robots-extreme"].witness(frozen, scene).position, carrier.arms.chains.first
