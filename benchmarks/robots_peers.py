@@ -382,7 +382,8 @@ def alone(scene: Scene, robot: Robot, carrier: RobotCarrier, seed: int) -> list[
         exact=number[known.exact[keep]], rods=(), required=np.zeros(3),
     )  # fmt: skip
     begun = time.process_time()
-    path = way(Room(free, (arm.columns,), 0.004), start, goal, np.random.default_rng(seed))
+    room = Room.for_ends(free, scene, np.stack([start, goal]), None)
+    path = way(room, start, goal, np.random.default_rng(seed))
     rows = [(time.process_time() - begun, path is not None)]
     peer, begun = Peer(scene, robot, carrier, loaded=False), time.process_time()
     peer.scene.setJointPositions(start)

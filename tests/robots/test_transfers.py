@@ -11,7 +11,11 @@ import pytest
 from comove import Scene
 from comove.errors import OptionError, RobotError
 from comove.robots import verify_joints
+from comove.robots.free_space import Room
 from comove.robots.transfers import GRIP_TIME, HEIGHT, Transfers, plan_transfers
+from comove.robots.verification.bodies import bodies_of
+from comove.robots.verification.carried import Carried, placements
+from comove.robots.verification.reach import Bases
 from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
 
 KEEP = 0.005  # m, that everything keeps where the scene says nothing
@@ -175,6 +179,50 @@ def test_the_same_seed_gives_the_same(transfers):
 def test_a_home_in_an_obstacle_is_told():
     with pytest.raises(RobotError, match=r"at home, left_.* and obstacles\[3\] \(sphere\) come too near"):
         plan_transfers(carried(AT_HOME))
+
+
+def test_where_the_height_is_out_of_reach_a_part_of_it_is_tried():
+    height = 0.3  # m; the arms reach back by less than half of it
+    motion, robot = plan_transfers(carried(), height=height).release, baxter()
+    for arm in robot.arms:
+        grasp, turns = robot.tool_pose(motion.position[0], arm), []
+        for q in motion.position:
+            turns.append(np.abs(robot.tool_pose(q, arm)[:3, :3] - grasp[:3, :3]).max() < 1e-6)
+        last = motion.position[np.flatnonzero(np.cumprod(turns))[-1]]
+        back = (grasp[:3, 3] - robot.tool_pose(last, arm)[:3, 3]) @ grasp[:3, 2]
+        assert abs(back - 0.25 * height) < 1e-6
+
+
+def room_to_home():
+    """Free space between the grasp at the start and home, with the load where it starts."""
+    carry, robot = carried(), baxter()
+    held = carry.joints.position[0]
+    carried_load = Carried(carry.motion.motion)
+    where, _ = carried_load.hands(carried_load.time)
+    bodies = bodies_of(Bases(robot, robot.description.uncertainty), robot.arms, carried_load, where, 0.0)
+    for rod, *spanned in bodies.rods:
+        (turn,), (middle,) = placements(carried_load.nodes(np.array([0.0])), tuple(spanned))
+        bodies.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
+    nodes = carry.scene.nodes_at("start")
+    return Room.for_ends(bodies, carry.scene, np.stack([held, robot.home]), nodes)
+
+
+def test_capsules_take_nothing_for_free_that_the_exact_bodies_do_not():
+    room, robot, rng = room_to_home(), baxter(), np.random.default_rng(7)
+    shares, strays = rng.random((400, 1)), rng.normal(0.0, 0.4, (400, len(robot.home)))
+    q = np.clip(robot.home + shares * strays, robot.lower, robot.upper)
+    quick = np.array([room.is_free(one) for one in q])
+    exact = np.array([room.rigorous.is_free(one) for one in q])
+    assert not (quick & ~exact).any()
+    assert 20 < exact.sum() < 380 and (quick == exact).mean() > 0.9
+
+
+def test_what_is_free_together_is_free_one_by_one():
+    room, robot, rng = room_to_home(), baxter(), np.random.default_rng(8)
+    q = np.clip(robot.home + rng.normal(0.0, 0.2, (40, len(robot.home))), robot.lower, robot.upper)
+    free = np.array([room.is_free(one) for one in q])
+    assert 0 < free.sum() < len(q)
+    assert room.are_free(q[free]) and not room.are_free(q)
 
 
 def test_a_height_out_of_reach_is_told():

@@ -33,6 +33,7 @@ from comove.robots.search.links import (
     LinkSurroundings,
     clearance_at,
     links_of,
+    load_lines,
 )
 from comove.robots.search.planner import plan_with_arms
 from comove.robots.search.ranges import WristRanges, ranges_of
@@ -151,7 +152,7 @@ class RobotCarrier:
     def arms(self) -> Arms:
         """Return the chains, links and surroundings of the arms as arrays, for kernels."""
         scene, grasp = self.scene, self.grasp
-        lattice = _lattice(scene.body.solids)
+        edges, radii = load_lines(scene)
         carried = np.zeros(len(self.holders))
         carried[list(grasp.holders)] = load_mass(scene) / len(grasp.holders)
         around = LinkSurroundings(
@@ -160,8 +161,8 @@ class RobotCarrier:
             first=grasp.holders[0],
             second=grasp.holders[min(1, len(grasp.holders) - 1)],
             obstacles=scene.obstacles,
-            edges=np.concatenate([scene.body.edges, lattice]),
-            radii=np.concatenate([scene.body.radii, np.zeros(len(lattice))]),
+            edges=edges,
+            radii=radii,
             carried=carried,
             clearance=scene.clearance,
             spare=SETTINGS.spare * (1 + self.caution),
@@ -564,15 +565,6 @@ def _of_robot(
 
 def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
     return SceneError(message, file=scene.path, key=key, way_out=way_out)
-
-
-def _lattice(solids: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the edges and face diagonals of boxes, which stand for them in distances to links; array, shape
-    (n_lines, 2), of corners.
-    """
-    lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
-    pairs = [(corners[a], corners[b]) for corners in solids for a, b in lines]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
 def _apart(p: Array, q: Array) -> float:

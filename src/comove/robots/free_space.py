@@ -7,8 +7,9 @@ the length between them.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,18 +17,132 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.compiled import kernel
 from comove.planning.clock import clock_until
 from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
-from comove.robots.verification.bodies import Bodies
+from comove.robots.model import Arm, Robot
+from comove.robots.search.chains import Chains, chains_of
+from comove.robots.search.links import (
+    FATTEST,
+    STATIC,
+    Links,
+    LinkSurroundings,
+    all_links,
+    around_free,
+    clearance_at,
+    links_near,
+    pair_distances,
+)
+from comove.robots.verification.bodies import HULL_OF, SELF, Bodies
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-SPARES = (0.02, 0.01, 0.004)  # m, kept beyond what is required; the first that both ends keep
+SPARES = (
+    0.02,
+    0.01,
+    0.004,
+)  # m, kept beyond what is required; by each pair the first that it keeps at both ends
 STEP = 0.5  # m, of an extension
 MOST_NODES = 2000
 SHORTCUTS = 150
 NEAR_THE_LINE = 0.5  # share of random configurations near the straight way
 SPREAD = 0.5  # rad, of these
+PROUD = 0.004  # m, by which bodies may stick out of their capsules, and distances to obstacles be rough
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """The arms as capsules, which tell at once what is surely free and what is surely blocked.
+
+    Attributes
+    ----------
+    chains, links, around : the arms and what is about them, for kernels
+    columns : array, shape (n_moving,), joints of the robot in the chains' order
+    nodes : array, shape (n_nodes, 3), where the load lies [m]
+    bodies : name of the body that each link is of
+    names : names of both bodies of each pair of links
+    untold : names of both bodies of pairs about which the outline says nothing
+    """
+
+    chains: Chains
+    links: Links
+    around: LinkSurroundings
+    columns: NDArray[np.int64]
+    nodes: Array
+    bodies: list[str]
+    names: list[frozenset[str]]
+    untold: frozenset[frozenset[str]]
+
+    @classmethod
+    def between(cls, robot: Robot, scene: Scene, ends: Array, nodes: Array | None, keep: float) -> Outline:
+        """Return the outline of all arms for ways between two configurations. Pairs of links whose capsules are
+        nearer than `keep` [m] at one of them are left out.
+
+        Parameters
+        ----------
+        ends : array, shape (2, n_joints)
+        nodes : where the load lies, None where there is none
+        """
+        arms, items = robot.arms, robot.collision.geometryObjects
+        chains, columns = chains_of(robot, arms), np.concatenate([arm.columns for arm in arms])
+        links, body = all_links(robot, arms)
+        near = pair_distances(chains, links, np.ascontiguousarray(ends[:, columns])) < keep
+        names = [frozenset(items[k].name for k in pair) for pair in body[links.pairs].tolist()]
+        untold = frozenset(name for name, is_near in zip(names, near, strict=True) if is_near)
+        told = np.array([name not in untold for name in names], dtype=bool)
+        links = links._replace(
+            pairs=links.pairs[told], holds=links.joint == STATIC
+        )  # which the load lies beside
+        around = around_free(scene, loaded=nodes is not None)
+        lies = np.zeros((1, 3)) if nodes is None else nodes
+        told_names = [name for name in names if name not in untold]
+        return cls(
+            chains, links, around, columns, lies, [items[k].name for k in body.tolist()], told_names, untold
+        )
+
+    def clearances(self, q: Array, enough: float, blocked: float) -> Array:
+        """Compute the least distance of capsules at configurations, up to the first at which it is not above
+        `blocked`; -inf from there on.
+
+        Parameters
+        ----------
+        q : array, shape (n_configurations, n_joints)
+        enough : distance above which distances are not told apart [m]
+
+        Returns
+        -------
+        array, shape (n_configurations,) [m]
+        """
+        of_arms = np.ascontiguousarray(q[:, self.columns])
+        return _clearances(self.chains, self.links, self.around, of_arms, self.nodes, (enough, blocked))
+
+    def near(self, q: Array, enough: float) -> tuple[frozenset[str], set[frozenset[str]]]:
+        """Return the names of the bodies whose capsules are within `enough` [m] of obstacles or the load at joint
+        positions q, and the names of both bodies where capsules of links are within it of each other.
+        """
+        of_arms = np.ascontiguousarray(q[None, self.columns])
+        about = links_near(self.chains, self.links, self.around, of_arms[0], self.nodes, enough)
+        pairs = pair_distances(self.chains, self.links, of_arms) < enough
+        return (
+            frozenset(self.bodies[k] for k in np.flatnonzero(about)),
+            {self.names[k] for k in np.flatnonzero(pairs)},
+        )
+
+
+@kernel
+def _clearances(
+    chains: Chains, links: Links, around: LinkSurroundings, q: Array, nodes: Array, of: tuple[float, float]
+) -> Array:
+    """Compute the least distance of capsules at configurations, see `Outline.clearances`."""
+    enough, blocked = of
+    least = np.full(q.shape[0], -np.inf)
+    for k in range(q.shape[0]):
+        apart = clearance_at(chains, links, around, q[k], nodes, enough)
+        if apart <= blocked:
+            break
+        least[k] = apart
+    return least
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,56 +152,135 @@ class Room:
     Attributes
     ----------
     bodies : the bodies and the clearances required of their pairs; a load lies where it was placed
-    arms : columns of each arm's joints
-    spare : clearance kept beyond the required one [m]
+    arms : the arms that move; those that are where they should be stand still
+    spare : array, shape (n_pairs,), clearance kept beyond the required one [m]
+    outline : the arms as capsules, which save most of the exact checks; None to have all
     clock : clock of a search without a deadline
     """
 
     bodies: Bodies
-    arms: tuple[NDArray[np.int64], ...]
-    spare: float
+    arms: tuple[Arm, ...]
+    spare: Array
+    outline: Outline | None = None
     clock: Array = field(default_factory=clock_until)
 
-    @cached_property
-    def _placed(self) -> tuple[Any, Any, NDArray[np.int64]]:
-        """Return the geometry of the exact pairs alone, its data with the clearance of each, and the pairs'
-        numbers.
+    @classmethod
+    def for_ends(cls, bodies: Bodies, scene: Scene, ends: Array, nodes: Array | None) -> Room:
+        """Return the free space for ways between two configurations, in which every pair of bodies keeps as much to
+        spare as it has at both.
+
+        Parameters
+        ----------
+        bodies : a load lies where it was placed
+        ends : array, shape (2, n_joints)
+        nodes : array, shape (n_nodes, 3), nodes of the load [m]; None where there is none
         """
-        bodies, geometry = self.bodies, self.bodies.geometry.copy()
-        exact = np.flatnonzero(bodies.exact == np.arange(len(bodies.exact)))
-        pairs = [geometry.collisionPairs[int(k)] for k in exact]
-        pairs = [(pair.first, pair.second) for pair in pairs]
-        geometry.removeAllCollisionPairs()
-        for pair in pairs:
-            geometry.addCollisionPair(pin.CollisionPair(*pair))
-        data = geometry.createData()
-        keep = bodies.required[bodies.kind] + bodies.taken + self.spare
-        for request, amount in zip(data.collisionRequests, keep[exact].tolist(), strict=True):
-            request.security_margin = amount
-        return geometry, data, exact
+        spare, robot = np.full(len(bodies.kind), SPARES[0]), bodies.robot
+        for lower in SPARES[1:]:
+            room = cls(bodies, robot.arms, spare)
+            spare = spare.copy()
+            near = [number for q in ends for number in room._touching(q)]
+            spare[np.isin(bodies.exact, near)] = lower
+        arms = tuple(arm for arm in robot.arms if (ends[0] != ends[1])[arm.columns].any())
+        room = cls(bodies, arms, spare)
+        return replace(room, outline=Outline.between(robot, scene, ends, nodes, room._limits[0]))
+
+    @property
+    def rigorous(self) -> Room:
+        """Return the same space, in which everything is checked exactly."""
+        return replace(self, outline=None)
+
+    @cached_property
+    def _required(self) -> Array:
+        """Return the distance that each pair keeps; array, shape (n_pairs,) [m]."""
+        bodies = self.bodies
+        return bodies.required[bodies.kind] + bodies.taken + self.spare
+
+    @cached_property
+    def _all(self) -> _Pairs:
+        return _Pairs.of(self.bodies, np.arange(len(self.bodies.kind)), self._required)
+
+    @cached_property
+    def _first(self) -> _Pairs:
+        """Return the pairs that are checked first, of bodies that joints move apart: hulls in place of the pairs that
+        they hold.
+        """
+        exact, moves = self.bodies.exact, self.bodies.reach[:, :-1].any(axis=1)
+        held = exact[exact != np.arange(len(exact))]
+        return _Pairs.of(self.bodies, np.setdiff1d(np.flatnonzero(moves), held), self._required)
+
+    @cached_property
+    def _rows_of(self) -> dict[frozenset[str], list[int]]:
+        """Return rows of the pairs that are checked first: of two links by the names of both bodies, of a link with
+        an obstacle or the load by its body's name.
+        """
+        items, numbers = self.bodies.geometry.geometryObjects, self._first.numbers
+        ends, alone = self.bodies.ends[numbers].tolist(), self.bodies.kind[numbers] != SELF
+        rows = defaultdict[frozenset[str], list[int]](list)
+        for row, (pair, single) in enumerate(zip(ends, alone, strict=True)):
+            bodies = pair[:1] if single else pair
+            rows[frozenset(items[k].name.removeprefix(HULL_OF) for k in bodies)].append(row)
+        return dict(rows)
+
+    @cached_property
+    def _limits(self) -> tuple[float, float]:
+        """Return the clearances of the outline above which all is surely free, and at which it is surely blocked
+        [m].
+        """
+        required = float(self.bodies.required.max())
+        return float(self._required.max(initial=0.0)) + PROUD, required + float(self.spare.min()) - FATTEST
+
+    @cached_property
+    def _moves(self) -> NDArray[np.bool_]:
+        """Return which joints move; array, shape (n_joints,)."""
+        moves = np.zeros(len(self.bodies.robot.lower), dtype=bool)
+        for arm in self.arms:
+            moves[arm.columns] = True
+        return moves
 
     @cached_property
     def lever(self) -> Array:
         """Return the largest change of a distance per unit of each joint; array, shape (n_joints,) [m/rad]."""
         return self.bodies.reach[:, :-1].max(axis=0)
 
-    @cached_property
-    def _data(self) -> Any:
-        return self.bodies.robot.model.createData()
-
     def is_free(self, q: Array) -> bool:
         """Return whether all pairs keep their clearance at joint positions q."""
-        geometry, data, _ = self._placed
-        return not pin.computeCollisions(self.bodies.robot.model, self._data, geometry, data, q, True)
+        return self.are_free(q[None])
+
+    def are_free(self, q: Array) -> bool:
+        """Return whether all pairs keep their clearance at configurations, array of shape (n, n_joints)."""
+        if (outline := self.outline) is None:
+            return not any(self._touching(one) for one in q)
+        enough, blocked = self._limits
+        apart = outline.clearances(q, enough, blocked)
+        if not (apart > blocked).all():
+            return False
+        if any(self._touching(one, self._doubtful(outline, one, enough)) for one in q[apart < enough]):
+            return False
+        untold = self._rows(outline.untold)
+        return not (untold and any(self._touching(one, untold) for one in q[apart >= enough]))
+
+    def _doubtful(self, outline: Outline, q: Array, enough: float) -> list[int]:
+        """Return which of the pairs that are checked first the outline does not tell to be apart."""
+        about, near = outline.near(q, enough)
+        return self._rows(outline.untold | near | {frozenset((name,)) for name in about})
+
+    def _rows(self, names: frozenset[frozenset[str]]) -> list[int]:
+        """Return which of the pairs that are checked first have these names."""
+        return [row for name in names for row in self._rows_of.get(name, ())]
+
+    def _touching(self, q: Array, some: list[int] | None = None) -> list[int]:
+        """Return the numbers of the pairs that are too near at q, of some of those that are checked first."""
+        exact, everything = self.bodies.exact, self._all
+        near = [(k, int(exact[k])) for k in self._first.near(q, some)]
+        if any(k != number for k, number in near):
+            everything.put(q)
+        return [number for k, number in near if k == number or everything.is_near(number)]
 
     def contact(self, q: Array) -> str:
         """Return the names of two bodies that are too near at q; empty where there are none."""
-        geometry, data, exact = self._placed
-        pin.computeCollisions(self.bodies.robot.model, self._data, geometry, data, q, False)
-        for number, result in zip(exact, data.collisionResults, strict=True):
-            if result.isCollision():
-                return self.bodies.name(int(number))
-        return ""
+        touching = self._touching(q)
+        return self.bodies.name(touching[0]) if touching else ""
 
     def length(self, first: Array, second: Array) -> float:
         """Return the largest change of any distance on the straight path between two configurations [m]."""
@@ -96,10 +290,10 @@ class Room:
         """Write random joints, some of them near the straight way between both ends."""
         robot, start, goal = self.bodies.robot, nodes[0, 0], nodes[1, 0]
         if rng.random() > NEAR_THE_LINE:
-            out[:] = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
-            return True
-        q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
-        np.clip(q, robot.lower, robot.upper, out=out)
+            q = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
+        else:
+            q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
+        out[:] = np.where(self._moves, np.clip(q, robot.lower, robot.upper), start)
         return True
 
     def nearest(self, tree: Array, count: int, q: Array) -> int:
@@ -126,10 +320,66 @@ class Room:
 
     def is_free_between(self, first: Array, second: Array) -> bool:
         """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
-        count = int(np.ceil(self.length(first, second) / (2.0 * self.spare)))
+        changes = self.bodies.reach[:, :-1] @ np.abs(second - first)
+        count = int(np.ceil((changes / (2.0 * self.spare)).max(initial=0.0)))
         shares = np.arange(1, count) / max(count, 1)
         coarse_first = shares[np.argsort([_bits(k) for k in range(1, count)])] if count > 2 else shares
-        return all(self.is_free(first + share * (second - first)) for share in coarse_first)
+        return count < 2 or self.are_free(first + coarse_first[:, None] * (second - first))
+
+
+@dataclass(frozen=True, eq=False)
+class _Pairs:
+    """Some pairs of bodies, each with the distance that it keeps.
+
+    Attributes
+    ----------
+    model, kinematics : the robot's, which move the bodies
+    geometry, data : the bodies and these pairs alone
+    numbers : array, shape (n,), the pairs' numbers among all
+    required : array, shape (n,), distance that each keeps [m]
+    """
+
+    model: Any
+    kinematics: Any
+    geometry: Any
+    data: Any
+    numbers: NDArray[np.int64]
+    required: Array
+
+    @classmethod
+    def of(cls, bodies: Bodies, numbers: NDArray[np.int64], required: Array) -> _Pairs:
+        """Return some pairs of bodies, which are copied."""
+        geometry, model = bodies.geometry.copy(), bodies.robot.model
+        geometry.removeAllCollisionPairs()
+        for k in numbers.tolist():
+            pair = bodies.geometry.collisionPairs[k]
+            geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+        data = geometry.createData()
+        for request, amount in zip(data.collisionRequests, required[numbers].tolist(), strict=True):
+            request.security_margin = amount
+        return cls(model, model.createData(), geometry, data, numbers, required[numbers])
+
+    def near(self, q: Array, some: list[int] | None = None) -> list[int]:
+        """Return the numbers of those that are too near at joint positions q; `some` are the rows looked at."""
+        rows, data = range(len(self.numbers)) if some is None else some, self.data
+        data.deactivateAllCollisionPairs()
+        for row in rows:
+            data.activateCollisionPair(row)
+        if not rows or not pin.computeCollisions(self.model, self.kinematics, self.geometry, data, q, False):
+            return []
+        results = data.collisionResults
+        return [int(self.numbers[row]) for row in rows if results[row].isCollision()]
+
+    def put(self, q: Array) -> None:
+        """Move the bodies to joint positions q."""
+        pin.updateGeometryPlacements(self.model, self.kinematics, self.geometry, self.data, q)
+
+    def is_near(self, k: int) -> bool:
+        """Return whether the k-th pair is too near where the bodies were put."""
+        distance = pin.computeDistance(self.geometry, self.data, k).min_distance
+        return bool(
+            distance < self.required[k]
+        )  # of meshes, distances are found faster than whether they are near
 
 
 def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
@@ -139,8 +389,10 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
     -------
     array, shape (n_configurations, n_joints)
     """
+    if not room.are_free(np.stack([start, goal])):
+        return None
     for path in _simple(room, start, goal):
-        if all(room.is_free(q) for q in path[1:-1]) and _is_free_along(room, path):
+        if room.are_free(path[1:-1]) and _is_free_along(room, path):
             return path
     nothing = np.empty((0, len(start)))
     path = rrt_connect.py_func(room, start, goal, 0.0, rng, MOST_NODES, 20 * MOST_NODES, nothing)
@@ -153,9 +405,9 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
 def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
     """Yield the straight path, and the paths that move one arm after the other."""
     yield np.stack([start, goal])
-    for columns in room.arms if len(room.arms) > 1 else ():
+    for arm in room.arms if len(room.arms) > 1 else ():
         between = start.copy()
-        between[columns] = goal[columns]
+        between[arm.columns] = goal[arm.columns]
         yield np.stack([start, between, goal])
 
 

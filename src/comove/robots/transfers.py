@@ -19,9 +19,10 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from comove.errors import OptionError, RobotError
 from comove.planning.seeds import minimum_jerk
-from comove.robots.free_space import SPARES, Room, way
+from comove.robots.free_space import Room, way
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges
+from comove.robots.search.chains import Iteration, chains_of, reach_pose
 from comove.robots.verification import checks as check
 from comove.robots.verification.bodies import LOAD, Bodies, bodies_of
 from comove.robots.verification.carried import Carried, placements
@@ -33,13 +34,13 @@ from comove.verification.sealed import Sealed
 Array = NDArray[np.float64]
 
 HEIGHT = 0.08  # m, of the place behind the grasp
+SHARES = (1.0, 0.5, 0.25)  # of the height, tried in turn where an arm or what is near leaves less
 GRIP_TIME = 1.0  # s, that hands have to open or close
 PACE = 0.5  # share of the limits of joints that is used
 HANDS_PACE = 0.98  # likewise of the scene's limits of hands, which are looked at in samples
 ATTEMPTS = 3
 STRAIGHT_STEPS = 41  # of the straight part, solved one after the other
-REACHED = 1e-9  # m and rad
-DAMPING = 1e-8
+STRAIGHT = Iteration(gain=0.1, keep=2e-3, tolerance=1e-9, steady=1e-3, most=50)
 
 _JUDGED = object()
 
@@ -80,7 +81,8 @@ def plan_transfers(
     Parameters
     ----------
     carry : verified motion of the robot between the two
-    height : distance by which hands draw back straight from the load [m]
+    height : distance by which hands draw back straight from the load [m]; where they cannot, or come too near to
+        something, half of it is tried, then a quarter
     grip_time : time in which hands close or open [s]
     seed : seed of the search
 
@@ -130,11 +132,12 @@ def _withdrawal(
     bases, (where, _) = Bases(robot, robot.description.uncertainty), carried.hands(carried.time)
     bodies = _put(bodies_of(bases, arms, carried, where, 0.0), place)
     hands = _hands_and_load(bodies, holders)
-    back = _drawn_back(robot, holders, carry.joints.position[0 if end == "start" else -1], height, end)
+    everything = _both(bodies, hands)
+    back, room = _behind(everything, scene, carry.joints.position[0 if end == "start" else -1], height, end)
     reasons = ["the search found no way"]
     for attempt in range(ATTEMPTS):
         rng = np.random.default_rng((seed, attempt))
-        path = _way_home(bodies, hands, back[-1], end, rng)
+        path = way(room if attempt + 1 < ATTEMPTS else room.rigorous, back[-1], robot.home, rng)
         if path is None:
             continue
         ways = [back, *(np.stack(pair) for pair in zip(path[:-1], path[1:], strict=True))]
@@ -188,73 +191,65 @@ def _hands_and_load(bodies: Bodies, holders: tuple[Arm, ...]) -> Bodies:
     )
 
 
-def _drawn_back(robot: Robot, holders: tuple[Arm, ...], q: Array, height: float, end: str) -> Array:
+def _behind(bodies: Bodies, scene: Scene, grasp: Array, height: float, end: str) -> tuple[Array, Room]:
+    """Return the joints while the hands draw back straight, and the free space from there home.
+
+    Raises
+    ------
+    RobotError
+        If home, or the joints behind the grasp whatever the height, are not free, or not reached.
+    """
+    robot, error = bodies.robot, None
+    for share in SHARES:
+        try:
+            back = _drawn_back(robot, scene, grasp, share * height, end)
+        except RobotError as why:
+            error = error or why
+            continue
+        room = Room.for_ends(bodies, scene, np.stack([back[-1], robot.home]), scene.nodes_at(end))
+        if near := room.contact(robot.home):
+            raise RobotError(
+                f"at home, {near} come too near to each other",
+                key="home",
+                way_out="give another home in the robot's description, or leave approach and release out",
+            )
+        if not (near := room.contact(back[-1])):
+            return back, room
+        error = RobotError(
+            f"behind the grasp at the {end}, {near} come too near to each other",
+            key="height",
+            way_out="give another height",
+        )
+    assert error is not None, "a share was tried"
+    raise error
+
+
+def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: str) -> Array:
     """Compute the joints while the hands draw back straight from the load; array, shape (STRAIGHT_STEPS,
     n_joints).
+
+    Raises
+    ------
+    RobotError
+        If an arm does not reach so far.
     """
-    rows = [np.array(q)]
-    grasps = [robot.tool_pose(q, arm) for arm in holders]
-    for share in np.linspace(0.0, 1.0, STRAIGHT_STEPS)[1:]:
-        q = rows[-1].copy()
-        for arm, grasp in zip(holders, grasps, strict=True):
-            target = grasp.copy()
-            target[:3, 3] -= share * height * grasp[:3, 2]
-            if not _reach(robot, arm, target, q):
+    rows = np.repeat(grasp[None], STRAIGHT_STEPS, axis=0)
+    for name in scene.file.holders:
+        arm = robot.arm(name)
+        chains, pose = chains_of(robot, (arm,)), robot.tool_pose(grasp, arm)
+        turn = np.ascontiguousarray(pose[:3, :3])
+        for k, share in enumerate(np.linspace(0.0, 1.0, STRAIGHT_STEPS)[1:], start=1):
+            q = rows[k - 1, arm.columns]
+            behind = pose[:3, 3] - share * height * turn[:, 2]
+            if reach_pose(chains, 0, turn, behind, q.copy(), STRAIGHT, q) > STRAIGHT.tolerance:
                 raise RobotError(
                     f"the arm '{arm.name}' can draw back from its grasp at the {end} by less than "
                     f"{share * height:.3g} m",
                     key="height",
                     way_out=f"give a height below {share * height:.3g} m, or another grasp",
                 )
-        rows.append(q)
-    return np.array(rows)
-
-
-def _reach(robot: Robot, arm: Arm, target: Array, q: Array) -> bool:
-    """Move an arm's joints, in place, until its grasp frame is the target, by damped least squares within limits."""
-    model, data, frame = robot.model, robot.model.createData(), robot.model.getFrameId(arm.tip)
-    tip = pin.SE3(target) * pin.SE3(arm.tool).inverse()
-    lower, upper = robot.lower[arm.columns], robot.upper[arm.columns]
-    for _ in range(50):
-        pin.computeJointJacobians(model, data, q)
-        error = pin.log6(pin.updateFramePlacement(model, data, frame).actInv(tip)).vector
-        if np.abs(error).max() < REACHED:
-            return True
-        jacobian = pin.getFrameJacobian(model, data, frame, pin.LOCAL)[:, arm.columns]
-        step = jacobian.T @ np.linalg.solve(jacobian @ jacobian.T + DAMPING * np.eye(6), error)
-        q[arm.columns] = np.clip(q[arm.columns] + step, lower, upper)
-    return False
-
-
-def _way_home(
-    bodies: Bodies, hands: Bodies, start: Array, end: str, rng: np.random.Generator
-) -> Array | None:
-    """Search a path home from behind the grasp, array of shape (n_configurations, n_joints); None where none was
-    found.
-
-    Raises
-    ------
-    RobotError
-        If one of the ends touches something.
-    """
-    robot = bodies.robot
-    arms = tuple(arm.columns for arm in robot.arms)
-    everything = _both(bodies, hands)
-    for spare in SPARES:
-        room = Room(everything, arms, spare)
-        if room.is_free(start) and room.is_free(robot.home):
-            return way(room, start, robot.home, rng)
-    for q, where, way_out in (
-        (
-            robot.home,
-            "at home",
-            "give another home in the robot's description, or leave approach and release out",
-        ),
-        (start, f"behind the grasp at the {end}", "give another height"),
-    ):
-        if near := room.contact(q):
-            raise RobotError(f"{where}, {near} come too near to each other", key="home", way_out=way_out)
-    return None
+            rows[k, arm.columns] = q
+    return rows
 
 
 def _both(bodies: Bodies, hands: Bodies) -> Bodies:

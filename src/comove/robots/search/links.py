@@ -5,6 +5,7 @@ Capsules are fast, and wider than the bodies that they hold. The verification wo
 
 from __future__ import annotations
 
+from functools import lru_cache
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -16,6 +17,8 @@ from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
+from comove.scenes.model import ROBOT_CLEARANCE
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -24,6 +27,8 @@ ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told ap
 ROUGH = 1e-3  # m, of distances to obstacles
 FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
 FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
+MEETING = 0.02  # m, of capsules at home, where the bodies are known to be apart
+N_SAMPLES = 400  # configurations that tell which links may come near each other
 
 
 class LinkSurroundings(NamedTuple):
@@ -87,7 +92,7 @@ class Links(NamedTuple):
         """Keep only the pairs that come near each other in some of the configurations `samples`, shape (n_samples,
         n_joints).
         """
-        return self._replace(pairs=self.pairs[_pair_distances(chains, self, samples) < ENOUGH])
+        return self._replace(pairs=self.pairs[pair_distances(chains, self, samples) < ENOUGH])
 
     def of(self, arm: int) -> Links:
         """Keep only the links of one arm, and their pairs with each other and with links that do not move."""
@@ -98,8 +103,58 @@ class Links(NamedTuple):
         )
 
 
+def around_free(scene: Scene, *, loaded: bool) -> LinkSurroundings:
+    """Return what is about arms that hold nothing, but may go past a load that lies still."""
+    nobody, nothing = np.zeros(0), np.zeros((0, 3, 3))
+    edges, radii = load_lines(scene)
+    return LinkSurroundings(
+        at_rest=nothing,
+        turning=np.zeros(0, dtype=bool),
+        first=0,
+        second=0,
+        obstacles=scene.obstacles,
+        edges=edges if loaded else edges[:0],
+        radii=radii if loaded else radii[:0],
+        carried=nobody,
+        clearance=scene.clearance,
+        spare=0.0,
+        share=1.0,
+        posture=nobody,
+        ends=nothing,
+        eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
+    )
+
+
+def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
+    """Return the lines that stand for a load in distances to links, and their radii: rods, and of boxes the edges
+    and the diagonals of faces.
+
+    Returns
+    -------
+    edges, radii : arrays, shape (n_edges, 2) and (n_edges,), numbers of nodes, and [m]
+    """
+    body = scene.body
+    lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
+    pairs = [(corners[a], corners[b]) for corners in body.solids for a, b in lines]
+    lattice = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    return np.concatenate([body.edges, lattice]), np.concatenate([body.radii, np.zeros(len(lattice))])
+
+
 def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
-    """Build capsules around the collision geometry; arms that are not among `arms` stay at home."""
+    """Build capsules around the collision geometry; arms that are not among `arms` stay at home.
+
+    Pairs whose capsules, unlike the bodies, meet at home are left out, and those that never come near each other.
+    """
+    links, _ = all_links(robot, arms)
+    chains, home = chains_of(robot, arms), np.concatenate([arm.home for arm in arms])
+    links = links._replace(pairs=links.pairs[~_meet(chains, links, home)])
+    samples = np.random.default_rng(0).uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower)))
+    return links.near(chains, samples)
+
+
+@lru_cache(maxsize=8)
+def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, NDArray[np.int64]]:
+    """Build capsules, with all pairs of links of which one moves; return them and the body that each is of."""
     model, collision = robot.model, robot.collision
     columns = np.concatenate([arm.columns for arm in arms])
     of_arm = np.concatenate([np.full(len(arm.columns), i) for i, arm in enumerate(arms)])
@@ -129,6 +184,7 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
         for j in of_geometry[pair.second]
         if joint[i] != STATIC or joint[j] != STATIC
     ]
+    bodies = np.repeat(np.arange(len(of_geometry)), [len(numbers) for numbers in of_geometry])
     links = Links(
         joint=joint,
         arm=arm_of,
@@ -139,7 +195,7 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
         holds=np.array(holds, dtype=bool),
         moving=np.concatenate([np.flatnonzero(arm_of == k) for k in range(len(arms))]),
     )
-    return _worth_looking_at(links, chains_of(robot, arms), np.concatenate([arm.home for arm in arms]))
+    return links, bodies
 
 
 def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> list[LinkCapsule]:
@@ -152,20 +208,13 @@ def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> l
     return known[key]
 
 
-def _worth_looking_at(
-    links: Links, chains: Chains, home: Array, n_samples: int = 400, meeting: float = 0.02
-) -> Links:
-    """Drop pairs that come near in none of `n_samples` random configurations, and pairs whose capsules, unlike the
-    bodies, are within `meeting` [m] at home.
-    """
-    rng = np.random.default_rng(0)
-    samples = rng.uniform(chains.lower, chains.upper, (n_samples, len(chains.lower)))
-    at_home = _pair_distances(chains, links, home[None])
-    return links._replace(pairs=links.pairs[at_home > meeting]).near(chains, samples)
+def _meet(chains: Chains, links: Links, home: Array) -> NDArray[np.bool_]:
+    """Return whether the capsules of each pair are within `MEETING` at home."""
+    return pair_distances(chains, links, home[None]) <= MEETING
 
 
 @kernel
-def _pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
+def pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
     """Compute the least distance of each pair of links over configurations, infinite where they are never within
     `ENOUGH` of each other; array, shape (n_pairs,) [m].
     """
@@ -283,36 +332,74 @@ def clearance_around(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:
     """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
-    obstacles, edges, radii, least = around.obstacles, around.edges, around.radii, cap
+    least = cap
     for i in links.moving:
-        a, b, r = start[i], end[i], links.radius[i]
-        if obstacles.shape[0] > 0:
-            x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-            reach = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2) + r + least
-            for j in range(obstacles.shape[0]):
-                far = reach + obstacles[j, REACH]
-                dx, dy, dz = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
-                near = dx * dx + dy * dy + dz * dz < far * far
-                if near and point_distance(obstacles, j, x, y, z) < reach:
-                    apart = (
-                        segment_distance(obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], least + r, ROUGH)
-                        - r
-                    )
-                    least = min(least, apart)
-    cx, cy, cz, size = _ball_of_load(nodes, radii)
+        least = min(least, _from_obstacles(around, start[i], end[i], links.radius[i], least))
+    ball = _ball_of_load(nodes, around.radii)
     for i in range(links.joint.shape[0]):
-        if links.holds[i]:
-            continue
-        a, b, r = start[i], end[i], links.radius[i]
-        x, y, z = 0.5 * (a[0] + b[0]) - cx, 0.5 * (a[1] + b[1]) - cy, 0.5 * (a[2] + b[2]) - cz
-        half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-        far = size + half + r + least
-        if x * x + y * y + z * z > far * far:
-            continue
-        for e in range(edges.shape[0]):
-            c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
-            if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
-                least = min(least, nearest_shares(a, b, c, d)[2] - thick)
+        if not links.holds[i]:
+            least = min(least, _from_load(around, start[i], end[i], links.radius[i], nodes, ball, least))
+    return least
+
+
+@kernel
+def links_near(
+    chains: Chains, links: Links, around: LinkSurroundings, q: Array, nodes: Array, enough: float
+) -> NDArray[np.bool_]:
+    """Return whether each moving link is within `enough` [m] of an obstacle or the load at the joints q, array of
+    shape (n_joints,); array, shape (n_links,).
+    """
+    start, end = links.start.copy(), links.end.copy()
+    place_links(chains, links, q, start, end)
+    near, ball = np.zeros(links.joint.shape[0], dtype=np.bool_), _ball_of_load(nodes, around.radii)
+    for i in links.moving:
+        apart = _from_obstacles(around, start[i], end[i], links.radius[i], enough)
+        if not links.holds[i]:
+            apart = min(apart, _from_load(around, start[i], end[i], links.radius[i], nodes, ball, enough))
+        near[i] = apart < enough
+    return near
+
+
+@kernel
+def _from_obstacles(around: LinkSurroundings, a: Array, b: Array, r: float, cap: float) -> float:
+    """Compute the least distance of a capsule about a-b from obstacles, at most `cap` [m]."""
+    obstacles, least = around.obstacles, cap
+    if obstacles.shape[0] == 0:
+        return least
+    x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+    reach = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2) + r + least
+    for j in range(obstacles.shape[0]):
+        far = reach + obstacles[j, REACH]
+        dx, dy, dz = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
+        near = dx * dx + dy * dy + dz * dz < far * far
+        if near and point_distance(obstacles, j, x, y, z) < reach:
+            apart = segment_distance(obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], least + r, ROUGH) - r
+            least = min(least, apart)
+    return least
+
+
+@kernel
+def _from_load(
+    around: LinkSurroundings,
+    a: Array,
+    b: Array,
+    r: float,
+    nodes: Array,
+    ball: tuple[float, float, float, float],
+    cap: float,
+) -> float:
+    """Compute the least distance of a capsule about a-b from the load, which is in a ball, at most `cap` [m]."""
+    edges, radii, least = around.edges, around.radii, cap
+    cx, cy, cz, size = ball
+    x, y, z = 0.5 * (a[0] + b[0]) - cx, 0.5 * (a[1] + b[1]) - cy, 0.5 * (a[2] + b[2]) - cz
+    half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+    far = size + half + r + least
+    if x * x + y * y + z * z > far * far:
+        return least
+    for e in range(edges.shape[0]):
+        c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
+        if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
+            least = min(least, nearest_shares(a, b, c, d)[2] - thick)
     return least
 
 

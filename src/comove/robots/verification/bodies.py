@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
 SCENE, LOAD, SELF = range(3)
+HULL_OF = "hull of "  # before a body's name in that of its hull
 SCENE_ITSELF, LOAD_ALONE = -1, -2  # numbers for bodies that are on no base
 
 OBSTACLE_SHAPES: dict[str, Callable[[Any], Any]] = {
@@ -258,7 +259,7 @@ def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, i
         if item.geometry.convex is None:
             item.geometry.buildConvexHull(True, "Qt")
         hull = pin.GeometryObject(
-            f"hull of {item.name}", item.parentJoint, item.parentFrame, item.placement, item.geometry.convex
+            f"{HULL_OF}{item.name}", item.parentJoint, item.parentFrame, item.placement, item.geometry.convex
         )
         (convex if _is_convex(item.geometry) else others)[number] = geometry.addGeometryObject(hull)
         names.append(names[number])
