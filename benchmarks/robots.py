@@ -1,4 +1,4 @@
-"""Robots carry the load: every example solved with several seeds, then played in MuJoCo.
+"""Robots carry the load: every example solved with several seeds, approached from home and left, played in MuJoCo.
 
     python benchmarks/robots.py                          # all of it
     python benchmarks/robots.py --seeds 3 --only solve   # less of it
@@ -23,10 +23,10 @@ from pathlib import Path
 import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import SceneError
+from comove.errors import RobotError, SceneError
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
-from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry
+from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry, plan_transfers
 from comove.robots.kernels import load_robot_kernels
 from comove.scenes import Scene, demonstration_of
 from comove.simulators import Friction, Perturbation, Weld, simulate
@@ -169,22 +169,47 @@ def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> Non
             row(name, simulate(joints, motion.scene, motion.robot, grasp))
 
 
+def table_of_transfers(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
+    """Print a row a scene: whether a way from home to the grasp, and one home, was found and passed verification."""
+    print(
+        "| from home and back | found | of the processor [s] | approach lasts [s] | release lasts [s] | why not |"
+    )
+    print("|---|---|---|---|---|---|")
+    for path, motion in motions:
+        begun, transfers, why = time.process_time(), None, ""
+        try:
+            transfers = plan_transfers(motion)
+        except RobotError as error:
+            why = str(error)
+        used = time.process_time() - begun
+        lasts = (
+            [np.nan, np.nan]
+            if transfers is None
+            else [transfers.approach.duration, transfers.release.duration]
+        )
+        found = "no" if transfers is None else "yes"
+        print(f"| {path.stem} | {found} | {used:.2f} | {lasts[0]:.1f} | {lasts[1]:.1f} | {why} |", flush=True)
+    print()
+
+
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0, help="the first one")
     parser.add_argument("--scenes", nargs="+", help="names of scenes; all of them unless given")
-    parser.add_argument("--only", choices=("solve", "simulate"))
+    parser.add_argument("--only", choices=("solve", "transfers", "simulate"))
     parser.add_argument("--open", action="store_true", help="leave out the durations that scenes give")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
     scenes = [path for path in SCENES if options.scenes is None or path.stem in options.scenes]
     for path in scenes:
         robot_of(path)
-    count = 1 if options.only == "simulate" else options.seeds
+    count = options.seeds if options.only in (None, "solve") else 1
     motions = list(table_of_solves(scenes, range(options.seed, options.seed + count), not options.open))
-    if options.only != "solve":
+    if options.only in (None, "transfers"):
+        table_of_transfers(motions)
+    if options.only in (None, "simulate"):
         table_of_simulations(motions)
 
 

@@ -93,6 +93,34 @@ def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others
     assert len(set(drawn)) > 3
 
 
+@pytest.mark.parametrize("name", ["gap_30", "two_pandas", "ur5_and_panda"])
+def test_joints_that_turn_least_are_tried_early_even_where_capsules_meet(name):
+    """Of pairs of ends, the k that turn least are among the first 2 k, and so are the first k of those with room."""
+    known = task(name)
+    at = [known.scene.nodes_at(end) for end in ("start", "goal")]
+    turns = np.array([np.abs(first - last).max().round(6) for first, last in known._ends])
+    room = np.array(
+        [min(known.clearance(q, nodes) for q, nodes in zip(p, at, strict=True)) for p in known._ends]
+    )
+    keeps = room > known.scene.clearance
+    for some in (np.ones(len(turns), dtype=bool), keeps):
+        least = np.sort(turns[some])
+        for k in range(1, len(least) // 2 + 1):
+            early = np.sort(turns[: 2 * k][some[: 2 * k]])
+            assert (early[:k] == least[:k]).all()
+
+
+def test_of_three_plans_one_lets_capsules_come_as_near_as_they_are_wider_and_one_twice_as_near(monkeypatch):
+    known, allowed = task("gap_30"), []
+    monkeypatch.setattr(
+        "comove.robots.carrying.plan_with_arms", lambda *_, lenient, **__: allowed.append(lenient)
+    )
+    carrying, rng = RobotCarrier(known.robot, known.scene), np.random.default_rng(0)
+    for _ in range(6):
+        carrying.plan(None, [], [], 0.0, rng)
+    assert allowed == [0.0, 0.01, 0.02] * 2
+
+
 @pytest.mark.parametrize("name", ["gap_30", "two_pandas"])
 def test_joints_of_one_arm_at_an_end_do_not_depend_on_where_the_other_arm_rests(name):
     known, elsewhere = task(name), RobotCarrier(task(name).robot, task(name).scene)

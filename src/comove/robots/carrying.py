@@ -268,9 +268,12 @@ class RobotCarrier:
 
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
-        """Return pairs of joint positions at start and goal, as paths between them are likely: first those that keep
-        the clearance, then those that may keep it, and among them those that differ least. Goals are there as they
-        were found and, where joints can turn further than once, as many turns away as is nearest to the start.
+        """Return pairs of joint positions at start and goal, as paths between them are likely.
+
+        In turn, one is the next of those that keep the clearance, then of those that may keep it, and among them of
+        those that differ least; the other the next of those that differ least, whatever they keep, as capsules may
+        be much wider than links. Goals are there as they were found and, where joints can turn further than once, as
+        many turns away as is nearest to the start.
         """
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
@@ -285,7 +288,9 @@ class RobotCarrier:
         apart = np.abs(first - last).max(axis=1).round(DIGITS)
         _, once = np.unique(np.hstack([first, last]).round(DIGITS), axis=0, return_index=True)
         once.sort()
-        ranked = once[np.lexsort((apart[once], tightest[once]))]
+        likely = np.lexsort((apart[once], tightest[once])), np.argsort(apart[once], kind="stable")
+        places = [2 * np.argsort(order) + turn for turn, order in enumerate(likely)]
+        ranked = once[np.argsort(np.minimum(*places), kind="stable")]
         return tuple((first[k], last[k]) for k in ranked)
 
     def _tightness(self, q: Array, nodes: Array) -> int:
