@@ -199,23 +199,19 @@ def test_a_kernel_computes_the_same_however_it_is_called(calling, monkeypatch, l
 
 
 def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
-    """Its callers on disk hold no code of it, so that they need not be compiled again."""
     (tmp_path / "caller.py").write_text(
         "from comove.compiled import kernel\n\nimport calling_for_tests\n\n"
         "@kernel\ndef more(x):\n    return calling_for_tests.inner(x, x) + 1.0\n"
     )
-    code = (
-        "from comove.compiled import kernels\nkernels.LARGE = 0\nfrom caller import more\n"
-        "print(more(3.0), *more.callee.stats.cache_hits.values())"
-    )
+    code = "from comove.compiled import kernels\nkernels.LARGE = 0\nfrom caller import more\nprint(more(3.0))"
 
     def run(inner):
         (tmp_path / "calling_for_tests.py").write_text(CALLER.replace("x * values", inner))
         return said(tmp_path, code)
 
     assert run("x * values") == ["10.0"]
-    assert run("x * values + 0.5") == ["10.5", "1"]
-    assert run("int(x)") == ["4.0"]  # another type comes back: who calls it is compiled again
+    assert run("x * values + 0.5") == ["10.5"]
+    assert run("int(x)") == ["4.0"]  # another type comes back
 
 
 def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
@@ -306,3 +302,60 @@ def test_warnings_are_not_needed_for_what_works(kernel):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         assert kernel()(4) == 8
+
+
+PARTS = {
+    "values_for_tests": "FACTOR = 3.0\nTABLE = (1.0, 2.0)\n",
+    "inner_for_tests": "from comove.compiled import kernel\n\n@kernel\ndef inner(x):\n    return x + 1.0\n",
+    "world_for_tests": "from collections import namedtuple\n\nfrom comove.planning.trees import answers, length\n\n"
+    "World = namedtuple('World', ['size'])\n\n@answers(length, World)\ndef size(world, p, q):\n"
+    "    return world.size + p\n",
+    "outer_for_tests": "from comove.compiled import kernel\nfrom comove.planning.trees import length\n"
+    "from inner_for_tests import inner\nfrom values_for_tests import FACTOR, TABLE\n"
+    "from world_for_tests import World\n\n@kernel\ndef outer(world, x):\n"
+    "    return FACTOR * inner(x) + TABLE[1] + length(world, 0.5, 0.5)\n",
+}
+RUN = """
+from outer_for_tests import World, outer
+print(outer(World(4.0), 1.0), sum(outer.stats.cache_hits.values()))
+"""
+
+
+@pytest.fixture
+def parts(tmp_path):
+    """Write the modules of a kernel, and return a function that says in a new process what it computes."""
+    for name, source in PARTS.items():
+        (tmp_path / f"{name}.py").write_text(source)
+
+    def computed():
+        value, hits = said(tmp_path, RUN)
+        return float(value), int(hits)
+
+    return computed
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new", "value"),
+    [
+        ("inner_for_tests", "x + 1.0", "x + 9.0", 36.5),  # the code of what is called
+        ("values_for_tests", "FACTOR = 3.0", "FACTOR = 5.0", 16.5),  # a number
+        ("values_for_tests", "2.0)", "8.0)", 18.5),  # a part of a tuple
+        ("world_for_tests", "size + p", "size - p", 11.5),  # what answers a question about the world
+    ],
+    ids=["callee", "number", "tuple", "answer"],
+)
+def test_what_other_files_hold_is_never_out_of_date(parts, tmp_path, module, old, new, value):
+    assert parts() == (12.5, 0)
+    assert parts() == (12.5, 1)
+    file = tmp_path / f"{module}.py"
+    file.write_text(file.read_text().replace(old, new))
+    assert parts() == (value, 0)
+    assert parts() == (value, 1)
+
+
+def test_a_comment_elsewhere_compiles_nothing_anew(parts, tmp_path):
+    assert parts() == (12.5, 0)
+    file = tmp_path / "inner_for_tests.py"
+    file.write_text(file.read_text().replace("return", "# one more\n    return"))
+    assert parts()[0] == 12.5
+    assert parts() == (12.5, 1)

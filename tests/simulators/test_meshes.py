@@ -2,11 +2,13 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from pkgutil import get_data
 
 import numpy as np
 import pytest
 
 from comove.errors import RobotError
+from comove.simulators import meshes
 from comove.simulators.meshes import SEAL, as_obj, cache_folder, coloured_parts, convex_parts_of
 from tests.geometry.triangles.written import WEDGE
 
@@ -157,3 +159,27 @@ def test_a_mesh_that_cannot_be_opened_is_told(tmp_path):
     (tmp_path / "a.obj").symlink_to("/proc/self/mem")
     with pytest.raises(RobotError, match="the mesh cannot be read"):
         as_obj(tmp_path / "a.obj")
+
+
+def test_what_other_code_has_converted_is_converted_anew(tmp_path, monkeypatch):
+    path = tmp_path / "bent.stl"
+    bars = [trimesh.creation.box(size) for size in ((0.4, 0.05, 0.05), (0.05, 0.4, 0.05))]
+    bars[1].apply_translation((-0.175, 0.175, 0.0))
+    trimesh.util.concatenate(bars).export(path)
+    scale, sources = (1.0, 1.0, 1.0), {}
+    several = convex_parts_of(path, scale, True)
+    monkeypatch.setattr(meshes, "convex_parts", lambda points, *_: [points])  # as another comove would
+    assert convex_parts_of(path, scale, True) == several
+
+    def changed(package, name):
+        source = get_data(package, name)
+        sources[name] = source
+        return source + b"\n" if name == "capsules.py" else source
+
+    monkeypatch.setattr(meshes, "get_data", changed)
+    meshes.made_by.cache_clear()
+    try:
+        assert len(convex_parts_of(path, scale, True)) == 1 < len(several)
+    finally:
+        meshes.made_by.cache_clear()
+    assert set(sources) >= {"capsules.py", "meshes.py"} and all(sources.values())

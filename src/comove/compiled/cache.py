@@ -4,7 +4,8 @@ numba keeps compiled functions beside the sources, in the user's cache or in NUM
 a truncated file, on a full disk, and where none of the three folders can be written; it runs machine code that was
 damaged; and two processes that compile two signatures of one function at the same time can load each other's code.
 Here every file carries a checksum of its contents and its signature: a damaged file is compiled again, and where no
-folder can be written comove runs without a cache.
+folder can be written comove runs without a cache. To the signature belongs a fingerprint of all that the code depends
+on.
 """
 
 from __future__ import annotations
@@ -12,17 +13,17 @@ from __future__ import annotations
 import hashlib
 import pickle
 import pkgutil
-import re
 import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
+from numba.core import sigutils
 from numba.core.caching import FunctionCache, IndexDataCacheFile
 
+from comove.compiled.fingerprint import ADDRESS, fingerprint
 from comove.errors import ComoveWarning
 
-_ADDRESS = re.compile(r"0x[0-9a-f]+")
 _MAKERS = [pkgutil.get_data("comove.compiled", name) or b"" for name in ("kernels.py", "cache.py")]
 _MADE_BY = hashlib.sha256(b"".join(_MAKERS)).hexdigest()[:16]  # what another comove compiled may not fit
 _told = False
@@ -43,7 +44,8 @@ class KernelCache(FunctionCache):
         self._cache_file = _Sealed(self._cache_path, self._impl.filename_base, self._cache_file._source_stamp)
 
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return (*super()._index_key(sig, codegen), self._role, _MADE_BY)
+        depends_on = fingerprint(self._py_func, sigutils.normalize_signature(sig)[0])
+        return (*super()._index_key(sig, codegen), self._role, _MADE_BY, depends_on)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return a function compiled before, or None.
@@ -101,7 +103,7 @@ class _Sealed(IndexDataCacheFile):
 
 def text_of(key: Any) -> str:
     """Return what a function is compiled for, types and processor, in words that every process finds alike."""
-    return _ADDRESS.sub("", repr(key))
+    return ADDRESS.sub("", repr(key))
 
 
 def _seal(signature: str, data: bytes) -> bytes:

@@ -15,6 +15,7 @@ import numpy as np
 from numba.extending import overload
 
 from comove.compiled import kernel
+from comove.compiled.fingerprint import answered
 from comove.planning.clock import worked
 
 BLOCKED, FREE, ARRIVED = 0, 1, 2
@@ -56,6 +57,7 @@ def answers(question: Callable, kind: type) -> Callable[[Callable], Callable]:
 
     def register(kernel: Callable) -> Callable:
         answer = getattr(kernel, "py_func", kernel)  # compiled for itself, it would be compiled twice
+        answered(question, kind, answer)
 
         @overload(question, jit_options={"error_model": "numpy"}, strict=False)
         def choose(world, *args):

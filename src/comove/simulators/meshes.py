@@ -1,8 +1,8 @@
 """Meshes as MuJoCo reads them: OBJ files, converted once and kept in the user's cache.
 
-An entry is named after the SHA-256 of its source and ends with the SHA-256 of its own contents, so a truncated or
-damaged entry is detected and made anew. It is written under another name and then renamed: two processes at once, or
-one that is killed, leave whole entries only.
+An entry is named after the SHA-256 of its source and of the code that converts it, and ends with the SHA-256 of its
+own contents, so a truncated or damaged entry is detected and made anew. It is written under another name and then
+renamed: two processes at once, or one that is killed, leave whole entries only.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ import os
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from pkgutil import get_data
 from typing import Any
 
 import numpy as np
@@ -25,7 +27,7 @@ from comove.geometry.polytopes import hull_triangles
 from comove.geometry.triangles import MAX_BYTES, triangles_of
 from comove.robots.search.capsules import convex_parts
 
-VERSION = b"5"  # of the conversion
+MAKERS = ("comove.simulators.meshes", "comove.robots.search.capsules", "comove.geometry.polytopes")
 SEAL = b"# sha256 "
 DARKEST = 0.08  # what is black in a mesh: true black has no shape in a picture
 MATERIALS = ".mtl"  # the only files that a mesh may bring along
@@ -34,6 +36,14 @@ MAX_MATERIALS, MAX_CHANGES = 1_000_000, 1000  # bytes of such a file; changes of
 Colour = tuple[float, ...]
 Part = tuple[Path, Colour | None]
 Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
+
+
+@cache
+def made_by() -> bytes:
+    """Return a checksum of the code that converts meshes: what another comove made may not be the same."""
+    files = [name.rpartition(".") for name in MAKERS]
+    sources = [get_data(package, f"{module}.py") or b"" for package, _, module in files]
+    return hashlib.sha256(b"".join(sources)).digest()
 
 
 def cache_folder() -> Path:
@@ -94,7 +104,7 @@ def _cached(
 ) -> list[Part]:
     """Return what a conversion makes of a mesh, from the cache where it is there."""
     data, suffix = _bytes_of(mesh), mesh.suffix.lower()
-    key = hashlib.sha256(b"|".join([VERSION, what.encode(), suffix.encode(), data])).hexdigest()
+    key = hashlib.sha256(b"|".join([made_by(), what.encode(), suffix.encode(), data])).hexdigest()
     folder = cache_folder()
     parts = _read_parts(folder, key)
     if parts is None:

@@ -148,8 +148,8 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     links, _ = all_links(robot, arms)
     chains, home = chains_of(robot, arms), np.concatenate([arm.home for arm in arms])
     links = links._replace(pairs=links.pairs[~_meet(chains, links, home)])
-    samples = np.random.default_rng(0).uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower)))
-    return links.near(chains, samples)
+    rng = np.random.default_rng(0)
+    return links.near(chains, rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower))))
 
 
 @lru_cache(maxsize=8)
