@@ -65,6 +65,7 @@ class CarrierSettings:
         [rad]
     slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
     haste : samples of a candidate of which one is solved first, as one out of reach suffices
+    whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
     unlikely : plans not found yet that every further pair of joints at start and goal is credited with
     """
 
@@ -81,6 +82,7 @@ class CarrierSettings:
     wander: float = 0.4
     slack: float = 1.0
     haste: int = 8
+    whatever: int = 4
     unlikely: float = 0.5
 
 
@@ -270,10 +272,10 @@ class RobotCarrier:
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
         """Return pairs of joint positions at start and goal, as paths between them are likely.
 
-        In turn, one is the next of those that keep the clearance, then of those that may keep it, and among them of
-        those that differ least; the other the next of those that differ least, whatever they keep, as capsules may
-        be much wider than links. Goals are there as they were found and, where joints can turn further than once, as
-        many turns away as is nearest to the start.
+        Most are the next of those that keep the clearance, then of those that may keep it, and among them of those
+        that differ least; one of `whatever` is the next of those that differ least, whatever they keep, as capsules
+        may be much wider than links. Goals are there as they were found and, where joints can turn further than once,
+        as many turns away as is nearest to the start.
         """
         at = [self.scene.nodes_at(end) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
@@ -289,8 +291,10 @@ class RobotCarrier:
         _, once = np.unique(np.hstack([first, last]).round(DIGITS), axis=0, return_index=True)
         once.sort()
         likely = np.lexsort((apart[once], tightest[once])), np.argsort(apart[once], kind="stable")
-        places = [2 * np.argsort(order) + turn for turn, order in enumerate(likely)]
-        ranked = once[np.argsort(np.minimum(*places), kind="stable")]
+        roomy, near = (np.argsort(order) for order in likely)
+        turn = SETTINGS.whatever
+        places = np.minimum(roomy + roomy // (turn - 1), turn * near + turn - 1)
+        ranked = once[np.argsort(places, kind="stable")]
         return tuple((first[k], last[k]) for k in ranked)
 
     def _tightness(self, q: Array, nodes: Array) -> int:
