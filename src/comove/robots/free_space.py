@@ -17,132 +17,23 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove.compiled import kernel
 from comove.planning.clock import clock_until
 from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
-from comove.robots.model import Arm, Robot
-from comove.robots.search.chains import Chains, chains_of
-from comove.robots.search.links import (
-    FATTEST,
-    STATIC,
-    Links,
-    LinkSurroundings,
-    all_links,
-    around_free,
-    clearance_at,
-    links_near,
-    pair_distances,
-)
+from comove.robots.model import Arm
+from comove.robots.search.links import FATTEST
+from comove.robots.search.outline import Outline
 from comove.robots.verification.bodies import HULL_OF, SELF, Bodies
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-SPARES = (
-    0.02,
-    0.01,
-    0.004,
-)  # m, kept beyond what is required; by each pair the first that it keeps at both ends
+SPARES = (0.02, 0.01, 0.004)  # m, beyond what is required: a pair keeps the first that it has at both ends
 STEP = 0.5  # m, of an extension
 MOST_NODES = 2000
 SHORTCUTS = 150
 NEAR_THE_LINE = 0.5  # share of random configurations near the straight way
 SPREAD = 0.5  # rad, of these
 PROUD = 0.004  # m, by which bodies may stick out of their capsules, and distances to obstacles be rough
-
-
-@dataclass(frozen=True, eq=False)
-class Outline:
-    """The arms as capsules, which tell at once what is surely free and what is surely blocked.
-
-    Attributes
-    ----------
-    chains, links, around : the arms and what is about them, for kernels
-    columns : array, shape (n_moving,), joints of the robot in the chains' order
-    nodes : array, shape (n_nodes, 3), where the load lies [m]
-    bodies : name of the body that each link is of
-    names : names of both bodies of each pair of links
-    untold : names of both bodies of pairs about which the outline says nothing
-    """
-
-    chains: Chains
-    links: Links
-    around: LinkSurroundings
-    columns: NDArray[np.int64]
-    nodes: Array
-    bodies: list[str]
-    names: list[frozenset[str]]
-    untold: frozenset[frozenset[str]]
-
-    @classmethod
-    def between(cls, robot: Robot, scene: Scene, ends: Array, nodes: Array | None, keep: float) -> Outline:
-        """Return the outline of all arms for ways between two configurations. Pairs of links whose capsules are
-        nearer than `keep` [m] at one of them are left out.
-
-        Parameters
-        ----------
-        ends : array, shape (2, n_joints)
-        nodes : where the load lies, None where there is none
-        """
-        arms, items = robot.arms, robot.collision.geometryObjects
-        chains, columns = chains_of(robot, arms), np.concatenate([arm.columns for arm in arms])
-        links, body = all_links(robot, arms)
-        near = pair_distances(chains, links, np.ascontiguousarray(ends[:, columns])) < keep
-        names = [frozenset(items[k].name for k in pair) for pair in body[links.pairs].tolist()]
-        untold = frozenset(name for name, is_near in zip(names, near, strict=True) if is_near)
-        told = np.array([name not in untold for name in names], dtype=bool)
-        links = links._replace(
-            pairs=links.pairs[told], holds=links.joint == STATIC
-        )  # which the load lies beside
-        around = around_free(scene, loaded=nodes is not None)
-        lies = np.zeros((1, 3)) if nodes is None else nodes
-        told_names = [name for name in names if name not in untold]
-        return cls(
-            chains, links, around, columns, lies, [items[k].name for k in body.tolist()], told_names, untold
-        )
-
-    def clearances(self, q: Array, enough: float, blocked: float) -> Array:
-        """Compute the least distance of capsules at configurations, up to the first at which it is not above
-        `blocked`; -inf from there on.
-
-        Parameters
-        ----------
-        q : array, shape (n_configurations, n_joints)
-        enough : distance above which distances are not told apart [m]
-
-        Returns
-        -------
-        array, shape (n_configurations,) [m]
-        """
-        of_arms = np.ascontiguousarray(q[:, self.columns])
-        return _clearances(self.chains, self.links, self.around, of_arms, self.nodes, (enough, blocked))
-
-    def near(self, q: Array, enough: float) -> tuple[frozenset[str], set[frozenset[str]]]:
-        """Return the names of the bodies whose capsules are within `enough` [m] of obstacles or the load at joint
-        positions q, and the names of both bodies where capsules of links are within it of each other.
-        """
-        of_arms = np.ascontiguousarray(q[None, self.columns])
-        about = links_near(self.chains, self.links, self.around, of_arms[0], self.nodes, enough)
-        pairs = pair_distances(self.chains, self.links, of_arms) < enough
-        return (
-            frozenset(self.bodies[k] for k in np.flatnonzero(about)),
-            {self.names[k] for k in np.flatnonzero(pairs)},
-        )
-
-
-@kernel
-def _clearances(
-    chains: Chains, links: Links, around: LinkSurroundings, q: Array, nodes: Array, of: tuple[float, float]
-) -> Array:
-    """Compute the least distance of capsules at configurations, see `Outline.clearances`."""
-    enough, blocked = of
-    least = np.full(q.shape[0], -np.inf)
-    for k in range(q.shape[0]):
-        apart = clearance_at(chains, links, around, q[k], nodes, enough)
-        if apart <= blocked:
-            break
-        least[k] = apart
-    return least
 
 
 @dataclass(frozen=True, eq=False)
