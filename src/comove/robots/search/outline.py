@@ -1,4 +1,4 @@
-"""The outline of a robot about a load that nobody holds: its capsules tell what is surely free, and surely blocked."""
+"""The outline of a robot about a load that nobody holds: capsules tell what is surely free, or surely blocked."""
 
 from __future__ import annotations
 
