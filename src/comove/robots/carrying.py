@@ -560,7 +560,7 @@ class RobotCarrier:
         )
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _of_robot(
     robot: Robot, holders: tuple[Arm, ...]
 ) -> tuple[Chains, Links, WristRanges, tuple[ClosedForm | None, ...]]:

@@ -152,7 +152,7 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     return links.near(chains, rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower))))
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, NDArray[np.int64]]:
     """Build capsules, with all pairs of links of which one moves; return them and the body that each is of."""
     model, collision = robot.model, robot.collision
