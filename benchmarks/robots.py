@@ -176,18 +176,13 @@ def table_of_transfers(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
     )
     print("|---|---|---|---|---|---|")
     for path, motion in motions:
-        begun, transfers, why = time.process_time(), None, ""
+        begun, found, lasts, why = time.process_time(), "yes", (np.nan, np.nan), ""
         try:
-            transfers = plan_transfers(motion)
+            ways = plan_transfers(motion)
+            lasts = ways.approach.duration, ways.release.duration
         except RobotError as error:
-            why = str(error)
+            found, why = "no", str(error)
         used = time.process_time() - begun
-        lasts = (
-            [np.nan, np.nan]
-            if transfers is None
-            else [transfers.approach.duration, transfers.release.duration]
-        )
-        found = "no" if transfers is None else "yes"
         print(f"| {path.stem} | {found} | {used:.2f} | {lasts[0]:.1f} | {lasts[1]:.1f} | {why} |", flush=True)
     print()
 

@@ -16,6 +16,7 @@ from numba import config
 from numba.core import caching
 
 from comove.compiled import cache, kernels
+from comove.compiled.fingerprint import fingerprint
 from comove.errors import ComoveWarning
 
 KERNEL = """
@@ -359,3 +360,13 @@ def test_a_comment_elsewhere_compiles_nothing_anew(parts, tmp_path):
     file.write_text(file.read_text().replace("return", "# one more\n    return"))
     assert parts()[0] == 12.5
     assert parts() == (12.5, 1)
+
+
+def test_a_fingerprint_tells_texts_and_not_docstrings():
+    def made(text, docstring):
+        space = {}
+        exec(f"def named():\n    {docstring!r}\n    return (lambda: {text!r})()", space)
+        return fingerprint(space["named"])
+
+    assert made("one", "Say it.") == made("one", "Tell it.")
+    assert made("one", "Say it.") != made("two", "Say it.")

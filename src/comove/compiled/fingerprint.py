@@ -18,14 +18,8 @@ from typing import Any
 import numpy as np
 
 ADDRESS = re.compile(r"0x[0-9a-f]+")
-LIBRARIES = (
-    "builtins",
-    "llvmlite",
-    "math",
-    "numba",
-    "numpy",
-    "scipy",
-)  # known to numba's cache by its own version
+# known to numba's cache by its own version
+LIBRARIES = frozenset({"builtins", "llvmlite", "math", "numba", "numpy", "scipy"})
 _answers: dict[Callable, dict[type, Callable]] = {}
 
 
@@ -67,7 +61,7 @@ def _own(function: Any) -> tuple[bytes, tuple[Callable, ...]]:
     code, words, called = function.__code__, list[str](), list[Callable]()
     known = {**function.__globals__, **_free(function)}
     for part in _codes(code):
-        words += [part.co_code.hex(), *_constants(part), *part.co_names]
+        words += [part.co_code.hex(), *_constants(part, function.__doc__), *part.co_names]
         for name in (*part.co_names, *part.co_freevars):
             if name in known:
                 _describe(known[name], part.co_names, words, called)
@@ -91,10 +85,9 @@ def _codes(code: CodeType) -> list[CodeType]:
     return [code, *(inner for part in code.co_consts if isinstance(part, CodeType) for inner in _codes(part))]
 
 
-def _constants(code: CodeType) -> list[str]:
-    """Return the constants of a code, in words, without the docstring."""
-    texts = isinstance(code.co_consts[0], str) if code.co_consts else False
-    plain = [part for part in code.co_consts[int(texts) :] if not isinstance(part, CodeType)]
+def _constants(code: CodeType, docstring: str | None) -> list[str]:
+    """Return the constants of a code, in words, without codes and the docstring."""
+    plain = [part for part in code.co_consts if part != docstring and not isinstance(part, CodeType)]
     return [repr(sorted(map(repr, part)) if isinstance(part, frozenset) else part) for part in plain]
 
 

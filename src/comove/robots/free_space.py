@@ -22,7 +22,7 @@ from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
 from comove.robots.model import Arm
 from comove.robots.search.links import FATTEST
 from comove.robots.search.outline import Outline
-from comove.robots.verification.bodies import HULL_OF, SELF, Bodies
+from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -73,8 +73,9 @@ class Room:
             near = [number for q in ends for number in room._touching(q)]
             spare[np.isin(bodies.exact, near)] = lower
         arms = tuple(arm for arm in robot.arms if (ends[0] != ends[1])[arm.columns].any())
-        room = cls(bodies, arms, spare)
-        return replace(room, outline=Outline.between(robot, scene, ends, nodes, room._limits[0]))
+        room, eased = cls(bodies, arms, spare), float(bodies.required[SCENE] - bodies.required[SELF])
+        outline = Outline.between(robot, scene, ends, nodes, keep=room._limits[0], eased=eased)
+        return replace(room, outline=outline)
 
     @property
     def rigorous(self) -> Room:
@@ -267,10 +268,10 @@ class _Pairs:
 
     def is_near(self, k: int) -> bool:
         """Return whether the k-th pair is too near where the bodies were put."""
-        distance = pin.computeDistance(self.geometry, self.data, k).min_distance
-        return bool(
-            distance < self.required[k]
-        )  # of meshes, distances are found faster than whether they are near
+        distance = pin.computeDistance(
+            self.geometry, self.data, k
+        ).min_distance  # for meshes faster than a margin
+        return bool(distance < self.required[k])
 
 
 def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:

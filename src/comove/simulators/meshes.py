@@ -27,7 +27,9 @@ from comove.geometry.polytopes import hull_triangles
 from comove.geometry.triangles import MAX_BYTES, triangles_of
 from comove.robots.search.capsules import convex_parts
 
+KINDS = ("reader", "collada", "markup", "obj", "off", "ply", "stl")
 MAKERS = ("comove.simulators.meshes", "comove.robots.search.capsules", "comove.geometry.polytopes")
+READERS = tuple(f"comove.geometry.triangles.{kind}" for kind in KINDS)
 SEAL = b"# sha256 "
 DARKEST = 0.08  # what is black in a mesh: true black has no shape in a picture
 MATERIALS = ".mtl"  # the only files that a mesh may bring along
@@ -41,7 +43,7 @@ Triangles = tuple[NDArray[np.float64], NDArray[np.int64]]
 @cache
 def made_by() -> bytes:
     """Return a checksum of the code that converts meshes: what another comove made may not be the same."""
-    files = [name.rpartition(".") for name in MAKERS]
+    files = [name.rpartition(".") for name in (*MAKERS, *READERS)]
     sources = [get_data(package, f"{module}.py") or b"" for package, _, module in files]
     return hashlib.sha256(b"".join(sources)).digest()
 

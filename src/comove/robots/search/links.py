@@ -17,7 +17,6 @@ from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
-from comove.scenes.model import ROBOT_CLEARANCE
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -103,8 +102,8 @@ class Links(NamedTuple):
         )
 
 
-def around_free(scene: Scene, *, loaded: bool) -> LinkSurroundings:
-    """Return what is about arms that hold nothing, but may go past a load that lies still."""
+def around_free(scene: Scene, eased: float, *, loaded: bool) -> LinkSurroundings:
+    """Return what is about arms that hold nothing, but may go past a load that lies still; `eased` as there [m]."""
     nobody, nothing = np.zeros(0), np.zeros((0, 3, 3))
     edges, radii = load_lines(scene)
     return LinkSurroundings(
@@ -121,7 +120,7 @@ def around_free(scene: Scene, *, loaded: bool) -> LinkSurroundings:
         share=1.0,
         posture=nobody,
         ends=nothing,
-        eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
+        eased=eased,
     )
 
 
@@ -147,7 +146,7 @@ def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
     """
     links, _ = all_links(robot, arms)
     chains, home = chains_of(robot, arms), np.concatenate([arm.home for arm in arms])
-    links = links._replace(pairs=links.pairs[~_meet(chains, links, home)])
+    links = links._replace(pairs=links.pairs[pair_distances(chains, links, home[None]) > MEETING])
     rng = np.random.default_rng(0)
     return links.near(chains, rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower))))
 
@@ -206,11 +205,6 @@ def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> l
     if key not in known:
         known[key] = capsules_of(shape, moves)
     return known[key]
-
-
-def _meet(chains: Chains, links: Links, home: Array) -> NDArray[np.bool_]:
-    """Return whether the capsules of each pair are within `MEETING` at home."""
-    return pair_distances(chains, links, home[None]) <= MEETING
 
 
 @kernel

@@ -49,7 +49,9 @@ class Outline:
     untold: frozenset[frozenset[str]]
 
     @classmethod
-    def between(cls, robot: Robot, scene: Scene, ends: Array, nodes: Array | None, keep: float) -> Outline:
+    def between(
+        cls, robot: Robot, scene: Scene, ends: Array, nodes: Array | None, *, keep: float, eased: float
+    ) -> Outline:
         """Return the outline of all arms for ways between two configurations. Pairs of links whose capsules are
         nearer than `keep` [m] at one of them are left out.
 
@@ -57,6 +59,7 @@ class Outline:
         ----------
         ends : array, shape (2, n_joints)
         nodes : where the load lies, None where there is none
+        eased : clearance that links need less from each other than from other things [m]
         """
         arms, items = robot.arms, robot.collision.geometryObjects
         chains, columns = chains_of(robot, arms), np.concatenate([arm.columns for arm in arms])
@@ -67,7 +70,7 @@ class Outline:
         told = np.array([name not in untold for name in names], dtype=bool)
         still = links.joint == STATIC  # which a load that lies still may touch
         links = links._replace(pairs=links.pairs[told], holds=still)
-        around = around_free(scene, loaded=nodes is not None)
+        around = around_free(scene, eased, loaded=nodes is not None)
         lies = np.zeros((1, 3)) if nodes is None else nodes
         return cls(
             chains=chains,
