@@ -326,13 +326,36 @@ def clearance_around(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:
     """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
-    least = cap
+    obstacles, edges, radii, least = around.obstacles, around.edges, around.radii, cap
     for i in links.moving:
-        least = min(least, _from_obstacles(around, start[i], end[i], links.radius[i], least))
-    ball = _ball_of_load(nodes, around.radii)
+        a, b, r = start[i], end[i], links.radius[i]
+        if obstacles.shape[0] > 0:
+            x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
+            reach = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2) + r + least
+            for j in range(obstacles.shape[0]):
+                far = reach + obstacles[j, REACH]
+                dx, dy, dz = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
+                near = dx * dx + dy * dy + dz * dz < far * far
+                if near and point_distance(obstacles, j, x, y, z) < reach:
+                    apart = (
+                        segment_distance(obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], least + r, ROUGH)
+                        - r
+                    )
+                    least = min(least, apart)
+    cx, cy, cz, size = _ball_of_load(nodes, radii)
     for i in range(links.joint.shape[0]):
-        if not links.holds[i]:
-            least = min(least, _from_load(around, start[i], end[i], links.radius[i], nodes, ball, least))
+        if links.holds[i]:
+            continue
+        a, b, r = start[i], end[i], links.radius[i]
+        x, y, z = 0.5 * (a[0] + b[0]) - cx, 0.5 * (a[1] + b[1]) - cy, 0.5 * (a[2] + b[2]) - cz
+        half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
+        far = size + half + r + least
+        if x * x + y * y + z * z > far * far:
+            continue
+        for e in range(edges.shape[0]):
+            c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
+            if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
+                least = min(least, nearest_shares(a, b, c, d)[2] - thick)
     return least
 
 
@@ -345,56 +368,19 @@ def links_near(
     """
     start, end = links.start.copy(), links.end.copy()
     place_links(chains, links, q, start, end)
-    near, ball = np.zeros(links.joint.shape[0], dtype=np.bool_), _ball_of_load(nodes, around.radii)
-    for i in links.moving:
-        apart = _from_obstacles(around, start[i], end[i], links.radius[i], enough)
-        if not links.holds[i]:
-            apart = min(apart, _from_load(around, start[i], end[i], links.radius[i], nodes, ball, enough))
-        near[i] = apart < enough
+    near, holds = (
+        np.zeros(links.joint.shape[0], dtype=np.bool_),
+        np.ones(links.joint.shape[0], dtype=np.bool_),
+    )
+    for k in range(links.moving.shape[0]):
+        i = links.moving[k]
+        holds[i] = links.holds[i]  # of all others nothing is asked
+        one = Links(
+            links.joint, links.arm, start, end, links.radius, links.pairs, holds, links.moving[k : k + 1]
+        )
+        near[i] = clearance_around(one, around, start, end, nodes, enough) < enough
+        holds[i] = True
     return near
-
-
-@kernel
-def _from_obstacles(around: LinkSurroundings, a: Array, b: Array, r: float, cap: float) -> float:
-    """Compute the least distance of a capsule about a-b from obstacles, at most `cap` [m]."""
-    obstacles, least = around.obstacles, cap
-    if obstacles.shape[0] == 0:
-        return least
-    x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-    reach = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2) + r + least
-    for j in range(obstacles.shape[0]):
-        far = reach + obstacles[j, REACH]
-        dx, dy, dz = x - obstacles[j, 1], y - obstacles[j, 2], z - obstacles[j, 3]
-        near = dx * dx + dy * dy + dz * dz < far * far
-        if near and point_distance(obstacles, j, x, y, z) < reach:
-            apart = segment_distance(obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], least + r, ROUGH) - r
-            least = min(least, apart)
-    return least
-
-
-@kernel
-def _from_load(
-    around: LinkSurroundings,
-    a: Array,
-    b: Array,
-    r: float,
-    nodes: Array,
-    ball: tuple[float, float, float, float],
-    cap: float,
-) -> float:
-    """Compute the least distance of a capsule about a-b from the load, which is in a ball, at most `cap` [m]."""
-    edges, radii, least = around.edges, around.radii, cap
-    cx, cy, cz, size = ball
-    x, y, z = 0.5 * (a[0] + b[0]) - cx, 0.5 * (a[1] + b[1]) - cy, 0.5 * (a[2] + b[2]) - cz
-    half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
-    far = size + half + r + least
-    if x * x + y * y + z * z > far * far:
-        return least
-    for e in range(edges.shape[0]):
-        c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
-        if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
-            least = min(least, nearest_shares(a, b, c, d)[2] - thick)
-    return least
 
 
 @kernel
