@@ -3,40 +3,24 @@
     python benchmarks/unprepared.py
     python benchmarks/unprepared.py --seed 3 --robots talos kinova
 
-Each is done as a newcomer would: `comove robot new` proposes a description, which is taken as it is; a bar is put
-between the hands, as far apart as they are at home, and a scene is drawn about that place as those of `comove bench
-draw robots-easy` are, with one or two obstacles, which stand beside the way; hands are turned on the bar by the
-quarters with which they reach most. `carry` solves it, and MuJoCo plays the joints, perturbed, hands welded to the
-bar. All models are those of example-robot-data, which `comove[robot]` installs; none of them comes with comove as a
-robot. `--more URDF...` adds models of one's own, each a robot with two arms.
+Each is done as a newcomer would, by four commands, and takes what is proposed as it is: `comove robot new`, `scene`,
+`solve` and `simulate`, the last one perturbed, hands welded to the bar. All models are those of example-robot-data,
+which `comove[robot]` installs; none of them comes with comove as a robot. `--more URDF...` adds models of one's own,
+each a robot with two arms.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
-import warnings
-from contextlib import suppress
-from dataclasses import replace
-from itertools import product
 from pathlib import Path
 
-import numpy as np
 from timing import on_one_thread
-
-from comove.errors import ComoveError, SceneError
-from comove.experiments.bench.robot_drawing import RobotDraft, drawn
-from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, Workplace
-from comove.experiments.carried import executed
-from comove.planning import SceneKind
-from comove.robots import Robot, RobotCarrier, carry
-from comove.robots.kernels import load_robot_kernels
-from comove.scenes import Scene
-from comove.simulators import Weld
 
 ROBOTS = {
     "two_ur3": ["package://ur_description/urdf/ur3_joint_limited_robot.urdf"] * 2,
@@ -54,82 +38,28 @@ ROBOTS = {
     "alex": ["package://alex_description/urdf/alex_nub_hands.urdf"],
 }
 APART = {"two_so100": 0.3, "two_z1": 0.5, "two_ur3": 0.5, "two_kinova": 0.7, "panda_and_xarm7": 0.8}  # m
-SIZES = (1.0, 0.5)  # of the place, in what is tried first
-QUARTERS = (0.0, 90.0, 180.0, -90.0)  # degrees, of a hand on the bar
-N_DRAFTS = 80  # for each size
-MASS = 0.1  # kg
-BESIDE = replace(
-    ROBOT_DIFFICULTIES["robots-easy"], in_the_way=0, spare=0.012
-)  # small places have little room
 
 
-def workplace(robot: Robot, path: Path, size: float) -> Workplace:
-    """Return a place about the hands at home, and a bar as long as they are apart there, 0.15 to 0.6 m.
-
-    Hands are turned on it by the quarters with which they reach most of some draws.
-    """
-    home = {name: robot.tool_pose(robot.home, robot.arm(name))[:3, 3] for name in ("left", "right")}
-    hands = sorted(home, key=lambda name: -home[name][1])
-    first, second = (home[name] for name in hands)
-    middle = 0.5 * (first + second)
-    length = round(float(np.clip(np.linalg.norm(first - second), 0.15, 0.6)), 3)
-    aside = np.array([0.3 * length, 0.55 * length, 0.03]) + size * np.array([0.12, 0.15, 0.1])
-    lower, upper = (tuple(np.round(middle + side * aside, 3).tolist()) for side in (-1, 1))
-    turned = [
-        Workplace(
-            str(path), lower, upper, length, 0.01, MASS, dict(zip(hands, turns, strict=True)), tuple(hands)
+def delivered(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[list[float], str]:
+    """Return the seconds of each command, and what came of it: what the first one that fails says."""
+    robot, scene, carried = folder / f"{name}.yaml", folder / f"{name}-scene.yaml", folder / name
+    commands = (
+        ["new", *urdfs, "--out", robot, "--apart", APART.get(name, 0.8)],
+        ["scene", robot, "--out", scene, "--seed", seed],
+        ["solve", scene, "--out", carried, "--seed", seed],
+        ["simulate", carried, "--seed", seed, "--no-pictures"],
+    )
+    seconds = list[float]()
+    for command in commands:
+        begun = time.perf_counter()
+        told = subprocess.run(
+            [sys.executable, "-m", "comove", "robot", *map(str, command)], capture_output=True, text=True
         )
-        for turns in product(QUARTERS, repeat=2)
-    ]
-    return max(turned, key=lambda place: reached(robot, place))
-
-
-def reached(robot: Robot, place: Workplace, n_drafts: int = 16) -> int:
-    """Return in how many of some drafts the hands reach the start."""
-    rng, count = np.random.default_rng(0), 0
-    for _ in range(n_drafts):
-        with suppress(SceneError):
-            scene = Scene.from_dict(RobotDraft("reached", BESIDE, place, rng).data())
-            _ = RobotCarrier(robot, scene).starts
-            count += 1
-    return count
-
-
-def carried(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[list[float], str]:
-    """Return the seconds to a description, a scene, a verified motion and a simulation, and what went wrong."""
-    path, seconds = folder / f"{name}.yaml", list[float]()
-
-    def passed() -> None:
-        seconds.append(time.perf_counter() - begun - sum(seconds))
-
-    begun = time.perf_counter()
-    command = ["robot", "new", *urdfs, "--out", str(path), "--apart", str(APART.get(name, 0.8))]
-    told = subprocess.run([sys.executable, "-m", "comove", *command], capture_output=True, text=True)
-    passed()
-    if not path.exists():
-        return seconds, told.stderr.strip().replace(str(folder), "")
-    try:
-        robot = Robot.load(path)
-        data, why = None, ""
-        for size in SIZES:
-            try:
-                place = workplace(robot, path, size)
-                data, _ = drawn(name, BESIDE, place, [seed, 9], N_DRAFTS)
-                break
-            except SceneError as error:
-                why = str(error)
-        passed()
-        if data is None:
-            return seconds, why
-        found = carry(Scene.from_dict(data), robot, seed=seed)
-        passed()
-        if found.motion is None:
-            return seconds, "; ".join(found.solution.reasons or found.verdict.reasons)
-        execution = executed(found.motion, Weld(), seed)
-        passed()
-        return seconds, "; ".join(execution.reasons) or "delivered"
-    except ComoveError as error:
-        return seconds, str(error).replace(str(folder), "")
+        seconds.append(time.perf_counter() - begun)
+        if told.returncode and command[0] != "simulate":
+            return seconds, (told.stderr or told.stdout).strip().replace(str(folder), "").replace("\n", "; ")
+    summary = json.loads((carried / "simulation.json").read_text(encoding="utf-8"))
+    return seconds, "delivered" if summary["delivered"] else "; ".join(summary["reasons"])
 
 
 def main() -> None:
@@ -140,15 +70,13 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     on_one_thread()
-    warnings.simplefilter("ignore")
     os.environ.setdefault("MUJOCO_GL", "disable")
-    load_robot_kernels(SceneKind(3))
     wanted = {name: ROBOTS[name] for name in asked.robots} | {Path(u).stem: [u] for u in asked.more}
-    print("| robot | description [s] | scene [s] | carry [s] | simulation [s] | minutes | what came of it |")
+    print("| robot | new [s] | scene [s] | solve [s] | simulate [s] | minutes | what came of it |")
     print("|---|---|---|---|---|---|---|", flush=True)
     with tempfile.TemporaryDirectory() as folder:
         for name, urdfs in wanted.items():
-            seconds, outcome = carried(name, urdfs, Path(folder), asked.seed)
+            seconds, outcome = delivered(name, urdfs, Path(folder), asked.seed)
             shown = [f"{value:.1f}" for value in seconds] + ["-"] * (4 - len(seconds))
             print(f"| {name} | {' | '.join(shown)} | {sum(seconds) / 60:.1f} | {outcome} |", flush=True)
 

@@ -45,6 +45,7 @@ LONG = (
     "18_the_papers_method",
     "robot new",
     "robot check",
+    "robot scene",
     "view mine.yaml",
     "view window.yaml",
     "04_a_library_of_movements",

@@ -15,6 +15,8 @@ from comove.experiments.examples import example_path
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
 from comove.robots import description as descriptions
+from comove.robots.kernels import TWO_ARMS
+from comove.scenes import Scene
 from tests.commands import invoke
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -341,6 +343,40 @@ def test_a_description_from_a_model_is_written_checked_and_drawn(tmp_path):
     assert again.exit_code == 2
     assert "already" in text_of(again)
     assert file.read_bytes() == before
+
+
+def test_a_first_scene_is_written_and_can_be_solved(tmp_path):
+    """It names a description by its way from the scene, wherever the command is run."""
+    file, robot = tmp_path / "first" / "scene.yaml", tmp_path / "two.yaml"
+    file.parent.mkdir()
+    for source in TWO_ARMS.parent.iterdir():
+        (tmp_path / source.name.replace("two_arms", "two")).write_bytes(source.read_bytes())
+    made = invoke("robot", "scene", robot, "--out", file)
+    assert made.exit_code == 0, text_of(made)
+    assert Scene.load(file).file.robot == "../two.yaml"
+    assert f"comove robot solve {file}" in made.output
+    solved = invoke("robot", "solve", file, "--out", tmp_path / "carried", "--budget", "8")
+    assert solved.exit_code == 0, text_of(solved)
+    before = file.read_bytes()
+    again = invoke("robot", "scene", robot, "--out", file)
+    assert again.exit_code == 2 and "already" in text_of(again)
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("nobody",), "there is no robot 'nobody'"),
+        (("baxter", "--out", "nowhere/scene.yaml"), "nowhere"),
+        (("baxter", "--seed", "-1"), "seed"),
+    ],
+)
+def test_what_no_first_scene_is_made_for(tmp_path, monkeypatch, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    said = invoke("robot", "scene", *arguments)
+    assert said.exit_code == 2
+    assert words in text_of(said)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.slow

@@ -135,7 +135,8 @@ def test_the_approach_leads_from_the_wrist_to_the_fingers(tmp_path, approach):
     assert np.abs(found.tool[:3, 1] @ np.roll(approach, 1)) == pytest.approx(1.0, abs=1e-5), (
         "fingers open along y"
     )
-    assert found.tool[:3, 3] == pytest.approx(0.1 * np.array(approach), abs=1e-3)
+    along = 0.1 + 0.75 * 0.005  # fingers begin 0.1 m from the wrist and are as long as half of their boxes
+    assert found.tool[:3, 3] == pytest.approx(along * np.array(approach), abs=1e-4)
 
 
 def test_a_tool_frame_whose_x_is_the_approach_is_turned_and_stays_where_it_is(tmp_path):
@@ -171,9 +172,50 @@ def test_hands_at_home_stand_side_by_side_where_arms_reach_best(tmp_path, front)
         assert pose[:3, 2] == pytest.approx([0, 0, -1], abs=0.02)
 
 
-def test_a_bare_flange_is_told(tmp_path):
-    path = written(tmp_path, urdf(link("base"), arm("", "base")))
-    assert any("without fingers" in note for note in propose([path], tmp_path / "made.yaml").notes)
+@pytest.mark.parametrize("way", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0)])
+def test_without_fingers_the_approach_leads_from_the_wrist_to_the_end_of_the_last_link(tmp_path, way):
+    """And that is told."""
+    way = np.array(way)
+    stick = link("stick", tuple(0.02 + 0.06 * abs(way)), tuple(0.04 * way))
+    fixed = joint("to_stick", "link5", "stick", tuple(0.03 * way), kind="fixed", more="")
+    path = written(tmp_path, urdf(link("base"), arm("", "base"), stick, fixed))
+    proposal = propose([path], tmp_path / "made.yaml")
+    (found,) = proposal.robot.arms
+    assert found.tip == "stick"
+    assert found.tool[:3, 2] == pytest.approx(way, abs=1e-5)
+    assert found.tool[:3, 3] == pytest.approx(0.08 * way, abs=1e-4)
+    assert np.linalg.det(found.tool[:3, :3]) == pytest.approx(1.0)
+    assert any("without fingers" in note for note in proposal.notes)
+
+
+def test_a_tool_frame_at_the_wrist_is_moved_between_the_fingers(tmp_path):
+    """As that of an SO-100 is, whose last link is called gripper."""
+    text = urdf(link("base"), arm("", "base", gripper=(0, 0, 1))).replace("link5", "gripper")
+    (found,) = propose([written(tmp_path, text)], tmp_path / "made.yaml").robot.arms
+    assert found.tip == "gripper"
+    assert 0.1 < found.tool[2, 3] < 0.105
+
+
+@pytest.mark.parametrize(("lower", "upper", "n_joints"), [(-2.6, 2.6, 7), (-0.2, 2.0, 6)])
+def test_a_joint_called_gripper_that_turns_by_more_than_half_a_turn_is_a_wrist(lower, upper, n_joints):
+    """As that of Alex's nub hands is; a jaw, such as an SO-100's, is not."""
+    limit = f'<limit lower="{lower}" upper="{upper}" velocity="2" effort="40"/>'
+    last = link("end") + joint("gripper", "link5", "end", more=limit)
+    (chain,) = Tree.of(urdf(link("base"), arm("", "base"), last)).chains()
+    assert len(chain.joints) == n_joints
+    assert (chain.fingers, chain.grippers) == ((), ()) if n_joints == 7 else (("gripper",), ("end",))
+
+
+def test_an_arm_is_at_home_as_the_other_one_in_a_mirror(tmp_path):
+    """Where its joints are alike but for signs, as those of a pair of human arms are."""
+    bent = '<limit lower="-0.5" upper="1.9" velocity="2" effort="40"/>'
+    mirrored = '<limit lower="-1.9" upper="0.5" velocity="2" effort="40"/>'
+    left = arm("l_", "torso", (0, 0.2, 0.3)).replace(f'"0 0 1"/>{LIMIT}', f'"0 0 1"/>{bent}')
+    right = arm("r_", "torso", (0, -0.2, 0.3)).replace(f'"0 0 1"/>{LIMIT}', f'"0 0 1"/>{mirrored}')
+    robot = propose([written(tmp_path, urdf(link("torso"), left, right))], tmp_path / "robot.yaml").robot
+    one, other = (robot.arm(name).home for name in ("left", "right"))
+    assert other == pytest.approx(np.where(np.arange(6) % 2 == 0, one, -one), abs=1e-9)
+    assert np.abs(one[1::2]).max() > 0.5, "so that it is another one than a copy"
 
 
 def test_pairs_that_always_touch_are_not_compared(tmp_path):
@@ -190,6 +232,19 @@ def test_pairs_that_always_touch_are_not_compared(tmp_path):
     names = [item.name for item in robot.collision.geometryObjects]
     compared = {frozenset((names[p.first], names[p.second])) for p in robot.collision.collisionPairs}
     assert frozenset(("base_0", "link2_0")) not in compared
+
+
+@pytest.mark.parametrize(("gap", "never"), [(0.003, True), (-0.01, False), (0.05, False)])
+def test_links_that_come_near_and_cannot_touch_are_not_compared(tmp_path, gap, never):
+    """A small link swings on a circle of 0.15 m past a wall on a link below, and leaves a gap, or none."""
+    wall, small = (
+        link("link1", at=(0.15 + 0.0014 + gap + 0.025, 0, 0.15)),
+        link("link3", (0.002, 0.002, 0.002)),
+    )
+    text = urdf(link("base"), arm("", "base")).replace(link("link1"), wall).replace(link("link3"), small)
+    proposal = propose([written(tmp_path, text)], tmp_path / "made.yaml")
+    told = 'link1="link1" link2="link3" reason="Never"' in "".join(proposal.srdf.values())
+    assert told == never == any("'link1' and 'link3' come near" in note for note in proposal.notes)
 
 
 def test_limits_that_no_motor_has_are_guessed_and_told(tmp_path):

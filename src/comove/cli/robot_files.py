@@ -1,4 +1,4 @@
-"""The verbs of `comove robot` that make and check descriptions: `new` and `check`."""
+"""The verbs of `comove robot` before anything is carried: `new` and `check` a description, make a first `scene`."""
 
 from __future__ import annotations
 
@@ -7,15 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb_of
 from comove.cli.robot import group
-from comove.errors import OptionError, RobotError
+from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
     from comove.robots import Robot
     from comove.robots.proposal import Examination
 
 MOST_MODELS = 4
+Described = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
+]
 
 
 @verb_of(group)
@@ -41,10 +45,7 @@ def new(
         raise OptionError(f"{len(urdfs)} models are given", key="URDF", way_out=f"give 1 to {MOST_MODELS}")
     if not 0 < apart < 100:
         raise OptionError(f"apart = {apart:g}", key="--apart", way_out="give metres above 0")
-    if out.exists():
-        raise OptionError(
-            f"there is a file '{out}' already", key="--out", way_out="name another, or remove it"
-        )
+    _require_new(out)
     require_target(out, RobotError)
     proposal = propose(urdfs, out, apart=apart)
     for model in proposal.data["models"]:
@@ -63,9 +64,7 @@ def new(
 
 @verb_of(group)
 def check(
-    robot: Annotated[
-        str, typer.Argument(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
-    ],
+    robot: Described,
     out: Annotated[
         Path | None, typer.Option(help="Picture to write (PNG); beside the description unless given.")
     ] = None,
@@ -77,6 +76,55 @@ def check(
     loaded = Robot.load(robot)
     path = Path(loaded.name) if robot in bundled_robots() else find_description(robot)
     return _told(loaded, examine(loaded), path, out)
+
+
+@verb_of(group)
+def scene(
+    robot: Described,
+    out: Annotated[Path, typer.Option(help="Scene to write (YAML); it must not be there yet.")] = Path(
+        "scene.yaml"
+    ),
+    seed: o.Seed = 0,
+) -> int:
+    """Make a first scene for a robot: two hands lift a bar over a rail; it is solved once, so that it can be."""
+    import os
+
+    from comove.cli.texts import in_rows
+    from comove.io.files import require_target, whole_file
+    from comove.robots import Robot, bundled_robots, find_description
+    from comove.robots.proposal import propose_scene
+
+    _require_new(out)
+    require_target(out, SceneError)
+    loaded, named = Robot.load(robot), robot
+    if robot not in bundled_robots():
+        named = os.path.relpath(find_description(robot), out.absolute().parent)
+    proposal = propose_scene(loaded, named, seed=seed)
+    with whole_file(out, error=SceneError, replace=False) as draft:
+        draft.write(proposal.text().encode())
+    load, grasp, found = proposal.data["load"], proposal.data["grasp"], proposal.found.solution
+    hands = ", ".join(f"'{hand}' by {turn:g}" for hand, turn in grasp["offset_deg"].items())
+    rows = [
+        ("load", f"a bar, {load['length']:g} m long, {load['mass']:g} kg"),
+        ("hands", f"{grasp['orientation']}, turned on it {hands} degrees"),
+        *(
+            (each["name"], f"from {each['start']} to {each['goal']} m")
+            for each in proposal.data["manipulators"]
+        ),
+        ("solved", f"first verified motion after {found.time_to_first_verified_s:.2g} s"),
+        ("next", f"comove robot solve {out} --out carried"),
+    ]
+    print(f"{out}: a scene for {loaded.name}")
+    print(*in_rows(rows), sep="\n")
+    return VERIFIED
+
+
+def _require_new(out: Path) -> None:
+    """Raise OptionError if there is a file already."""
+    if out.exists():
+        raise OptionError(
+            f"there is a file '{out}' already", key="--out", way_out="name another, or remove it"
+        )
 
 
 def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = None) -> int:

@@ -36,7 +36,7 @@ from comove.robots.search.links import (
     load_lines,
 )
 from comove.robots.search.planner import plan_with_arms
-from comove.robots.search.ranges import WristRanges, ranges_of
+from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.search.spare import ArmsFollower
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
@@ -465,7 +465,7 @@ class RobotCarrier:
     def _onward(self, i: int, start: Array) -> Array:
         """Return the joints of arm i at a start, and the nearest ones of its goals; array, shape (2, n_joints)."""
         chains = self.arms.chains
-        part = slice(chains.first[i], chains.first[i + 1])
+        part = self._part(i)
         goals = (turned_towards(chains, start, goal, part) for goal in self.goals[i])
         return np.stack([start, min(goals, key=lambda goal: _apart(start, goal))])
 
@@ -494,23 +494,51 @@ class RobotCarrier:
         """
         nodes = self.scene.nodes_at(end)
         rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
-        chains, posture, found = self.arms.chains, self.arms.around.posture, []
+        posture, found = self.arms.around.posture, []
         solved = _THREADS.map(self._solutions, range(len(self.holders)), rotations, nodes)
         for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
-            part = slice(chains.first[i], chains.first[i + 1])
+            part = self._part(i)
             if missing.min() > MET:
                 raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
             branches = self._distinct(joints[missing <= MET][:, part], posture[part])
-            moved = np.repeat(posture[None], len(branches), axis=0)
-            moved[:, part] = branches
-            alone = self.arms.links.of(i)  # where the other arms will be, is not known
-            apart = np.array([self.clearance(q, nodes, alone) for q in moved])
+            apart = self._apart_alone(i, branches, nodes)
             order = np.argsort(apart <= 0.0, kind="stable")
             free = order[apart[order] > self.scene.clearance - FATTEST]
             found.append(branches[free if len(free) else order][: SETTINGS.n_branches])
         return tuple(found)
 
-    def _solutions(self, i: int, rotation: Array, point: Array) -> tuple[Array, Array]:
+    def _apart_alone(self, i: int, branches: Array, nodes: Array) -> Array:
+        """Return the clearance of arm i in some of its joints, wherever the other arms are; array, shape (n,) [m]."""
+        moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
+        moved[:, self._part(i)] = branches
+        alone = self.arms.links.of(i)
+        return np.array([self.clearance(q, nodes, alone) for q in moved])
+
+    def reaches(self, i: int, nodes: Array, n_seeds: int = SETTINGS.n_seeds) -> bool:
+        """Return whether arm i can hold the load and may be clear of all but the other arms, as capsules tell it.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
+        n_seeds : random joints from which a pose is solved where it has no closed form
+        """
+        rotation = self.grasp.hand_rotations(nodes[: len(self.holders)])[i]
+        if not may_reach(self.arms.ranges, i, rotation, nodes[i]):
+            return False
+        joints, missing = self._solutions(i, rotation, nodes[i], n_seeds)
+        met, part = missing <= MET, self._part(i)
+        if not met.any():
+            return False
+        held = self._distinct(joints[met][:, part], self.arms.around.posture[part])
+        return bool((self._apart_alone(i, held, nodes) > self.scene.clearance - FATTEST).any())
+
+    def _part(self, i: int) -> slice:
+        """Return the columns of arm i among the joints of the arms that carry."""
+        return slice(self.arms.chains.first[i], self.arms.chains.first[i + 1])
+
+    def _solutions(
+        self, i: int, rotation: Array, point: Array, n_seeds: int = SETTINGS.n_seeds
+    ) -> tuple[Array, Array]:
         """Solve the pose of one hand, from what a closed form finds or, where there is none, from random joints.
 
         Returns
@@ -527,7 +555,7 @@ class RobotCarrier:
                 if missing.min() <= MET:
                     return joints, missing
         rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (SETTINGS.n_seeds, len(posture)))
+        draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
         return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
 
     def _distinct(self, joints: Array, posture: Array) -> Array:

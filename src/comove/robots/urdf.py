@@ -30,7 +30,9 @@ from comove.robots.description import JointLimits, ModelSource, Placement, error
 from comove.robots.soundness import LIMITS, doubts, number, require_sound, short
 
 MAX_BYTES = 20_000_000
-ROUNDED = 5e-6  # rad, within which an angle of a URDF is a right angle, rounded to five digits
+ROUNDED = (
+    1e-5  # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
+)
 
 
 @dataclass(frozen=True)
@@ -266,8 +268,9 @@ def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
 def _whole(angle: str) -> str:
     """Return an angle [rad] in full if it is a right angle, rounded; otherwise as it is written."""
     value = float(angle)
-    right = 0.5 * math.pi * round(2.0 * value / math.pi)
-    return repr(right) if 0.0 < abs(value - right) < ROUNDED and right != 0.0 else angle
+    count = round(2.0 * value / math.pi)
+    right = 0.5 * math.pi * count
+    return repr(right) if 0.0 < abs(value - right) < ROUNDED * abs(count) else angle
 
 
 def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:

@@ -7,7 +7,6 @@ which leaves the motion its clearance. No planner and no smoothing has a part in
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
@@ -39,38 +38,20 @@ FAR = 0.4  # least distance between start and goal, in lengths of the bar
 
 
 def drawn(
-    name: str, difficulty: RobotDifficulty, place: Workplace, seed: list[int], most: int | None = None
+    name: str, difficulty: RobotDifficulty, place: Workplace, seed: list[int]
 ) -> tuple[dict[str, Any], JointWitness]:
     """Draw a scene, and return the contents of its scene file and its witness.
 
     Parameters
     ----------
     seed : seed of all random numbers, one or several
-    most : number of drafts after which it is given up; None for never
-
-    Raises
-    ------
-    SceneError
-        If none of `most` drafts is a scene; it says why most of them are none.
     """
-    rng, reasons = np.random.default_rng(seed), list[str]()
-    while len(reasons) != most:
+    rng = np.random.default_rng(seed)
+    while True:
         draft = RobotDraft(name, difficulty, place, rng)
         witness = draft.moved()
         if witness is not None and draft.obstructed(witness):
             return draft.data(), witness
-        reasons.append(draft.reason)
-    raise SceneError(
-        f"of {most} drafts for the robot '{place.robot}' none is a scene, mostly for this: "
-        f"{_commonest(reasons)}",
-        way_out="give a workplace that the hands reach",
-    )
-
-
-def _commonest(reasons: list[str]) -> str:
-    """Return one of the reasons that are most frequent, their numbers left out of account."""
-    kinds = [re.split(r"\d", reason, maxsplit=1)[0] for reason in reasons]
-    return reasons[kinds.index(max(kinds, key=kinds.count))]
 
 
 class RobotDraft:
@@ -79,7 +60,6 @@ class RobotDraft:
     def __init__(self, name: str, difficulty: RobotDifficulty, place: Workplace, rng: np.random.Generator):
         self.name, self.difficulty, self.place, self.rng = name, difficulty, place, rng
         self.obstacles: list[dict[str, Any]] = []
-        self.reason = ""  # why it is no scene
         self.tilt = rng.uniform(-difficulty.tilt, difficulty.tilt)  # which hands keep that point down
         between = int(rng.integers(difficulty.between[0], difficulty.between[1] + 1))
         while True:
@@ -119,7 +99,6 @@ class RobotDraft:
         try:
             carrier.require_reach()
         except SceneError:
-            self.reason = "an end is out of reach"
             return None
         path = [
             load_coordinates(Scene.from_dict(self.data(k, k + 1))).boundary()[0]
@@ -131,11 +110,9 @@ class RobotDraft:
         dmp, weights = fit(target, target[0, -1], coordinates, motion_basis(N_BASIS, "jerk"), scene)
         motion = CoordinatedMotion(scene, coordinates, dmp.basis, dmp.boundary, weights[RIDGE])
         if verify(motion).verified is None:
-            self.reason = "the load leaves its workspace, or is too fast"
             return None
         joints, miss = carrier.track(motion)
         if miss is not None:
-            self.reason = "a hand cannot follow the load"
             return None
         time = np.linspace(0.0, DURATION, round(RATE * DURATION) + 1)
         witness = JointWitness(motion.weights, joints.curve(time))
@@ -143,9 +120,7 @@ class RobotDraft:
 
     def _clear(self, witness: JointWitness, scene: Scene) -> bool:
         """Return whether a witness is verified, with the clearance to spare."""
-        verdict = witness.judged(scene.limited(clearance=self.difficulty.spare), slack=1.0)
-        self.reason = verdict.reasons[0] if verdict.reasons else ""
-        return verdict.verified is not None
+        return witness.judged(scene.limited(clearance=self.difficulty.spare), slack=1.0).verified is not None
 
     def obstructed(self, witness: JointWitness) -> bool:
         """Add obstacles; return False if there is no room for them, or the straight motion is still possible."""
@@ -155,7 +130,6 @@ class RobotDraft:
             if not self._placed(straight if k < d.in_the_way else swept, witness):
                 return False
             if k + 1 == d.in_the_way and not verify(straight.on(Scene.from_dict(self.data()))).reasons:
-                self.reason = "the straight motion is possible"
                 return False
         return self._clear(witness, Scene.from_dict(self.data()))
 

@@ -1,6 +1,15 @@
-"""Descriptions that URDFs suggest, and what can be said of a description before anything is carried."""
+"""Descriptions that URDFs suggest, what can be said of them before anything is carried, and a first scene."""
 
 from comove.robots.proposal.examination import ArmFindings, Examination, examine
+from comove.robots.proposal.first_scene import SceneProposal, propose_scene
 from comove.robots.proposal.proposal import Proposal, propose
 
-__all__ = ["ArmFindings", "Examination", "Proposal", "examine", "propose"]
+__all__ = [
+    "ArmFindings",
+    "Examination",
+    "Proposal",
+    "SceneProposal",
+    "examine",
+    "propose",
+    "propose_scene",
+]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -11,7 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from comove.robots.model import Arm, Robot
+from comove.robots.proposal.bodies import link_of
 from comove.robots.proposal.homes import DOWN, base_of
+from comove.scenes.model import ROBOT_CLEARANCE
 
 Array = NDArray[np.float64]
 
@@ -19,6 +22,12 @@ N_DRAWN = 2000  # configurations of every arm
 N_TESTED = 200  # configurations of the robot that are tested for contact
 SHARED = 0.05  # m, from a place of another hand, within which a place counts as shared
 FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
+MOST_BETWEEN = 2  # joints, of links whose every distance can be looked at
+N_GRID, N_REFINED = (
+    21,
+    4,
+)  # configurations of a joint on a grid, and grids, each about the nearest configuration
+TOUCHING = 0.0005  # m: a distance of links that counts as contact
 OFTEN = 0.5  # share of random configurations from which on a pair is told
 
 
@@ -75,7 +84,7 @@ class Examination:
 def examine(robot: Robot, seed: int = 0) -> Examination:
     """Examine a robot in random configurations and at home."""
     rng = np.random.default_rng(seed)
-    arms = tuple(_arm(robot, arm, rng) for arm in robot.arms)
+    arms = tuple(findings_of(robot, arm, rng) for arm in robot.arms)
     shared = {(a.name, b.name): _shared(a.places, b.places) for a, b in combinations(arms, 2)}
     clearance, nearest = _at_home(robot)
     free, often = _contacts(robot, rng)
@@ -105,7 +114,8 @@ def examine(robot: Robot, seed: int = 0) -> Examination:
     return Examination(arms, shared, clearance, nearest, free, tuple(faults), tuple(doubts))
 
 
-def _arm(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings:
+def findings_of(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings:
+    """Return the findings about an arm in random configurations."""
     q = np.repeat(robot.home[None], N_DRAWN, axis=0)
     q[:, arm.columns] = rng.uniform(
         robot.lower[arm.columns], robot.upper[arm.columns], (N_DRAWN, len(arm.columns))
@@ -137,18 +147,26 @@ def _at_home(robot: Robot) -> tuple[float, tuple[str, str]]:
 
 def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
     """Return the share of random configurations without contact, and pairs that often touch with their share."""
-    touched = touching(robot, N_TESTED, rng)
+    touched = touching(robot, rng.uniform(robot.lower, robot.upper, (N_TESTED, len(robot.lower))))
     shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)
     often = {pair: float(share) for pair, share in shares if share >= OFTEN}
     return float((~touched.any(axis=1)).mean()), often
 
 
-def touching(robot: Robot, count: int, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Return which pairs of bodies touch in random configurations; array, shape (count, n_pairs)."""
+def touching(robot: Robot, joints: Array, margin: float = 0.0) -> NDArray[np.bool_]:
+    """Return which pairs of bodies touch, or come within a margin [m], in some configurations; array, shape
+    (n_configurations, n_pairs).
+
+    Parameters
+    ----------
+    joints : array, shape (n_configurations, n_joints) [rad, m]
+    """
     geometry = robot.collision
     data, of_geometry = robot.model.createData(), geometry.createData()
-    touched = np.zeros((count, len(geometry.collisionPairs)), dtype=bool)
-    for k, q in enumerate(rng.uniform(robot.lower, robot.upper, (count, len(robot.lower)))):
+    for request in of_geometry.collisionRequests:
+        request.security_margin = margin
+    touched = np.zeros((len(joints), len(geometry.collisionPairs)), dtype=bool)
+    for k, q in enumerate(joints):
         pin.computeCollisions(robot.model, data, geometry, of_geometry, q, False)
         touched[k] = [result.isCollision() for result in of_geometry.collisionResults]
     return touched
@@ -161,6 +179,49 @@ def pairs_of(robot: Robot) -> list[tuple[str, str]]:
     return [(a, b) for a, b in both]
 
 
-def link_of(geometry: str) -> str:
-    """Return the link of a collision body, which Pinocchio numbers."""
-    return geometry.rpartition("_")[0]
+def near_but_apart(robot: Robot, count: int, rng: np.random.Generator) -> set[tuple[str, str]]:
+    """Return the pairs of links that come nearer to each other than is kept between links, but do not touch.
+
+    Of those that are seen to do so in random configurations, only links with one or two joints between them can be
+    among these: they are looked at on a grid of these joints, refined about its nearest configuration. So it is seen,
+    not proved.
+    """
+    joints = rng.uniform(robot.lower, robot.upper, (count, len(robot.lower)))
+    near, touch = (touching(robot, joints, margin) for margin in (ROBOT_CLEARANCE, 0.0))
+    links, geometry = pairs_of(robot), robot.collision
+    touched = {
+        pair for pair, seen in zip(links, touch.T, strict=True) if seen.any()
+    }  # links have several bodies
+    found = set[tuple[str, str]]()
+    for k, pair in enumerate(geometry.collisionPairs):
+        if links[k] in touched or not near[:, k].any():
+            continue
+        one, other = (
+            robot.model.supports[geometry.geometryObjects[i].parentJoint] for i in (pair.first, pair.second)
+        )
+        columns = [robot.model.idx_vs[joint] for joint in set(one) ^ set(other)]
+        if len(columns) <= MOST_BETWEEN and _least_distance(robot, k, columns) > TOUCHING:
+            found.add(links[k])
+        else:
+            touched.add(links[k])
+    return found - touched
+
+
+def _least_distance(robot: Robot, k: int, columns: Sequence[int]) -> float:
+    """Return the least distance of pair k of bodies on a grid of some joints, and on finer ones about it [m]."""
+    model, geometry = robot.model, robot.collision
+    data, of_geometry = model.createData(), geometry.createData()
+    lower, upper, least = robot.lower[columns], robot.upper[columns], np.inf
+    for _ in range(N_REFINED):
+        axes = (np.linspace(a, b, N_GRID) for a, b in zip(lower, upper, strict=True))
+        grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, len(columns))
+        samples = np.repeat(robot.home[None], len(grid), axis=0)
+        samples[:, columns] = grid
+        distances = np.empty(len(samples))
+        for i, q in enumerate(samples):
+            pin.updateGeometryPlacements(model, data, geometry, of_geometry, q)
+            distances[i] = pin.computeDistance(geometry, of_geometry, k).min_distance
+        least = min(least, float(distances.min()))
+        best, step = grid[distances.argmin()], 2.0 * (upper - lower) / (N_GRID - 1)
+        lower, upper = np.maximum(best - step, lower), np.minimum(best + step, upper)
+    return least

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.robots.model import Arm, Robot
+from comove.robots.proposal.bodies import placed_bodies
 
 Array = NDArray[np.float64]
 
@@ -16,6 +18,7 @@ N_DRAWN, N_TRIED = 3000, 150  # configurations drawn, and those that are settled
 N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settles
 # Of hands' places along x, in reaches: mean below which the front is where x is negative, and where it begins.
 BACKWARDS, IN_FRONT = -0.1, 0.25
+ALIKE = 2e-3  # m and of directions together, by which a hand may miss another one in a mirror
 FAR = 0.75  # share of the places of hands that are nearer than a home
 STEEP = np.cos(np.deg2rad(30.0))  # of an approach that counts as down where a home is looked for
 SETTLED = 2e-3  # by how many reaches and radians together a hand may miss its home
@@ -72,15 +75,34 @@ def homes_of(robot: Robot, seed: int = 0) -> Homes:
 
 
 def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
-    """Return the configurations in which arm k is at home as an earlier arm of its kind is."""
+    """Return the configurations in which arm k is at home as an earlier arm of its kind, or as that in a mirror."""
     found, columns = [], robot.arms[k].columns
     for other in robot.arms[:k]:
-        if len(other.columns) == len(columns) and all(
-            np.array_equal(limit[other.columns], limit[columns]) for limit in (robot.lower, robot.upper)
-        ):
+        if len(other.columns) != len(columns):
+            continue
+        if all(np.array_equal(limit[other.columns], limit[columns]) for limit in (robot.lower, robot.upper)):
             found.append(q.copy())
             found[-1][columns] = q[other.columns]
+        found += _mirrored(robot, q, other, robot.arms[k])
     return found
+
+
+def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
+    """Return the configuration in which an arm is as another one in a mirror between them; none where their joints
+    are not alike but for signs.
+    """
+    signs = np.array(list(product((1.0, -1.0), repeat=len(arm.columns))))
+    drawn = np.repeat(q[None], len(signs), axis=0)
+    drawn[:, arm.columns] = signs * q[other.columns]
+    drawn = drawn[((robot.lower <= drawn) & (drawn <= robot.upper)).all(axis=1)]
+    if not len(drawn):
+        return []
+    hands, hand = robot.tool_poses(drawn, (arm,))[:, 0], robot.tool_pose(q, other)
+    in_mirror = np.array([1.0, -1.0, 1.0])
+    places = hands[:, :3, 3] - base_of(robot, arm) - in_mirror * (hand[:3, 3] - base_of(robot, other))
+    miss = np.linalg.norm(places, axis=1) + np.linalg.norm(hands[:, :3, 2] - in_mirror * hand[:3, 2], axis=1)
+    best = int(miss.argmin())
+    return [drawn[best]] if miss[best] < ALIKE else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,6 +155,11 @@ def base_of(robot: Robot, arm: Arm) -> Array:
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.home)
     return np.array(data.oMi[int(arm.columns[0]) + 1].translation)
+
+
+def floor_of(robot: Robot) -> float:
+    """Return the height of the lowest point of a robot at home [m]."""
+    return float(min((points[:, 2].min() for _, points in placed_bodies(robot, robot.home)), default=0.0))
 
 
 def _middle_of_reach(drawn: list[_Drawn]) -> Array:

@@ -6,7 +6,7 @@ import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,8 @@ from scipy.spatial.transform import Rotation
 from comove.errors import ComoveWarning, RobotError
 from comove.robots.description import RobotFile
 from comove.robots.model import Arm, Robot, assembled, frame_of_joint
-from comove.robots.proposal.examination import link_of, pairs_of, touching
+from comove.robots.proposal.bodies import link_of, placed_bodies
+from comove.robots.proposal.examination import near_but_apart, pairs_of, touching
 from comove.robots.proposal.homes import Homes, homes_of
 from comove.robots.proposal.tree import Chain, Tree
 from comove.robots.soundness import number
@@ -33,7 +34,16 @@ SIDES = ("left", "right")
 GUESSED = {"velocity": 1.0, "effort": 50.0}  # rad/s, N m: of joints whose URDF states none or nothing above 0
 ENDLESS = 3.14  # rad, either way, of joints that turn without end
 ALWAYS = 0.95  # share of random configurations from which on a pair counts as always touching
-N_SAMPLES = 100  # random configurations for pairs that always touch
+APART_FROM_WRIST = 0.01  # m, of a tip from the last joint, from where on it tells the direction of approach
+BETWEEN, GRIP = (
+    0.3,
+    0.75,
+)  # of the fingers' length: from where a tip lies between them, and where a tool is put
+N_SAMPLES = 300  # random configurations that tell which pairs of links touch always, and which come near
+TOLD = {
+    "Always": "touch in every configuration",
+    "Never": "come near each other, but were never seen to touch",
+}
 TOOLS = re.compile(r"tcp|grasp|tool_frame|gripper$", re.IGNORECASE)  # names of frames between fingers
 SIDE_OF = re.compile(r"(?:^|_)((?i:left|right|l|r))(?=_|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
 
@@ -46,7 +56,7 @@ class Proposal:
     ----------
     data : contents of the description (`comove.robots.description.RobotFile`)
     robot : the robot that it describes
-    srdf : text of a file of pairs that always touch, by URDF; where a robot's own is not there
+    srdf : text of a file of pairs that are not compared, by URDF; where a robot's own is not there
     notes : what was chosen or guessed, and what is missing, in words
     """
 
@@ -126,13 +136,14 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
         warnings.simplefilter("ignore", ComoveWarning)
         data, more = _with_tools(data, _robot(data, file), parts)
         robot, notes = _robot(data, file), notes + more
-    srdf, always = _always_touching(robot, parts, seed)
-    notes += [f"'{a}' and '{b}' touch in every configuration: not compared" for a, b in always]
-    robot = robot if not always else _without(robot, always)
+    left_out = _left_out(robot, parts, seed)
+    srdf = {part.entry["urdf"]: text for part in parts if (text := _srdf(part, left_out))}
+    notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in left_out.items()]
+    robot = _without(robot, left_out)
     homes: Homes = homes_of(robot, seed)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
         data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
-    return Proposal(data, _without(_robot(data, file), always), srdf, (*notes, *homes.notes))
+    return Proposal(data, _without(_robot(data, file), left_out), srdf, (*notes, *homes.notes))
 
 
 def _written(home: Array, lower: Array, upper: Array) -> list[float]:
@@ -229,39 +240,91 @@ def _with_tools(
     data: dict[str, Any], robot: Robot, parts: Sequence[_Part]
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the description with a grasp frame for every arm whose tip is none, and notes about them."""
-    chains = [chain for part in parts for chain in part.chains]
+    chains = [(part.entry.get("prefix", ""), chain) for part in parts for chain in part.chains]
     arms, notes = dict(data["arms"]), []
-    for arm, chain in zip(robot.arms, chains, strict=True):
+    bodies = list(placed_bodies(robot, robot.home))
+    for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
+        hand = {prefix + link for link in (*chain.links, *chain.grippers)}
+        held = [points for link, points in bodies if link in hand]
         frames, at_tip = _finger_frames(robot, arm), TOOLS.search(chain.tip) is not None
-        if not len(frames):
+        if not chain.fingers:
             if not at_tip:
-                notes.append(
-                    f"the arm '{arm.name}' ends in '{arm.tip}' without fingers: give the tool that it holds the load "
-                    "with, tool: {position: [0, 0, LENGTH]}; z is the direction of approach"
-                )
+                found, note = _flange(robot, arm, frames[0], held)
+                arms[arm.name] = arms[arm.name] | found
+                notes.append(note)
             continue
-        turn, along = _grasp_axes(frames)
+        turn, begin = _grasp_axes(frames)
         approach = turn[:, 2]
-        if at_tip and approach[2] > 0.5:
+        end = _farthest(robot, arm, approach, held, begin)
+        between = at_tip and begin + BETWEEN * (end - begin) <= 0.0
+        if between and approach[2] > 0.5:
             continue
         tool: dict[str, Any] = {}
         if (turned := Rotation.from_matrix(turn)).magnitude() > 1e-6:
             tool["quaternion_wxyz"] = [round(float(v), 6) for v in turned.as_quat(scalar_first=True)]
         axis = "xyz"[int(np.abs(approach).argmax())]
         sign = "-" if approach.sum() < 0 else ""
-        if at_tip:
+        if between:
             notes.append(
                 f"the tool of '{arm.name}' turns '{arm.tip}', whose fingers point along its {sign}{axis}, so that z "
                 "is the direction of approach"
             )
         else:
-            tool["position"] = [round(float(v), 4) for v in along * approach]
+            tool["position"] = [round(float(v), 4) for v in (begin + GRIP * (end - begin)) * approach]
+            where = f"{GRIP:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
             notes.append(
-                f"the tool of '{arm.name}' is where the fingers begin, its approach along {sign}{axis} of "
-                f"'{arm.tip}': see the picture, and move it between the finger tips"
+                f"the tool of '{arm.name}' is {where}, its approach along {sign}{axis} of '{arm.tip}': see the "
+                "picture, and move it between the finger tips"
             )
         arms[arm.name] = arms[arm.name] | {"tool": tool}
     return data | {"arms": arms}, notes
+
+
+def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) -> tuple[dict[str, Any], str]:
+    """Return the tool of an arm without fingers, where it is not its tip, and a note about it.
+
+    The approach leads away from the last joint, where the tip lies apart from it, and the load is at the end of what
+    is fixed to the tip.
+
+    Parameters
+    ----------
+    from_wrist : array, shape (3,), the tip from the last joint, in its own frame [m]
+    hand : as in `_farthest`
+    """
+    approach = (
+        _nearest_axis(from_wrist)
+        if np.linalg.norm(from_wrist) > APART_FROM_WRIST
+        else np.array([0.0, 0.0, 1.0])
+    )
+    end = _farthest(robot, arm, approach, hand, 0.0)
+    axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
+    axes[:, 0] *= np.linalg.det(axes)
+    tool: dict[str, Any] = {}
+    if approach[2] < 0.5:
+        quaternion = Rotation.from_matrix(axes).as_quat(scalar_first=True)
+        tool["quaternion_wxyz"] = [round(float(v), 6) for v in quaternion]
+    if end > 0.0:
+        tool["position"] = [round(float(v), 4) for v in end * approach]
+    axis, sign = "xyz"[int(np.abs(approach).argmax())], "-" if approach.sum() < 0 else ""
+    note = (
+        f"the arm '{arm.name}' ends in '{arm.tip}' without fingers: its tool is taken for the end of that, its "
+        f"approach along {sign}{axis}; give the one that it holds the load with, tool: {{position: [0, 0, LENGTH]}}"
+    )
+    return {"tool": tool} if tool else {}, note
+
+
+def _farthest(robot: Robot, arm: Arm, approach: Array, hand: Sequence[Array], least: float) -> float:
+    """Return how far a hand reaches along the approach from the tip, `least` at least [m].
+
+    Parameters
+    ----------
+    approach : array, shape (3,), in the frame of the tip
+    hand : arrays, shape (n, 3), points around its bodies at home [m]
+    """
+    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
+    return max(
+        (float(((each - tip[:3, 3]) @ (tip[:3, :3] @ approach)).max()) for each in hand), default=least
+    )
 
 
 def _grasp_axes(frames: Array) -> tuple[Array, float]:
@@ -291,15 +354,14 @@ def _finger_frames(robot: Robot, arm: Arm) -> Array:
 
     Returns
     -------
-    array, shape (1 + n_fingers, 3) [m]; empty without fingers
+    array, shape (1 + n_fingers, 3) [m]
     """
     model = robot.model
     data = model.createData()
     pin.framesForwardKinematics(model, data, robot.home)
     wrist, tip = data.oMi[int(arm.columns[-1]) + 1].translation, data.oMf[model.getFrameId(arm.tip)]
     frames = [tip, *(data.oMf[frame_of_joint(model, finger)] for finger in arm.fingers)]
-    places = np.array([tip.rotation.T @ (frame.translation - wrist) for frame in frames])
-    return places if arm.fingers else np.zeros((0, 3))
+    return np.array([tip.rotation.T @ (frame.translation - wrist) for frame in frames])
 
 
 def _nearest_axis(vector: Array) -> Array:
@@ -309,29 +371,42 @@ def _nearest_axis(vector: Array) -> Array:
     return axis
 
 
-def _always_touching(
-    robot: Robot, parts: Sequence[_Part], seed: int
-) -> tuple[dict[str, str], list[tuple[str, str]]]:
-    """Find the pairs of links of one model that touch in nearly all configurations; as SRDF by URDF, and as pairs."""
-    shares = touching(robot, N_SAMPLES, np.random.default_rng(seed)).mean(axis=0)
-    pairs = sorted({pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS})
-    texts: dict[str, str] = {}
-    own: list[tuple[str, str]] = []  # those of different models must not touch, wherever the bases stand
-    for part in parts:
-        prefix = part.entry.get("prefix", "")
-        mine = [(a, b) for a, b in pairs if a.startswith(prefix) and b.startswith(prefix)]
-        if mine and "srdf" not in part.entry:
-            own += mine
-            lines = [
-                f'  <disable_collisions link1="{a[len(prefix) :]}" link2="{b[len(prefix) :]}" reason="Always"/>'
-                for a, b in mine
-            ]
-            name = ET.fromstring(part.text).get("name", "robot")
-            texts[part.entry["urdf"]] = f'<robot name="{name}">\n' + "\n".join(lines) + "\n</robot>\n"
-    return texts, own
+def _left_out(robot: Robot, parts: Sequence[_Part], seed: int) -> dict[tuple[str, str], str]:
+    """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
+
+    Only models that have no SRDF are looked at; links of different models must not touch, wherever the bases stand.
+
+    Returns
+    -------
+    the reason of each pair, as SRDF has it
+    """
+    prefixes = [part.entry.get("prefix", "") for part in parts if "srdf" not in part.entry]
+    rng = np.random.default_rng(seed)
+    drawn = rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower)))
+    shares = touching(robot, drawn).mean(axis=0)
+    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS}
+    never = near_but_apart(robot, N_SAMPLES, rng)
+    reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
+    return {
+        pair: reason
+        for pair, reason in reasons.items()
+        if any(all(link.startswith(prefix) for link in pair) for prefix in prefixes)
+    }
 
 
-def _without(robot: Robot, pairs: Sequence[tuple[str, str]]) -> Robot:
+def _srdf(part: _Part, left_out: dict[tuple[str, str], str]) -> str:
+    """Return the SRDF of a model's own pairs that are left out, empty where there are none."""
+    prefix = part.entry.get("prefix", "")
+    lines = [
+        f'  <disable_collisions link1="{a[len(prefix) :]}" link2="{b[len(prefix) :]}" reason="{reason}"/>\n'
+        for (a, b), reason in left_out.items()
+        if a.startswith(prefix) and b.startswith(prefix)
+    ]
+    name = ET.fromstring(part.text).get("name", "robot")
+    return f'<robot name="{name}">\n{"".join(lines)}</robot>\n' if lines else ""
+
+
+def _without(robot: Robot, pairs: Iterable[tuple[str, str]]) -> Robot:
     """Return a robot that does not compare some pairs of links."""
     geometry, known = robot.collision.copy(), {frozenset(pair) for pair in pairs}
     for pair in list(geometry.collisionPairs):

@@ -11,6 +11,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf, pi
+
+from comove.robots.soundness import number
 
 MOVING = ("revolute", "continuous", "prismatic")
 LEAST = 4  # joints of an arm
@@ -33,6 +36,7 @@ class Joint:
     name, kind : name and type
     parent, child : links that it connects
     follows : whether it goes along with another joint
+    range : between its limits [rad, m]; inf of one that turns without end, 0 of one whose limits are not stated
     """
 
     name: str
@@ -40,11 +44,21 @@ class Joint:
     parent: str
     child: str
     follows: bool
+    range: float
 
     @property
     def moves(self) -> bool:
         """Return whether it has a motor of its own."""
         return self.kind in MOVING and not self.follows
+
+    @property
+    def grips(self) -> bool:
+        """Return whether it may be a finger's: it slides, follows, or has such a name and turns by less than half a
+        turn, as wrists of that name do not.
+        """
+        return (
+            self.kind == "prismatic" or self.follows or (bool(FINGERS.search(self.name)) and self.range < pi)
+        )
 
 
 @dataclass(frozen=True)
@@ -57,6 +71,7 @@ class Chain:
     joints : joints from the trunk to the last body
     links : links of the last body, from the last joint on
     fingers : joints beyond, those that go along with others included
+    grippers : links that fingers move
     tip : the link that suits best for the arm's last frame
     """
 
@@ -64,11 +79,12 @@ class Chain:
     joints: tuple[str, ...]
     links: tuple[str, ...]
     fingers: tuple[str, ...]
+    grippers: tuple[str, ...]
 
     @property
     def tip(self) -> str:
         """Return the link of the last body whose name is that of a tool, else the last one."""
-        for pattern in TIPS:
+        for pattern in TIPS if self.fingers else TIPS[:-1]:
             for link in self.links:
                 if pattern.search(link):
                     return link
@@ -104,6 +120,7 @@ class Tree:
                 joint.find("parent").get("link", ""),  # type: ignore[union-attr]  # sound
                 joint.find("child").get("link", ""),  # type: ignore[union-attr]
                 joint.find("mimic") is not None,
+                _range(joint),
             )
             for joint in top.findall("joint")
         )
@@ -139,11 +156,7 @@ class Tree:
         """Return whether only fingers leave the body of a link."""
         leaving = self.leaving(link)
         short = all(self.depth(joint) <= MOST_OF_FINGER for joint in leaving)
-        of_gripper = [
-            joint
-            for joint in leaving
-            if joint.kind == "prismatic" or joint.follows or FINGERS.search(joint.name)
-        ]
+        of_gripper = [joint for joint in leaving if joint.grips]
         return bool(leaving) and short and (len(leaving) > 1 or len(of_gripper) == len(leaving))
 
     def chains(self) -> tuple[Chain, ...]:
@@ -155,7 +168,11 @@ class Tree:
         leaving = self.leaving(link)
         at_hand = len(joints) >= LEAST and (self.is_palm(link) or len(leaving) >= MANY)
         if not leaving or at_hand:
-            yield Chain(trunk, joints, self.body(link), tuple(self._all_from(leaving)))
+            fingers = tuple(self._all_from(leaving))
+            moved = (link for finger in fingers for link in self.body(finger.child))
+            yield Chain(
+                trunk, joints, self.body(link), tuple(finger.name for finger in fingers), tuple(moved)
+            )
             return
         long = [joint for joint in leaving if self.depth(joint) >= LEAST]
         if len(long) > 1:
@@ -166,7 +183,18 @@ class Tree:
         deepest = max(leaving, key=self.depth)
         yield from self._from(deepest.child, trunk, (*joints, deepest.name) if deepest.moves else joints)
 
-    def _all_from(self, joints: list[Joint]) -> Iterator[str]:
+    def _all_from(self, joints: list[Joint]) -> Iterator[Joint]:
         for joint in joints:
-            yield joint.name
+            yield joint
             yield from self._all_from(self.leaving(joint.child))
+
+
+def _range(joint: ET.Element) -> float:
+    """Return by how much a joint turns or slides [rad, m]; 0 where its URDF states no limits of it."""
+    limit = joint.find("limit")
+    if joint.get("type") == "continuous":
+        return inf
+    lower, upper = (
+        number("0" if limit is None else limit.get(key, "0")) or 0.0 for key in ("lower", "upper")
+    )
+    return max(upper - lower, 0.0)

@@ -1,0 +1,271 @@
+"""A first scene for a robot: where two of its hands reach, they lift a bar over a rail, and a solver proves it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations, product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from comove.errors import RobotError, SceneError
+from comove.planning.kernels import SceneKind
+from comove.robots.carry import RobotSolution, carry
+from comove.robots.carrying import RobotCarrier
+from comove.robots.kernels import load_robot_kernels
+from comove.robots.model import Arm, Robot
+from comove.robots.proposal.examination import findings_of
+from comove.robots.proposal.homes import base_of, floor_of
+from comove.scenes.grasp import HELD
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+Cells = NDArray[np.bool_]
+Cell = tuple[int, int]
+
+N_CELLS = 11  # of the grid of places of the load, each way
+CELLS = (0.08, 0.04)  # from one place to the next, in reaches: the finer ones where the others are not enough
+ABOVE, ASIDE = 0.05, 0.16  # the lowest place above the floor, and the room about all places, in reaches
+N_SEEDS = 12  # random joints, from which a place is solved
+LENGTHS = (1.0, 0.6)  # of the bar, in distances of the hands at home
+SHORTEST = 0.2  # of the reach: the shortest bar
+QUARTERS = (0.0, 180.0, -90.0, 90.0)  # degrees, by which a hand is turned on the bar
+ACROSS = {"down": (0.0, 180.0), "forward": (-90.0, 90.0)}  # those by which fingers close across it
+FEWEST, MOST = 3, 5  # places in a row, forwards and upwards, that a carry over a rail needs and has at most
+N_TRIED = 8  # scenes that are solved, of those that both hands reach
+BUDGET = 10.0  # s, for each
+RAILS = (0.5, 0.2)  # heights of the rail that are tried, in what the load can be lifted by
+
+
+@dataclass(frozen=True)
+class SceneProposal:
+    """A scene that a robot was seen to carry out.
+
+    Attributes
+    ----------
+    data : contents of its file (`comove.scenes.model.SceneFile`)
+    found : its verified motion
+    """
+
+    data: dict[str, Any]
+    found: RobotSolution
+
+    def text(self) -> str:
+        """Return the scene as YAML."""
+        head = f"# A first scene for {self.found.robot.name}: a bar is lifted over a rail. Lengths are in metres.\n"
+        return head + yaml.safe_dump(self.data, sort_keys=False, default_flow_style=None, width=110)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """A bar between two hands, and where they can carry it: in the plane halfway between them.
+
+    Attributes
+    ----------
+    arms : the hand at the larger coordinate along the bar first
+    axis : the bar's axis, 0 for x or 1 for y
+    length : of the bar [m]
+    grasp : of the scene file
+    lower, upper : of the places of the bar's middle that both hands reach, arrays, shape (3,) [m]
+    reach : the smaller arm's [m]
+    floor : height on which the robot stands [m]
+    cell : distance of neighbouring places [m]
+    """
+
+    arms: tuple[Arm, Arm]
+    axis: int
+    length: float
+    grasp: dict[str, Any]
+    lower: Array
+    upper: Array
+    reach: float
+    floor: float
+    cell: float
+
+    @property
+    def worth(self) -> float:
+        """Return the area of the places [m^2]."""
+        size = self.upper - self.lower
+        return float(size[1 - self.axis] * size[2])
+
+    def data(self, named: str, rail: float) -> dict[str, Any]:
+        """Return the contents of a scene file in which the bar is lifted over a rail of this height, a share."""
+        onward, reach = 1 - self.axis, self.reach
+        radius = round(0.012 * reach, 3)
+        clearance = round(min(0.005, 0.006 * reach), 4)
+        inset = np.zeros(3)
+        inset[[onward, 2]] = 0.5 * self.cell
+        start, goal = (np.round(corner, 3) + 0.0 for corner in (self.lower + inset, self.upper - inset))
+        lift, way = goal[2] - start[2], goal[onward] - start[onward]
+        goal[2] = start[2]
+        aside = np.full(3, ASIDE * reach)
+        aside[self.axis] += 0.5 * self.length
+        lower, upper = np.round(self.lower - aside, 3), np.round(self.upper + aside, 3)
+        lower[2] = max(lower[2], round(self.floor, 3))
+        top = start[2] - radius + rail * lift
+        size, center = np.zeros(3), 0.5 * (start + goal)
+        size[[onward, self.axis, 2]] = min(0.05 * reach, 0.25 * way), 0.4 * self.length, top - lower[2]
+        center[2] = lower[2] + 0.5 * size[2]
+        half = np.zeros(3)
+        half[self.axis] = 0.5 * self.length
+        return {
+            "version": 1,
+            "name": f"first scene of {Path(named).stem}",
+            "duration": 8.0,
+            "robot": named,
+            "grasp": self.grasp,
+            "workspace": {"lower": lower.tolist(), "upper": upper.tolist()},
+            "obstacles": [
+                {"shape": "box", "center": center.round(4).tolist(), "size": size.round(4).tolist()}
+            ],
+            "load": {
+                "shape": "bar",
+                "length": self.length,
+                "radius": radius,
+                "mass": round(0.2 * reach, 2),
+            },
+            "manipulators": [
+                {
+                    "name": arm.name,
+                    "start": (start + side * half).round(4).tolist(),
+                    "goal": (goal + side * half).round(4).tolist(),
+                }
+                for arm, side in zip(self.arms, (1, -1), strict=True)
+            ],
+            "limits": {"speed": round(0.6 * reach, 2), "acceleration": 1.0, "clearance": clearance},
+        }
+
+
+def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
+    """Propose a first scene for a robot, which is solved once so that it is known to be feasible.
+
+    Two hands hold a bar between them, turned in one of the ways in which they reach the largest space about their
+    home; the bar lies along x or y, as the arms stand side by side, and is carried the other way over a rail.
+
+    Parameters
+    ----------
+    named : the robot's name or its description's path, as the scene will name it
+    seed : of the solver
+
+    Raises
+    ------
+    RobotError
+        If the robot has one arm only, its hands reach no place together, or nothing that they reach is solved.
+    """
+    if len(robot.arms) < 2:
+        raise RobotError(
+            f"'{robot.name}' has one arm, and a load is held by two",
+            key="arms",
+            way_out="give the URDF twice to `comove robot new`, or name another arm",
+        )
+    load_robot_kernels(SceneKind(3))
+    found_by_cell = (list(_places(robot, cell)) for cell in CELLS)
+    places = sorted(next(filter(None, found_by_cell), []), key=lambda place: -round(place.worth, 6))
+    if not places:
+        raise RobotError(
+            f"no place was found about home at which two hands of '{robot.name}' hold a bar between them, "
+            "hands down or level",
+            key="arms",
+            way_out="give another home, or put the bases nearer to each other: see `comove robot check`",
+        )
+    reasons: list[str] = []
+    for place, rail in list(product(places[: N_TRIED // len(RAILS)], RAILS)):
+        data = place.data(named, rail)
+        try:
+            found = carry(Scene.from_dict(data), robot, seed=seed, budget=BUDGET)
+        except SceneError as error:
+            reasons.append(str(error))
+            continue
+        if found.verified:
+            return SceneProposal(data, found)
+        reasons += found.solution.reasons[:1]
+    raise RobotError(
+        f"none of {len(reasons)} scenes that two hands of '{robot.name}' reach was solved: {reasons[0]}",
+        key="arms",
+        way_out="give another home, or put the bases nearer to each other: see `comove robot check`",
+    )
+
+
+def _places(robot: Robot, cell: float) -> Iterator[_Place]:
+    """Yield where the two hands that are nearest to each other at home reach a bar, for every way to hold it."""
+    home = {arm.name: robot.tool_pose(robot.home, arm)[:3, 3] for arm in robot.arms}
+    pair = min(
+        combinations(robot.arms, 2), key=lambda two: np.linalg.norm(home[two[0].name] - home[two[1].name])
+    )
+    bases = np.array([base_of(robot, arm) for arm in pair])
+    axis = int(np.abs(bases[0] - bases[1])[:2].argmax())
+    arms = pair if bases[0, axis] >= bases[1, axis] else pair[::-1]
+    hands = np.array([home[arm.name] for arm in arms])
+    reach = min(findings_of(robot, arm, np.random.default_rng(0)).reach for arm in arms)
+    step, floor = cell * reach, floor_of(robot)
+    aside = 0.5 * step * (N_CELLS - 1) * (np.arange(3) != axis)
+    around = hands.mean(axis=0) + np.array([-aside, aside])
+    around[:, 2] += max(0.0, floor + ABOVE * reach - around[0, 2])
+
+    def place(turns: tuple[float, ...], lower: Array, upper: Array) -> _Place:
+        offsets = {arm.name: turn for arm, turn in zip(arms, turns, strict=True)}
+        grasp = {"orientation": orientation, "yaw": "load", "offset_deg": offsets}
+        return _Place(arms, axis, length, grasp, lower, upper, reach, floor, step)
+
+    for orientation, share in product(ACROSS, LENGTHS):
+        length = round(float(max(share * abs(hands[0, axis] - hands[1, axis]), SHORTEST * reach)), 3)
+        ways = [ACROSS[orientation] if arm.fingers else QUARTERS for arm in arms]
+        if orientation == "down":  # and as at home
+            ways = [
+                way if arm.fingers else (*way, _turn_at_home(robot, arm, axis))
+                for way, arm in zip(ways, arms, strict=True)
+            ]
+        maps = {turn: _reached(robot, place((turn, turn), *around)) for turn in {*ways[0], *ways[1]}}
+        for turns in product(*ways):
+            cells = largest_rectangle(maps[turns[0]][0] & maps[turns[1]][1])
+            if cells is not None:
+                yield place(turns, *(_at_cell(around, axis, corner) for corner in cells))
+
+
+def _turn_at_home(robot: Robot, arm: Arm, axis: int) -> float:
+    """Return by how much a hand that points down at home is turned on a bar along an axis [deg], to 5 degrees."""
+    x, y = (robot.tool_pose(robot.home, arm)[:3, :3] @ HELD["down"].T)[:2, 0]
+    turn = np.rad2deg(np.arctan2(y, x)) - 90.0 * axis
+    return float(5.0 * np.round(((turn + 180.0) % 360.0 - 180.0) / 5.0))
+
+
+def _at_cell(around: Array, axis: int, cell: Cell) -> Array:
+    """Return the place of the bar's middle at a cell of the grid, forwards and upwards; array, shape (3,) [m]."""
+    shares = np.insert(np.array(cell) / (N_CELLS - 1), axis, 0.0)
+    return around[0] + shares * (around[1] - around[0])
+
+
+def _reached(robot: Robot, place: _Place) -> Cells:
+    """Return where each hand reaches a bar; array, shape (2, N_CELLS, N_CELLS), by hand, forwards and upwards."""
+    scene = Scene.from_dict(place.data(robot.name, 0.0) | {"obstacles": []})
+    carrier, nodes = RobotCarrier(robot, scene), scene.nodes_at("start")
+    middle = nodes[:2].mean(axis=0)
+    found, around = np.zeros((2, N_CELLS, N_CELLS), dtype=bool), np.array([place.lower, place.upper])
+    for hand, *cell in np.ndindex(found.shape):
+        there = nodes + _at_cell(around, place.axis, (cell[0], cell[1])) - middle
+        found[hand, cell[0], cell[1]] = carrier.reaches(hand, there, N_SEEDS)
+    return found
+
+
+def largest_rectangle(free: NDArray[np.bool_]) -> tuple[Cell, Cell] | None:
+    """Return the first and last cell of the largest rectangle that is free, of those the one nearest to the middle,
+    which is home; None where none is large enough.
+    """
+    counts = np.pad(free.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    low, high = np.array(
+        [(a, b) for a in range(N_CELLS) for b in range(a + FEWEST, min(a + MOST, N_CELLS) + 1)]
+    ).T
+    inside = counts[np.ix_(high, high)] - counts[np.ix_(low, high)] - counts[np.ix_(high, low)]
+    size = np.multiply.outer(high - low, high - low)
+    away = np.abs(low + high - N_CELLS)
+    worth = np.where(
+        inside + counts[np.ix_(low, low)] == size, size * N_CELLS**2 - np.add.outer(away, away), 0
+    )
+    i, j = np.unravel_index(worth.argmax(), worth.shape)
+    if worth[i, j] <= 0:
+        return None
+    return (int(low[i]), int(low[j])), (int(high[i]) - 1, int(high[j]) - 1)

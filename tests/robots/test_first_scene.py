@@ -1,0 +1,80 @@
+"""First scenes for robots: both hands reach them, and the verification accepts what was found."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+pytest.importorskip("pinocchio")
+
+from comove.errors import RobotError
+from comove.robots import Robot, RobotCarrier, bundled_robots
+from comove.robots.kernels import TWO_ARMS
+from comove.robots.proposal import propose_scene
+from comove.robots.proposal.first_scene import FEWEST, MOST, N_CELLS, largest_rectangle
+from comove.robots.proposal.homes import floor_of
+from comove.scenes import Scene
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.5, 1.0))
+def test_the_largest_rectangle_is_free_and_none_is_larger(seed, share):
+    """By looking at all of them."""
+    rng = np.random.default_rng(seed)
+    free = rng.uniform(size=(N_CELLS, N_CELLS)) < share
+    spans = [(a, b) for a in range(N_CELLS) for b in range(a + FEWEST, min(a + MOST, N_CELLS) + 1)]
+    sizes = [(d - c) * (b - a) for (a, b), (c, d) in product(spans, spans) if free[a:b, c:d].all()]
+    found = largest_rectangle(free)
+    if found is None:
+        assert not sizes
+        return
+    (a, c), (b, d) = found
+    assert free[a : b + 1, c : d + 1].all()
+    assert (b - a + 1) * (d - c + 1) == max(sizes)
+
+
+def test_of_rectangles_as_large_the_one_about_home_is_taken():
+    (a, c), (b, d) = largest_rectangle(np.ones((N_CELLS, N_CELLS), dtype=bool))
+    assert (a + b, c + d) == (N_CELLS - 1, N_CELLS - 1)
+
+
+def test_a_first_scene_is_solved_and_its_rail_is_in_the_way():
+    robot = Robot.load(TWO_ARMS)
+    proposal = propose_scene(robot, str(TWO_ARMS))
+    scene = Scene.from_dict(proposal.data)
+    assert proposal.found.verified
+    RobotCarrier(robot, scene).require_reach()
+    rail = scene.file.obstacles[0]
+    top = rail.center[2] + 0.5 * rail.size[2]
+    ends = scene.nodes_at("start"), scene.nodes_at("goal")
+    assert top > ends[0][0, 2] - scene.file.load.radius, "the bar has to be lifted"
+    bar = 0.5 * (ends[0] + ends[1])[:2]
+    nearest = np.clip(rail.center, bar.min(axis=0), bar.max(axis=0))
+    assert np.abs(nearest - rail.center)[:2] == pytest.approx([0, 0]), "the straight way leads through it"
+    assert scene.lower[2] >= floor_of(robot) - 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", bundled_robots())
+def test_every_robot_that_comes_with_comove_has_a_first_scene(name):
+    assert propose_scene(Robot.load(name), name).found.verified
+
+
+def test_the_same_scene_is_proposed_each_time():
+    robot = Robot.load(TWO_ARMS)
+    one, other = (propose_scene(robot, "robot.yaml").data for _ in range(2))
+    assert one == other
+
+
+def test_one_arm_carries_nothing():
+    robot = Robot.load("two_pandas")
+    with pytest.raises(RobotError, match="one arm"):
+        propose_scene(replace(robot, arms=robot.arms[:1]), "robot.yaml")
+
+
+def test_hands_that_are_out_of_reach_of_a_bar_are_told(monkeypatch):
+    monkeypatch.setattr(RobotCarrier, "reaches", lambda *_: False)
+    with pytest.raises(RobotError, match="no place was found about home"):
+        propose_scene(Robot.load(TWO_ARMS), "robot.yaml")
