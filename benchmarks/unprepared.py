@@ -65,7 +65,7 @@ def delivered(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[lis
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", nargs="+", choices=ROBOTS, default=list(ROBOTS))
+    parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS))
     parser.add_argument("--more", nargs="+", default=[], metavar="URDF", help="of your own, with two arms")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()

@@ -298,6 +298,17 @@ def test_a_home_at_a_limit_is_within_it(tmp_path):
     assert (Robot.load(file).home[0] >= 1.2006) and (Robot.load(file).home[0] <= 1.2008)
 
 
+def test_links_that_are_drawn_and_collide_with_nothing_are_told(tmp_path):
+    """As the jaws of an SO-100 are; what does not move may be drawn only."""
+    plain = '<link name="{0}"><visual><geometry><sphere radius="0.01"/></geometry></visual></link>'
+    text = urdf(link("base"), arm("", "base"), plain.format("tip"), plain.format("plate"))
+    text = text.replace("</robot>", joint("to_tip", "link5", "tip", kind="fixed", more="") + "</robot>")
+    text = text.replace("</robot>", joint("to_plate", "base", "plate", kind="fixed", more="") + "</robot>")
+    doubts = examine(propose([written(tmp_path, text)], tmp_path / "made.yaml").robot).doubts
+    (told,) = (doubt for doubt in doubts if "no collision body" in doubt)
+    assert "'tip'" in told and "'plate'" not in told
+
+
 def test_what_is_written_is_a_description(tmp_path):
     path = written(tmp_path, urdf(link("base"), arm("", "base", gripper=(0, 0, 1))))
     file = tmp_path / "deep" / "made.yaml"

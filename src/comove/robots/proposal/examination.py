@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -22,6 +23,7 @@ N_DRAWN = 2000  # configurations of every arm
 N_TESTED = 200  # configurations of the robot that are tested for contact
 SHARED = 0.05  # m, from a place of another hand, within which a place counts as shared
 FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
+MOST_NAMED = 4  # links in one sentence
 MOST_BETWEEN = 2  # joints, of links whose every distance can be looked at
 N_GRID, N_REFINED = (
     21,
@@ -109,6 +111,11 @@ def examine(robot: Robot, seed: int = 0) -> Examination:
                 f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that "
                 "it shares must leave it the turns that it lacks"
             )
+    if unseen := _without_bodies(robot):
+        doubts.append(
+            f"{', '.join(unseen[:MOST_NAMED])}{' and others' * (len(unseen) > MOST_NAMED)} move and are drawn, but "
+            "have no collision body: nothing keeps them from touching; give them one in the URDF"
+        )
     if not len(robot.collision.collisionPairs):
         doubts.append("no two links are compared: what touches is not known")
     return Examination(arms, shared, clearance, nearest, free, tuple(faults), tuple(doubts))
@@ -143,6 +150,18 @@ def _at_home(robot: Robot) -> tuple[float, tuple[str, str]]:
     pair = geometry.collisionPairs[int(np.argmin(distances))]
     names = [link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second)]
     return float(min(distances)), (names[0], names[1])
+
+
+def _without_bodies(robot: Robot) -> list[str]:
+    """Return the links that joints move and pictures show, but which have no collision body."""
+    found = list[str]()
+    for source in robot.sources:
+        for link in ET.fromstring(source.urdf).findall("link"):
+            if link.find("visual") is not None and link.find("collision") is None:
+                frame = robot.model.getFrameId(link.get("name", ""), pin.FrameType.BODY)
+                if robot.model.frames[frame].parentJoint > 0:
+                    found.append(f"'{link.get('name')}'")
+    return found
 
 
 def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
