@@ -5,8 +5,8 @@
 
 Each is done as a newcomer would, by four commands, and takes what is proposed as it is: `comove robot new`, `scene`,
 `solve` and `simulate`, the last one perturbed, hands welded to the bar. All models are those of example-robot-data,
-which `comove[robot]` installs; none of them comes with comove as a robot. `--more URDF...` adds models of one's own,
-each a robot with two arms.
+which `comove[robot]` installs; none of them comes with comove as a robot. `--more URDF...` adds models of one's own, each
+a robot with two arms, or two with a + between them, which stand side by side.
 """
 
 from __future__ import annotations
@@ -66,12 +66,12 @@ def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS))
-    parser.add_argument("--more", nargs="+", default=[], metavar="URDF", help="of your own, with two arms")
+    parser.add_argument("--more", nargs="+", default=[], metavar="URDF", help="of your own, or URDF+URDF")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     on_one_thread()
     os.environ.setdefault("MUJOCO_GL", "disable")
-    wanted = {name: ROBOTS[name] for name in asked.robots} | {Path(u).stem: [u] for u in asked.more}
+    wanted = {name: ROBOTS[name] for name in asked.robots} | {Path(u).stem: u.split("+") for u in asked.more}
     print("| robot | new [s] | scene [s] | solve [s] | simulate [s] | minutes | what came of it |")
     print("|---|---|---|---|---|---|---|", flush=True)
     with tempfile.TemporaryDirectory() as folder:

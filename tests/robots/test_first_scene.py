@@ -1,5 +1,6 @@
 """First scenes for robots: both hands reach them, and the verification accepts what was found."""
 
+import re
 from dataclasses import replace
 from itertools import product
 
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("pinocchio")
 
-from comove.errors import RobotError
+from comove.errors import ComoveWarning, RobotError
 from comove.robots import Robot, RobotCarrier, bundled_robots
 from comove.robots.kernels import TWO_ARMS
 from comove.robots.proposal import propose_scene
@@ -66,6 +67,16 @@ def test_the_same_scene_is_proposed_each_time():
     robot = Robot.load(TWO_ARMS)
     one, other = (propose_scene(robot, "robot.yaml").data for _ in range(2))
     assert one == other
+
+
+def test_a_robot_without_any_collision_body_has_one(tmp_path):
+    """Nothing is compared then but the load and what stands; that is told when it is loaded."""
+    for source in TWO_ARMS.parent.iterdir():
+        text = re.sub("<collision>.*?</collision>", "", source.read_text(encoding="utf-8"), flags=re.DOTALL)
+        (tmp_path / source.name).write_text(text, encoding="utf-8")
+    with pytest.warns(ComoveWarning, match="no link of the arm"):
+        robot = Robot.load(tmp_path / TWO_ARMS.name)
+    assert propose_scene(robot, "robot.yaml").found.verified
 
 
 def test_one_arm_carries_nothing():

@@ -188,6 +188,37 @@ def test_without_fingers_the_approach_leads_from_the_wrist_to_the_end_of_the_las
     assert any("without fingers" in note for note in proposal.notes)
 
 
+def test_where_the_tip_is_the_wrist_the_approach_leads_to_the_centre_of_mass(tmp_path):
+    """As of hands that have neither fingers nor collision bodies."""
+    hand = link("link5").replace(
+        '<inertial><mass value="1"/>', '<inertial><origin xyz="0.002 -0.06 0"/><mass value="1"/>'
+    )
+    hand = hand[: hand.index("<collision>")] + "</link>"
+    text = urdf(link("base"), arm("", "base")).replace(link("link5"), hand)
+    (found,) = propose([written(tmp_path, text)], tmp_path / "made.yaml").robot.arms
+    assert found.tool[:3, 2] == pytest.approx([0, -1, 0], abs=1e-5)
+    assert found.tool[:3, 3] == pytest.approx([0, -0.06, 0], abs=1e-4)
+
+
+def test_a_chest_on_a_long_spine_is_no_hand(tmp_path):
+    """Two arms and a neck leave it, which are too long for fingers."""
+    spine = arm("spine_", "base", n=5)
+    both = arm("left_", "spine_link4", (0, 0.2, 0)) + arm("right_", "spine_link4", (0, -0.2, 0))
+    neck = link("skull") + joint("nod", "spine_link4", "skull")
+    left, right = Tree.of(urdf(link("base"), spine, both, neck)).chains()
+    assert left.trunk == right.trunk == tuple(f"spine_joint{k}" for k in range(5))
+    assert len(left.joints) == len(right.joints) == 6
+
+
+def test_a_joint_that_follows_one_that_is_not_there_stays(tmp_path):
+    """As the fingers of Alex's psyonic hands do."""
+    follows = LIMIT + '<mimic joint="lost"/>'
+    text = urdf(link("base"), arm("", "base"), link("nail"), joint("bent", "link5", "nail", more=follows))
+    proposal = propose([written(tmp_path, text)], tmp_path / "made.yaml")
+    assert proposal.data["posture"] == {"bent": 0.0}
+    assert any("'bent' goes along with 'lost'" in note for note in proposal.notes)
+
+
 def test_a_tool_frame_at_the_wrist_is_moved_between_the_fingers(tmp_path):
     """As that of an SO-100 is, whose last link is called gripper."""
     text = urdf(link("base"), arm("", "base", gripper=(0, 0, 1))).replace("link5", "gripper")

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy.spatial import ConvexHull
 
 from comove.geometry.polytopes import solid_hull_of, thickened
 from comove.robots.search.capsules import (
@@ -98,6 +99,18 @@ def test_meshes_that_move_are_but_for_corners_inside_their_capsules_however_larg
     triangles = np.array([(i, (i + 1) % count, (i + 2) % count) for i in range(count)])
     capsules = capsules_of(mesh(points, triangles), True)
     assert outside(on_triangles(points, triangles, rng), capsules) <= allowed(capsules)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_convex_body_is_inside_its_capsules_as_a_mesh_is(moves):
+    """URDFs may have bodies that are read as such."""
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(40, 3)) * (0.1, 0.1, 0.4)
+    shape = mesh(points, np.array([(i, (i + 1) % 40, (i + 2) % 40) for i in range(40)]))
+    shape.buildConvexHull(True, "Qt")
+    capsules = capsules_of(shape.convex, moves)
+    hull = ConvexHull(points)
+    assert outside(on_triangles(points, hull.simplices, rng), capsules) <= allowed(capsules)
 
 
 @examples(25)

@@ -60,6 +60,20 @@ def test_a_notch_is_free_that_a_hull_would_fill(tmp_path):
     assert verdict_on(tmp_path, channel).verified is not None
 
 
+@pytest.mark.parametrize(("center", "free"), [((0.0, 0.0, 1.6), True), ((0.7, 0.0, 0.3), False)])
+def test_more_edges_may_meet_at_a_vertex_than_a_hull_can_have(tmp_path, center, free):
+    """The tip of a cone of 400 triangles: coal's hulls have at most 255 neighbours of a vertex."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 401)[:-1]
+    rim = 0.1 * np.column_stack([np.cos(turn), np.sin(turn), np.zeros(400)])
+    vertices = np.vstack([rim, [[0.0, 0.0, 0.3]], [[0.0, 0.0, 0.0]]])
+    k = np.arange(400)
+    sides = np.column_stack([k, (k + 1) % 400, np.full(400, 400)])
+    floor = np.column_stack([(k + 1) % 400, k, np.full(400, 401)])
+    write_stl(tmp_path / "cone.stl", vertices, np.vstack([sides, floor]))
+    verdict = verdict_on(tmp_path, {"shape": "mesh", "file": "cone.stl", "center": list(center)})
+    assert (verdict.verified is not None) == free
+
+
 def _channel(length):
     """A channel along x: three boxes in one mesh, by their prisms."""
     parts, count, faces = [], 0, []

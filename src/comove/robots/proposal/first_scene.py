@@ -38,6 +38,7 @@ ACROSS = {"down": (0.0, 180.0), "forward": (-90.0, 90.0)}  # those by which fing
 FEWEST, MOST = 3, 5  # places in a row, forwards and upwards, that a carry over a rail needs and has at most
 N_TRIED = 8  # scenes that are solved, of those that both hands reach
 BUDGETS = (3.0, 10.0)  # s, for each: what can be carried is mostly carried in one
+WAY_OUT = "give another home or other bases: `comove robot check` says what hands reach and which links touch"
 RAILS = (0.5, 0.2)  # heights of the rail that are tried, in what the load can be lifted by
 
 
@@ -170,7 +171,7 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
             f"no place was found about home at which two hands of '{robot.name}' hold a bar between them, "
             "hands down or level",
             key="arms",
-            way_out="give another home, or put the bases nearer to each other: see `comove robot check`",
+            way_out=WAY_OUT,
         )
     reasons: list[str] = []
     tried = list(product(places, RAILS))[:N_TRIED]
@@ -187,7 +188,7 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
     raise RobotError(
         f"none of {len(tried)} scenes that two hands of '{robot.name}' reach was solved: {reasons[0]}",
         key="arms",
-        way_out="give another home, or put the bases nearer to each other: see `comove robot check`",
+        way_out=WAY_OUT,
     )
 
 

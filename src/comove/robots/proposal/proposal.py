@@ -34,7 +34,9 @@ SIDES = ("left", "right")
 GUESSED = {"velocity": 1.0, "effort": 50.0}  # rad/s, N m: of joints whose URDF states none or nothing above 0
 ENDLESS = 3.14  # rad, either way, of joints that turn without end
 ALWAYS = 0.95  # share of random configurations from which on a pair counts as always touching
-APART_FROM_WRIST = 0.01  # m, of a tip from the last joint, from where on it tells the direction of approach
+# m, of a tip and of the centre of mass from the last joint, from where on they tell the direction of approach; that
+# centre lies behind a bare flange, but by less
+APART_FROM_WRIST, HEAVY_FROM_WRIST = 0.01, 0.02
 BETWEEN, GRIP = (
     0.3,
     0.75,
@@ -112,7 +114,10 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
             data["arms"][name] = {"tip": prefix + chain.tip}
             if chain.fingers:
                 data["arms"][name]["fingers"] = [prefix + finger for finger in chain.fingers]
-            posture |= {prefix + joint: _nearest_to_0(part.text, joint) for joint in chain.trunk}
+            trunk = {prefix + joint: _nearest_to_0(part.text, joint) for joint in chain.trunk}
+            if trunk.keys() - posture.keys():
+                notes.append(f"all arms hang on {', '.join(trunk)}: `posture` says where that stays")
+            posture |= trunk
             guessed = _limits_of(part.text, chain.joints, prefix)
             limits |= guessed
             if guessed:
@@ -120,6 +125,12 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
                     f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
                     "put the maker's there"
                 )
+        lost = _leaderless(part.text)
+        posture |= {prefix + joint: _nearest_to_0(part.text, joint) for joint in lost}
+        notes += [
+            f"'{prefix}{joint}' goes along with '{leader}', which is not there: `posture` says where it stays"
+            for joint, leader in lost.items()
+        ]
     if not data["arms"]:
         raise RobotError(
             f"no arm of four joints or more was found in {', '.join(urdfs)}",
@@ -128,7 +139,6 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
         )
     if posture:
         data["posture"] = posture
-        notes.append(f"all arms hang on {', '.join(posture)}: `posture` says where that stays")
     if limits:
         data["limits"] = limits
     notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
@@ -222,6 +232,18 @@ def _limits_of(text: str, joints: Sequence[str], prefix: str) -> dict[str, dict[
     return found
 
 
+def _leaderless(text: str) -> dict[str, str]:
+    """Return the joints that go along with one which their URDF does not have, and its name."""
+    joints = ET.fromstring(text).findall("joint")
+    names = {joint.get("name") for joint in joints}
+    leaders = {
+        str(joint.get("name")): str(mimic.get("joint"))
+        for joint in joints
+        for mimic in joint.findall("mimic")
+    }
+    return {joint: leader for joint, leader in leaders.items() if leader not in names}
+
+
 def _nearest_to_0(text: str, name: str) -> float:
     """Return the position of a joint within its limits that is nearest to 0."""
     for joint in ET.fromstring(text).findall("joint"):
@@ -283,20 +305,21 @@ def _with_tools(
 def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) -> tuple[dict[str, Any], str]:
     """Return the tool of an arm without fingers, where it is not its tip, and a note about it.
 
-    The approach leads away from the last joint, where the tip lies apart from it, and the load is at the end of what
-    is fixed to the tip.
+    The approach leads away from the last joint: to the tip, where that lies apart, or else to the centre of mass of
+    all that the joint moves. The load is at the end of what is fixed to the tip, or at that centre without a body.
 
     Parameters
     ----------
     from_wrist : array, shape (3,), the tip from the last joint, in its own frame [m]
     hand : as in `_farthest`
     """
-    approach = (
-        _nearest_axis(from_wrist)
-        if np.linalg.norm(from_wrist) > APART_FROM_WRIST
-        else np.array([0.0, 0.0, 1.0])
-    )
-    end = _farthest(robot, arm, approach, hand, 0.0)
+    center, approach, least = _center_of_mass(robot, arm), np.array([0.0, 0.0, 1.0]), 0.0
+    if np.linalg.norm(from_wrist) > APART_FROM_WRIST:
+        approach = _nearest_axis(from_wrist)
+    elif np.linalg.norm(from_wrist + center) > HEAVY_FROM_WRIST:
+        approach = _nearest_axis(from_wrist + center)
+        least = float(center @ approach)
+    end = _farthest(robot, arm, approach, hand, least)
     axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
     axes[:, 0] *= np.linalg.det(axes)
     tool: dict[str, Any] = {}
@@ -311,6 +334,15 @@ def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) ->
         f"approach along {sign}{axis}; give the one that it holds the load with, tool: {{position: [0, 0, LENGTH]}}"
     )
     return {"tool": tool} if tool else {}, note
+
+
+def _center_of_mass(robot: Robot, arm: Arm) -> Array:
+    """Return the centre of mass of all that the last joint of an arm moves, from its tip; array, shape (3,) [m]."""
+    model, data = robot.model, robot.model.createData()
+    last = int(arm.columns[-1]) + 1
+    pin.framesForwardKinematics(model, data, robot.home)
+    place = data.oMi[last].act(model.inertias[last].lever)
+    return np.array(data.oMf[model.getFrameId(arm.tip)].actInv(place))
 
 
 def _farthest(robot: Robot, arm: Arm, approach: Array, hand: Sequence[Array], least: float) -> float:

@@ -18,6 +18,7 @@ from comove.robots.soundness import number
 MOVING = ("revolute", "continuous", "prismatic")
 LEAST = 4  # joints of an arm
 MOST_OF_FINGER = 4  # joints
+LONGEST_FINGER = 5  # joints, as the thumb and the little finger of a Shadow hand have
 MANY = 3  # joints that leave the hand of an arm
 OTHERS = re.compile(r"leg|hip|knee|ankle|foot|toe|wheel|thigh|calf|neck|head|gaze", re.IGNORECASE)
 FINGERS = re.compile(r"finger|gripper|jaw|knuckle|thumb|claw", re.IGNORECASE)
@@ -166,7 +167,8 @@ class Tree:
     def _from(self, link: str, trunk: tuple[str, ...], joints: tuple[str, ...]) -> Iterator[Chain]:
         """Yield the chains that leave the body of a link, which the joints of a trunk and `joints` have led to."""
         leaving = self.leaving(link)
-        at_hand = len(joints) >= LEAST and (self.is_palm(link) or len(leaving) >= MANY)
+        arms = sum(self.depth(joint) > LONGEST_FINGER for joint in leaving)  # two on a body: it is a chest
+        at_hand = len(joints) >= LEAST and arms < 2 and (self.is_palm(link) or len(leaving) >= MANY)
         if not leaving or at_hand:
             fingers = tuple(self._all_from(leaving))
             moved = (link for finger in fingers for link in self.body(finger.child))

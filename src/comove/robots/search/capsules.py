@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+import coal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
@@ -64,8 +65,7 @@ def capsules_of(shape: Any, moves: bool) -> list[LinkCapsule]:
         return holding(*_on_box(np.array(shape.halfSide)))
     if kind == "Cylinder":
         return [around(_around_cylinder(shape.radius, shape.halfLength))]
-    triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
-    points, spacing = on_triangles(vertices_of(shape), np.array([(t[0], t[1], t[2]) for t in triangles]))
+    points, spacing = on_triangles(*_surface(shape))
     return holding(points, spacing) if moves else _balls(points, spacing)
 
 
@@ -91,8 +91,19 @@ def convex_parts(vertices: Array, triangles: NDArray[np.int64], moves: bool) -> 
 
 
 def vertices_of(shape: Any) -> Array:
-    """Return the vertices of a mesh of coal; array, shape (n_vertices, 3) [m]."""
+    """Return the vertices of a mesh or a convex body of coal; array, shape (n_vertices, 3) [m]."""
+    if isinstance(shape, coal.ConvexBase):
+        return np.array([shape.point(i) for i in range(shape.num_points)])
     return np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+
+
+def _surface(shape: Any) -> tuple[Array, NDArray[np.int64]]:
+    """Return the vertices [m] and triangles of a mesh or a convex body; arrays, shape (n, 3)."""
+    vertices = vertices_of(shape)
+    if isinstance(shape, coal.ConvexBase):
+        return vertices, ConvexHull(vertices).simplices
+    triangles = [shape.tri_indices(i) for i in range(shape.num_tris)]
+    return vertices, np.array([(t[0], t[1], t[2]) for t in triangles])
 
 
 def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[LinkCapsule]:

@@ -201,7 +201,7 @@ def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> l
     """Return the capsules of a shape, computed once for equal meshes: two arms often are of one make."""
     if not hasattr(shape, "vertices"):
         return capsules_of(shape, moves)
-    key = moves, shape.num_tris, vertices_of(shape).tobytes()
+    key = moves, getattr(shape, "num_tris", None), vertices_of(shape).tobytes()
     if key not in known:
         known[key] = capsules_of(shape, moves)
     return known[key]

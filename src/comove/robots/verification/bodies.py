@@ -143,7 +143,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
         kind=kind,
         required=np.array([keep, keep, min(keep, ROBOT_CLEARANCE)]),
         taken=taken,
-        reach=_changes(robot, geometry, reach, np.array(pairs).reshape(-1, 3)),
+        reach=_changes(robot, geometry, reach, np.array(pairs, dtype=np.int64).reshape(-1, 3)),
         exact=exact,
         rods=rods,
         surfaces=scene.surfaces,
@@ -250,14 +250,20 @@ def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
 
 
 def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, int]]:
-    """Add the convex hulls of all meshes; returns the hulls by mesh, those of convex meshes and those of others."""
+    """Add the convex hulls of meshes; returns the hulls by mesh, those of convex meshes and those of others.
+
+    A mesh stays without one where coal builds none: not where more than 255 edges meet at a vertex.
+    """
     convex, others = dict[int, int](), dict[int, int]()
     for number in range(geometry.ngeoms):
         item = geometry.geometryObjects[number]
         if not isinstance(item.geometry, coal.BVHModelBase):
             continue
         if item.geometry.convex is None:
-            item.geometry.buildConvexHull(True, "Qt")
+            try:
+                item.geometry.buildConvexHull(True, "Qt")
+            except RuntimeError:
+                continue
         hull = pin.GeometryObject(
             f"{HULL_OF}{item.name}", item.parentJoint, item.parentFrame, item.placement, item.geometry.convex
         )

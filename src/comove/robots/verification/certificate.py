@@ -200,7 +200,7 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
         if balls_help:
             bound = distances.of_balls(cells) - change
         near = bound < _enough(met, bodies, slack)[bodies.kind[cells.pair]]  # for all others balls are enough
-        balls_help &= near.mean() < WORTH_BALLS
+        balls_help &= near.sum() < WORTH_BALLS * len(near)
         close, change = cells.chosen(near), change[near]
         distance = distances(close)
         met = _met(met, bodies, close, distance)
