@@ -5,8 +5,8 @@
 
 Each is done as a newcomer would, by four commands, and takes what is proposed as it is: `comove robot new`, `scene`,
 `solve` and `simulate`, the last one perturbed, hands welded to the bar. All models are those of example-robot-data,
-which `comove[robot]` installs; none of them comes with comove as a robot. `--more URDF...` adds models of one's own, each
-a robot with two arms, or two with a + between them, which stand side by side.
+which `comove[robot]` installs; none of them comes with comove as a robot. `--more URDF...` adds models of one's own,
+each a robot with two arms, or two with a + between them, which stand side by side.
 """
 
 from __future__ import annotations
