@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -37,6 +38,7 @@ ROBOTS = {
     "romeo": ["package://romeo_description/urdf/romeo.urdf"],
     "alex": ["package://alex_description/urdf/alex_nub_hands.urdf"],
 }
+FAILURE = re.compile(r"^error|to be mended|NOT VERIFIED")  # of lines that say what went wrong
 APART = {"two_so100": 0.3, "two_z1": 0.5, "two_ur3": 0.5, "two_kinova": 0.7, "panda_and_xarm7": 0.8}  # m
 
 
@@ -57,7 +59,8 @@ def delivered(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[lis
         )
         seconds.append(time.perf_counter() - begun)
         if told.returncode and command[0] != "simulate":
-            return seconds, (told.stderr or told.stdout).strip().replace(str(folder), "").replace("\n", "; ")
+            lines = (told.stdout + told.stderr).replace(str(folder), "").splitlines()
+            return seconds, "; ".join(line.strip() for line in lines if FAILURE.search(line))
     summary = json.loads((carried / "simulation.json").read_text(encoding="utf-8"))
     return seconds, "delivered" if summary["delivered"] else "; ".join(summary["reasons"])
 

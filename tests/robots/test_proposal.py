@@ -1,5 +1,6 @@
 """Proposed descriptions: arms that the tree of links has, tools, homes, limits and pairs of links."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -265,6 +266,27 @@ def test_pairs_that_always_touch_are_not_compared(tmp_path):
     assert frozenset(("base_0", "link2_0")) not in compared
 
 
+def test_an_srdf_that_lacks_pairs_is_completed(tmp_path):
+    """As Romeo's is, whose links have other names in some of its URDFs."""
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "srdf").mkdir()
+    own = '<robot name="made"><disable_collisions link1="link0" link2="link4" reason="Never"/></robot>'
+    (tmp_path / "srdf" / "made.srdf").write_text(own, encoding="utf-8")
+    text = urdf(link("base"), arm("", "base")).replace(link("link2"), link("link2", (1.0, 1.0, 1.0)))
+    proposal = propose([written(tmp_path / "urdf", text)], tmp_path / "made.yaml")
+    (pairs,) = proposal.srdf.values()
+    assert 'link1="link0" link2="link4"' in pairs
+    assert 'link1="base" link2="link2"' in pairs
+
+
+def test_a_hand_with_long_fingers_is_no_chest(tmp_path):
+    """As TIAGo's is, whose fingers have seven joints each in its URDF."""
+    hand = "".join(arm(f"finger{k}_", "link5", (0.02 * k, 0, 0.1), n=7) for k in range(3))
+    (chain,) = Tree.of(urdf(link("base"), arm("", "base"), hand)).chains()
+    assert len(chain.joints) == 6
+    assert len(chain.fingers) == 21
+
+
 @pytest.mark.parametrize(("gap", "never"), [(0.003, True), (-0.01, False), (0.05, False)])
 def test_links_that_come_near_and_cannot_touch_are_not_compared(tmp_path, gap, never):
     """A small link swings on a circle of 0.15 m past a wall on a link below, and leaves a gap, or none."""
@@ -285,6 +307,21 @@ def test_limits_that_no_motor_has_are_guessed_and_told(tmp_path):
     proposal = propose([written(tmp_path, text)], tmp_path / "made.yaml")
     assert proposal.data["limits"] == {"joint0": {"velocity": 1.0, "effort": 50.0}}
     assert any("joint0" in note and "guesses" in note for note in proposal.notes)
+
+
+def test_springs_are_guessed_where_a_motor_cannot_hold_the_arm(tmp_path):
+    """As PR2's shoulders cannot by its URDF; without springs that is a fault."""
+    text = urdf(link("base"), arm("", "base"))
+    text = text.replace(LIMIT, LIMIT.replace("40", "4"), 1)  # of joint0, on which all hangs
+    file = tmp_path / "made.yaml"
+    proposal = propose([written(tmp_path, text)], file)
+    assert proposal.data["springs"] == {"joint0": 0.9}
+    assert any("springs" in note for note in proposal.notes)
+    assert not any("own weight" in fault for fault in examine(proposal.robot).faults)
+    without = {key: value for key, value in proposal.data.items() if key != "springs"}
+    file.write_text(replace(proposal, data=without).text(), encoding="utf-8")
+    (fault,) = (fault for fault in examine(Robot.load(file)).faults if "own weight" in fault)
+    assert "'joint0'" in fault
 
 
 def test_a_trunk_stays_within_its_limits(tmp_path):

@@ -101,6 +101,11 @@ def examine(robot: Robot, seed: int = 0) -> Examination:
         for (a, b), share in shared.items()
         if share == 0.0
     ]
+    faults += [
+        f"the motor of '{joint}' would have to give {share:.0%} of what it can to hold the robot's own weight at "
+        "home: say by `springs` what else does, or give another home"
+        for joint, share in overloaded(robot).items()
+    ]
     doubts += [
         f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, name them in an SRDF"
         for (a, b), share in often.items()
@@ -131,6 +136,13 @@ def findings_of(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings
     reach = float(np.linalg.norm(places - base_of(robot, arm), axis=1).max())
     tilt = float(np.arccos(np.clip(DOWN @ robot.tool_pose(robot.home, arm)[:3, 2], -1.0, 1.0)))
     return ArmFindings(arm.name, arm.tip, len(arm.columns), reach, places, tilt)
+
+
+def overloaded(robot: Robot) -> dict[str, float]:
+    """Return the joints whose motors cannot hold the robot's own weight at home, and the torques in what they can."""
+    torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.home)
+    shares = np.abs(torque) * (1.0 - robot.relief) / robot.effort
+    return {robot.joint_names[k]: float(shares[k]) for k in np.flatnonzero(shares > 1.0)}
 
 
 def _shared(a: Array, b: Array) -> float:

@@ -21,7 +21,7 @@ from comove.errors import ComoveWarning, RobotError
 from comove.robots.description import RobotFile
 from comove.robots.model import Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, placed_bodies
-from comove.robots.proposal.examination import near_but_apart, pairs_of, touching
+from comove.robots.proposal.examination import near_but_apart, overloaded, pairs_of, touching
 from comove.robots.proposal.homes import Homes, homes_of
 from comove.robots.proposal.tree import Chain, Tree
 from comove.robots.soundness import number
@@ -33,6 +33,7 @@ APART = 0.8  # m, between the bases of two models
 SIDES = ("left", "right")
 GUESSED = {"velocity": 1.0, "effort": 50.0}  # rad/s, N m: of joints whose URDF states none or nothing above 0
 ENDLESS = 3.14  # rad, either way, of joints that turn without end
+SPRINGS = 0.9  # share of a weight that is too much for a motor, guessed to be held by springs
 ALWAYS = 0.95  # share of random configurations from which on a pair counts as always touching
 # m, of a tip and of the centre of mass from the last joint, from where on they tell the direction of approach; that
 # centre lies behind a bare flange, but by less
@@ -58,7 +59,7 @@ class Proposal:
     ----------
     data : contents of the description (`comove.robots.description.RobotFile`)
     robot : the robot that it describes
-    srdf : text of a file of pairs that are not compared, by URDF; where a robot's own is not there
+    srdf : text of a file of pairs that are not compared, by URDF; where a robot's own does not have them all
     notes : what was chosen or guessed, and what is missing, in words
     """
 
@@ -147,13 +148,21 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
         data, more = _with_tools(data, _robot(data, file), parts)
         robot, notes = _robot(data, file), notes + more
     left_out = _left_out(robot, parts, seed)
-    srdf = {part.entry["urdf"]: text for part in parts if (text := _srdf(part, left_out))}
+    srdf = {part.entry["urdf"]: text for part in parts if (text := _srdf(part, left_out, file))}
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in left_out.items()]
     robot = _without(robot, left_out)
     homes: Homes = homes_of(robot, seed)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
         data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
-    return Proposal(data, _without(_robot(data, file), left_out), srdf, (*notes, *homes.notes))
+    notes += homes.notes
+    weak = overloaded(_robot(data, file))
+    if weak:
+        data["springs"] = dict.fromkeys(weak, SPRINGS)
+        notes.append(
+            f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
+            f"springs hold {SPRINGS:.0%} of it, of which a URDF does not know"
+        )
+    return Proposal(data, _without(_robot(data, file), left_out), srdf, tuple(notes))
 
 
 def _written(home: Array, lower: Array, upper: Array) -> list[float]:
@@ -406,13 +415,13 @@ def _nearest_axis(vector: Array) -> Array:
 def _left_out(robot: Robot, parts: Sequence[_Part], seed: int) -> dict[tuple[str, str], str]:
     """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
 
-    Only models that have no SRDF are looked at; links of different models must not touch, wherever the bases stand.
+    Links of different models must not touch, wherever the bases stand.
 
     Returns
     -------
     the reason of each pair, as SRDF has it
     """
-    prefixes = [part.entry.get("prefix", "") for part in parts if "srdf" not in part.entry]
+    prefixes = [part.entry.get("prefix", "") for part in parts]
     rng = np.random.default_rng(seed)
     drawn = rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
@@ -426,16 +435,20 @@ def _left_out(robot: Robot, parts: Sequence[_Part], seed: int) -> dict[tuple[str
     }
 
 
-def _srdf(part: _Part, left_out: dict[tuple[str, str], str]) -> str:
-    """Return the SRDF of a model's own pairs that are left out, empty where there are none."""
+def _srdf(part: _Part, left_out: dict[tuple[str, str], str], file: Path) -> str:
+    """Return the SRDF of a model with those of its pairs that are left out, empty where there are none."""
     prefix = part.entry.get("prefix", "")
-    lines = [
-        f'  <disable_collisions link1="{a[len(prefix) :]}" link2="{b[len(prefix) :]}" reason="{reason}"/>\n'
-        for (a, b), reason in left_out.items()
-        if a.startswith(prefix) and b.startswith(prefix)
-    ]
-    name = ET.fromstring(part.text).get("name", "robot")
-    return f'<robot name="{name}">\n{"".join(lines)}</robot>\n' if lines else ""
+    mine = [pair for pair in left_out if all(link.startswith(prefix) for link in pair)]
+    if not mine:
+        return ""
+    top = ET.Element("robot", name=ET.fromstring(part.text).get("name", "robot"))
+    if "srdf" in part.entry:
+        top = ET.fromstring(resolve(part.entry["srdf"], file).read_bytes())
+    for pair in mine:
+        one, other = (link[len(prefix) :] for link in pair)
+        ET.SubElement(top, "disable_collisions", link1=one, link2=other, reason=left_out[pair])
+    ET.indent(top)
+    return ET.tostring(top, encoding="unicode") + "\n"
 
 
 def _without(robot: Robot, pairs: Iterable[tuple[str, str]]) -> Robot:

@@ -167,8 +167,9 @@ class Tree:
     def _from(self, link: str, trunk: tuple[str, ...], joints: tuple[str, ...]) -> Iterator[Chain]:
         """Yield the chains that leave the body of a link, which the joints of a trunk and `joints` have led to."""
         leaving = self.leaving(link)
-        arms = sum(self.depth(joint) > LONGEST_FINGER for joint in leaving)  # two on a body: it is a chest
-        at_hand = len(joints) >= LEAST and arms < 2 and (self.is_palm(link) or len(leaving) >= MANY)
+        deep = sum(self.depth(joint) > LONGEST_FINGER for joint in leaving)
+        is_chest = deep == 2  # models of hands have such fingers as well, but more
+        at_hand = len(joints) >= LEAST and not is_chest and (self.is_palm(link) or len(leaving) >= MANY)
         if not leaving or at_hand:
             fingers = tuple(self._all_from(leaving))
             moved = (link for finger in fingers for link in self.body(finger.child))
