@@ -58,7 +58,7 @@ def delivered(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[lis
             [sys.executable, "-m", "comove", "robot", *map(str, command)], capture_output=True, text=True
         )
         seconds.append(time.perf_counter() - begun)
-        if told.returncode and command[0] != "simulate":
+        if told.returncode and not (carried / "simulation.json").exists():
             lines = (told.stdout + told.stderr).replace(str(folder), "").splitlines()
             return seconds, "; ".join(line.strip() for line in lines if FAILURE.search(line))
     summary = json.loads((carried / "simulation.json").read_text(encoding="utf-8"))

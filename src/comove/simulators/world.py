@@ -179,7 +179,7 @@ def lower_floor(world: World, data: Any, planned: Array) -> None:
     for q in planned[:: max(1, len(planned) // looked_at)]:
         data.qpos[world.qpos] = q
         engine().mj_kinematics(model, data)
-        lowest = min(lowest, min(_lowest(model, data, geom) for geom in links) - below)
+        lowest = min([lowest, *(_lowest(model, data, geom) - below for geom in links)])
     data.qpos[:] = present
     engine().mj_kinematics(model, data)
     model.geom_pos[floor, 2] = lowest

@@ -37,7 +37,10 @@ QUARTERS = (0.0, 180.0, -90.0, 90.0)  # degrees, by which a hand is turned on th
 ACROSS = {"down": (0.0, 180.0), "forward": (-90.0, 90.0)}  # those by which fingers close across it
 FEWEST, MOST = 3, 5  # places in a row, forwards and upwards, that a carry over a rail needs and has at most
 N_TRIED = 8  # scenes that are solved, of those that both hands reach
-BUDGETS = (3.0, 10.0)  # s, for each: what can be carried is mostly carried in one
+ROUNDS = (
+    (3.0, 8.0),
+    (10.0, 16.0),
+)  # s, time to solve each, and to carry: most that can be carried is solved in 1 s
 WAY_OUT = "give another home or other bases: `comove robot check` says what hands reach and which links touch"
 RAILS = (0.5, 0.2)  # heights of the rail that are tried, in what the load can be lifted by
 
@@ -98,11 +101,17 @@ class _Place:
         x, y = (across, onward) if self.axis == 0 else (onward, across)
         return np.array([x, y, up])
 
-    def data(self, named: str, rail: float) -> dict[str, Any]:
-        """Return the contents of a scene file in which the bar is lifted over a rail of this height, a share.
+    def data(self, named: str, rail: float, duration: float) -> dict[str, Any]:
+        """Return the contents of a scene file in which the bar is lifted over a rail.
 
         All suits the arms' reach: the bar's radius is 1.2 % of it, its mass 0.2 kg for each metre of it, and the
         speed 0.6 times it a second.
+
+        Parameters
+        ----------
+        named : the robot, as the scene names it
+        rail : height of the rail, as a share of what the bar can be lifted by
+        duration : of the carry [s]
         """
         reach, radius = self.reach, round(0.012 * self.reach, 3)
         inset, half = (
@@ -122,7 +131,7 @@ class _Place:
         return {
             "version": 1,
             "name": f"first scene of {Path(named).stem}",
-            "duration": 8.0,
+            "duration": duration,
             "robot": named,
             "grasp": self.grasp,
             "workspace": {"lower": lower.tolist(), "upper": upper.tolist()},
@@ -185,8 +194,8 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
         )
     reasons: list[str] = []
     tried = list(product(places, RAILS))[:N_TRIED]
-    for budget, (place, rail) in product(BUDGETS, tried):
-        data = place.data(named, rail)
+    for (budget, duration), (place, rail) in product(ROUNDS, tried):
+        data = place.data(named, rail, duration)
         try:
             found = carry(Scene.from_dict(data), robot, seed=seed, budget=budget)
         except SceneError as error:
@@ -253,7 +262,7 @@ def _at_cell(around: Array, axis: int, cell: Cell) -> Array:
 
 def _reached(robot: Robot, place: _Place) -> Cells:
     """Return where each hand reaches a bar; array, shape (2, N_CELLS, N_CELLS), by hand, forwards and upwards."""
-    scene = Scene.from_dict(place.data(robot.name, 0.0) | {"obstacles": []})
+    scene = Scene.from_dict(place.data(robot.name, 0.0, ROUNDS[0][1]) | {"obstacles": []})
     carrier, nodes = RobotCarrier(robot, scene), scene.nodes_at("start")
     middle = nodes[:2].mean(axis=0)
     found, around = np.zeros((2, N_CELLS, N_CELLS), dtype=bool), np.array([place.lower, place.upper])
