@@ -205,7 +205,7 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
             return SceneProposal(data, found)
         reasons += found.solution.reasons[:1]
     raise RobotError(
-        f"none of {len(tried)} scenes that two hands of '{robot.name}' reach was solved: {reasons[0]}",
+        f"none of {len(tried)} scenes that two hands of '{robot.name}' reach was solved: {reasons[-len(tried)]}",
         key="arms",
         way_out=WAY_OUT,
     )
