@@ -203,7 +203,7 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
             continue
         if found.verified:
             return SceneProposal(data, found)
-        reasons += found.solution.reasons[:1]
+        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found in time")[:1]
     raise RobotError(
         f"none of {len(tried)} scenes that two hands of '{robot.name}' reach was solved: {reasons[-len(tried)]}",
         key="arms",
