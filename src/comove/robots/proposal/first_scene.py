@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 from pathlib import Path
@@ -184,7 +185,7 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
         )
     load_robot_kernels(SceneKind(3))
     found_by_cell = (list(_places(robot, cell)) for cell in CELLS)
-    places = sorted(next(filter(None, found_by_cell), []), key=lambda place: -round(place.worth, 6))
+    places = _ranked(next(filter(None, found_by_cell), []))
     if not places:
         raise RobotError(
             f"no place was found about home at which two hands of '{robot.name}' hold a bar between them, "
@@ -209,6 +210,19 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
         key="arms",
         way_out=WAY_OUT,
     )
+
+
+def _ranked(places: Sequence[_Place]) -> list[_Place]:
+    """Return the places in the order in which they are tried: the largest first, but where the same bar is held in
+    the same place, one way to turn the hands on it for each such place before there is another.
+    """
+    known = Counter[tuple[object, ...]]()
+    order = list[tuple[int, float, int]]()
+    for i, place in enumerate(places):
+        where = (place.grasp["orientation"], place.length, *place.lower.tolist(), *place.upper.tolist())
+        order.append((known[where], -round(place.worth, 6), i))
+        known[where] += 1
+    return [places[i] for *_, i in sorted(order)]
 
 
 def _places(robot: Robot, cell: float) -> Iterator[_Place]:
