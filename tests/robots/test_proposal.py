@@ -279,6 +279,24 @@ def test_an_srdf_that_lacks_pairs_is_completed(tmp_path):
     assert 'link1="base" link2="link2"' in pairs
 
 
+def test_two_of_a_kind_leave_out_the_same_pairs(tmp_path):
+    """One file of pairs serves both, so what is loaded from what was written compares what the proposal does."""
+    text = urdf(link("base"), arm("", "base")).replace(link("link2"), link("link2", (1.0, 1.0, 1.0)))
+    file = tmp_path / "made.yaml"
+    proposal = propose([written(tmp_path, text)] * 2, file, apart=3.0)
+    (pairs,) = proposal.srdf.values()
+    (tmp_path / "made.srdf").write_text(pairs, encoding="utf-8")
+    for model in proposal.data["models"]:
+        model["srdf"] = "made.srdf"
+    file.write_text(proposal.text(), encoding="utf-8")
+
+    def compared(robot):
+        names = [item.name for item in robot.collision.geometryObjects]
+        return {frozenset((names[p.first], names[p.second])) for p in robot.collision.collisionPairs}
+
+    assert compared(Robot.load(file)) == compared(proposal.robot)
+
+
 def test_a_hand_with_long_fingers_is_no_chest(tmp_path):
     """As TIAGo's is, whose fingers have seven joints each in its URDF."""
     hand = "".join(arm(f"finger{k}_", "link5", (0.02 * k, 0, 0.1), n=7) for k in range(3))

@@ -8,6 +8,7 @@ import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from comove.robots.soundness import number
 from comove.robots.urdf import resolve
 
 Array = NDArray[np.float64]
+Pair = tuple[str, str]
 
 APART = 0.8  # m, between the bases of two models
 SIDES = ("left", "right")
@@ -38,10 +40,7 @@ ALWAYS = 0.95  # share of random configurations from which on a pair counts as a
 # m, of a tip and of the centre of mass from the last joint, from where on they tell the direction of approach; that
 # centre lies behind a bare flange, but by less
 APART_FROM_WRIST, HEAVY_FROM_WRIST = 0.01, 0.02
-BETWEEN, GRIP = (
-    0.3,
-    0.75,
-)  # of the fingers' length: from where a tip lies between them, and where a tool is put
+BETWEEN, GRIP = 0.3, 0.75  # of fingers' length: where a tip lies between them, and where a tool is put
 N_SAMPLES = 300  # random configurations that tell which pairs of links touch always, and which come near
 TOLD = {
     "Always": "touch in every configuration",
@@ -148,9 +147,10 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
         data, more = _with_tools(data, _robot(data, file), parts)
         robot, notes = _robot(data, file), notes + more
     left_out = _left_out(robot, parts, seed)
-    srdf = {part.entry["urdf"]: text for part in parts if (text := _srdf(part, left_out, file))}
-    notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in left_out.items()]
-    robot = _without(robot, left_out)
+    srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
+    pairs = [pair for part in parts for pair in _named(part, left_out)]
+    notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
+    robot = _without(robot, pairs)
     homes: Homes = homes_of(robot, seed)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
         data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
@@ -162,7 +162,7 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
             f"springs hold {SPRINGS:.0%} of it, of which a URDF does not know"
         )
-    return Proposal(data, _without(_robot(data, file), left_out), srdf, tuple(notes))
+    return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
 
 
 def _written(home: Array, lower: Array, upper: Array) -> list[float]:
@@ -363,9 +363,8 @@ def _farthest(robot: Robot, arm: Arm, approach: Array, hand: Sequence[Array], le
     hand : arrays, shape (n, 3), points around its bodies at home [m]
     """
     tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-    return max(
-        (float(((each - tip[:3, 3]) @ (tip[:3, :3] @ approach)).max()) for each in hand), default=least
-    )
+    along = tip[:3, :3] @ approach
+    return max([least, *(float(((points - tip[:3, 3]) @ along).max()) for points in hand)])
 
 
 def _grasp_axes(frames: Array) -> tuple[Array, float]:
@@ -412,48 +411,49 @@ def _nearest_axis(vector: Array) -> Array:
     return axis
 
 
-def _left_out(robot: Robot, parts: Sequence[_Part], seed: int) -> dict[tuple[str, str], str]:
+def _left_out(robot: Robot, parts: Sequence[_Part], seed: int) -> dict[str, dict[Pair, str]]:
     """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
 
     Links of different models must not touch, wherever the bases stand.
 
     Returns
     -------
-    the reason of each pair, as SRDF has it
+    by URDF its pairs, as it names the links, with the reason of each as SRDF has it
     """
-    prefixes = [part.entry.get("prefix", "") for part in parts]
     rng = np.random.default_rng(seed)
     drawn = rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
     always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS}
     never = near_but_apart(robot, N_SAMPLES, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
-    return {
-        pair: reason
-        for pair, reason in reasons.items()
-        if any(all(link.startswith(prefix) for link in pair) for prefix in prefixes)
-    }
+    found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
+    for part, ((a, b), reason) in product(parts, reasons.items()):
+        prefix = part.entry.get("prefix", "")
+        if a.startswith(prefix) and b.startswith(prefix):
+            found[part.entry["urdf"]][a.removeprefix(prefix), b.removeprefix(prefix)] = reason
+    return found
 
 
-def _srdf(part: _Part, left_out: dict[tuple[str, str], str], file: Path) -> str:
-    """Return the SRDF of a model with those of its pairs that are left out, empty where there are none."""
+def _named(part: _Part, left_out: dict[str, dict[Pair, str]]) -> list[tuple[Pair, str]]:
+    """Return a model's pairs that are left out, as the robot names their links, and the reasons."""
     prefix = part.entry.get("prefix", "")
-    mine = [pair for pair in left_out if all(link.startswith(prefix) for link in pair)]
-    if not mine:
-        return ""
+    return [((prefix + a, prefix + b), reason) for (a, b), reason in left_out[part.entry["urdf"]].items()]
+
+
+def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:
+    """Return the SRDF of a model with those of its pairs that are left out."""
     top = ET.Element("robot", name=ET.fromstring(part.text).get("name", "robot"))
     if "srdf" in part.entry:
         top = ET.fromstring(resolve(part.entry["srdf"], file).read_bytes())
-    for pair in mine:
-        one, other = (link[len(prefix) :] for link in pair)
-        ET.SubElement(top, "disable_collisions", link1=one, link2=other, reason=left_out[pair])
+    for (one, other), reason in left_out[part.entry["urdf"]].items():
+        ET.SubElement(top, "disable_collisions", link1=one, link2=other, reason=reason)
     ET.indent(top)
     return ET.tostring(top, encoding="unicode") + "\n"
 
 
-def _without(robot: Robot, pairs: Iterable[tuple[str, str]]) -> Robot:
+def _without(robot: Robot, pairs: Iterable[tuple[Pair, str]]) -> Robot:
     """Return a robot that does not compare some pairs of links."""
-    geometry, known = robot.collision.copy(), {frozenset(pair) for pair in pairs}
+    geometry, known = robot.collision.copy(), {frozenset(pair) for pair, _ in pairs}
     for pair in list(geometry.collisionPairs):
         names = (link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second))
         if frozenset(names) in known:
