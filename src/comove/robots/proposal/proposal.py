@@ -454,8 +454,10 @@ def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:
 def _without(robot: Robot, pairs: Iterable[tuple[Pair, str]]) -> Robot:
     """Return a robot that does not compare some pairs of links."""
     geometry, known = robot.collision.copy(), {frozenset(pair) for pair, _ in pairs}
-    for pair in list(geometry.collisionPairs):
-        names = (link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second))
-        if frozenset(names) in known:
-            geometry.removeCollisionPair(pair)
+    links = [link_of(item.name) for item in geometry.geometryObjects]
+    ends = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    geometry.removeAllCollisionPairs()
+    for a, b in ends:
+        if frozenset((links[a], links[b])) not in known:
+            geometry.addCollisionPair(pin.CollisionPair(a, b))
     return replace(robot, collision=geometry)
