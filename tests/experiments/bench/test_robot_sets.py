@@ -1,15 +1,11 @@
 """Every frozen scene of robots can be solved, as its witness of joints shows, and no straight motion does."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 pytest.importorskip("pinocchio")
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import SceneError
-from comove.experiments.bench.robot_drawing import drawn
 from comove.experiments.bench.robot_witness import JointWitness
 from comove.experiments.bench.runner import jobs_of, run
 from comove.experiments.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
@@ -103,12 +99,6 @@ def test_a_witness_that_ends_elsewhere_or_touches_something_is_no_witness():
     ball = {"shape": "sphere", "center": middle.tolist(), "radius": 0.01}
     within = Scene.from_dict({**scene.file.model_dump(exclude_none=True), "obstacles": [ball]})
     assert witness.judged(within).verified is None
-
-
-def test_a_place_out_of_reach_is_told():
-    far = replace(WORKPLACES["two_ur10"], lower=(3.0, -0.8, 0.1), upper=(4.0, 0.8, 0.6))
-    with pytest.raises(SceneError, match=r"of 3 drafts .* mostly for this: an end is out of reach"):
-        drawn("far", ROBOT_DIFFICULTIES["robots-easy"], far, [0], 3)
 
 
 def test_systems_that_move_hands_refuse_robots():
