@@ -1,7 +1,8 @@
 """From URDFs that nobody prepared to a load that MuJoCo delivers: how long it takes, and what goes wrong.
 
     python benchmarks/unprepared.py
-    python benchmarks/unprepared.py --seed 3 --robots talos kinova
+    python benchmarks/unprepared.py --seed 3 --robots talos two_kinova
+    python benchmarks/unprepared.py --others                # 18 more
 
 Each is done as a newcomer would, by four commands, and takes what is proposed as it is: `comove robot new`, `scene`,
 `solve` and `simulate`, the last one perturbed, hands welded to the bar. All models are those of example-robot-data,
@@ -38,6 +39,29 @@ ROBOTS = {
     "romeo": ["package://romeo_description/urdf/romeo.urdf"],
     "alex": ["package://alex_description/urdf/alex_nub_hands.urdf"],
 }
+OTHERS = {
+    "centauro": ["package://centauro_description/urdf/centauro.urdf"],
+    "simple_humanoid": ["package://simple_humanoid_description/urdf/simple_humanoid.urdf"],
+    "humanoid_classical": ["package://simple_humanoid_description/urdf/simple_humanoid_classical.urdf"],
+    "human": ["package://human_description/robots/human.urdf"],
+    "alex_sake_hands": ["package://alex_description/urdf/alex_sake_hands.urdf"],
+    "alex_psyonic_hands": ["package://alex_description/urdf/alex_psyonic_hands.urdf"],
+    "romeo_small": ["package://romeo_description/urdf/romeo_small.urdf"],
+    "romeo_laas_small": ["package://romeo_description/urdf/romeo_laas_small.urdf"],
+    "talos_full": ["package://talos_data/robots/talos_full_v2.urdf"],
+    "talos_full_box": ["package://talos_data/robots/talos_full_v2_box.urdf"],
+    "g1_with_hands": ["package://g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf"],
+    "icub_full": ["package://icub_description/robots/icub.urdf"],
+    "two_ur5_grippers": ["package://ur_description/urdf/ur5_gripper.urdf"] * 2,
+    "two_ur3_grippers": ["package://ur_description/urdf/ur3_gripper.urdf"] * 2,
+    "two_tiago": ["package://tiago_description/robots/tiago.urdf"] * 2,
+    "tiago_and_panda": [
+        "package://tiago_description/robots/tiago_no_hand.urdf",
+        "package://panda_description/urdf/panda.urdf",
+    ],
+    "two_b1_z1": ["package://b1_description/urdf/b1-z1.urdf"] * 2,
+    "two_anymal_kinova": ["package://anymal_b_simple_description/robots/anymal-kinova.urdf"] * 2,
+}
 FAILURE = re.compile(r"^error|to be mended|NOT VERIFIED")  # of lines that say what went wrong
 APART = {"two_so100": 0.3, "two_z1": 0.5, "two_ur3": 0.5, "two_kinova": 0.7, "panda_and_xarm7": 0.8}  # m
 
@@ -68,13 +92,16 @@ def delivered(name: str, urdfs: list[str], folder: Path, seed: int) -> tuple[lis
 def main() -> None:
     """Run what the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS))
+    parser.add_argument("--robots", nargs="+", choices=ROBOTS | OTHERS, default=[])
+    parser.add_argument("--others", action="store_true", help="18 others in place of the ten")
     parser.add_argument("--more", nargs="+", default=[], metavar="URDF", help="of your own, or URDF+URDF")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args()
     on_one_thread()
     os.environ.setdefault("MUJOCO_GL", "disable")
-    wanted = {name: ROBOTS[name] for name in asked.robots} | {Path(u).stem: u.split("+") for u in asked.more}
+    wanted = {name: (ROBOTS | OTHERS)[name] for name in asked.robots}
+    wanted |= {Path(urdfs).stem: urdfs.split("+") for urdfs in asked.more}
+    wanted = wanted or (OTHERS if asked.others else ROBOTS)
     print("| robot | new [s] | scene [s] | solve [s] | simulate [s] | minutes | what came of it |")
     print("|---|---|---|---|---|---|---|", flush=True)
     with tempfile.TemporaryDirectory() as folder:

@@ -99,7 +99,11 @@ def scene(
     loaded, named = Robot.load(robot), robot
     if robot not in bundled_robots():
         named = os.path.relpath(find_description(robot), out.absolute().parent)
-    proposal = propose_scene(loaded, named, seed=seed)
+    try:
+        proposal = propose_scene(loaded, named, seed=seed)
+    except RobotError as error:
+        error.file = error.file or Path(robot)
+        raise
     with whole_file(out, error=SceneError, replace=False) as draft:
         draft.write(proposal.text().encode())
     load, grasp, found = proposal.data["load"], proposal.data["grasp"], proposal.found.solution

@@ -30,9 +30,8 @@ from comove.robots.description import JointLimits, ModelSource, Placement, error
 from comove.robots.soundness import LIMITS, doubts, number, require_sound, short
 
 MAX_BYTES = 20_000_000
-ROUNDED = (
-    1e-5  # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
-)
+# rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
+ROUNDED = 1e-5
 
 
 @dataclass(frozen=True)
@@ -266,7 +265,7 @@ def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
 
 
 def _whole(angle: str) -> str:
-    """Return an angle [rad] in full if it is a right angle, rounded; otherwise as it is written."""
+    """Return an angle [rad] in full if it is right angles, rounded or cut; otherwise as it is written."""
     value = float(angle)
     count = round(2.0 * value / math.pi)
     right = 0.5 * math.pi * count

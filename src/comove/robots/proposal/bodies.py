@@ -36,7 +36,7 @@ def link_of(geometry: str) -> str:
 
 
 def _points_around(shape: coal.CollisionGeometry) -> Array:
-    """Return the vertices of a body, or the corners of the box about one without; array, shape (n, 3) [m]."""
+    """Return the vertices of a mesh, or the corners of the box about another body; array, shape (n, 3) [m]."""
     if isinstance(shape, coal.BVHModelBase | coal.ConvexBase):
         return vertices_of(shape)
     shape.computeLocalAABB()

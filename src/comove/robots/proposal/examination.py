@@ -220,9 +220,8 @@ def near_but_apart(robot: Robot, count: int, rng: np.random.Generator) -> set[tu
     joints = rng.uniform(robot.lower, robot.upper, (count, len(robot.lower)))
     near, touch = (touching(robot, joints, margin) for margin in (ROBOT_CLEARANCE, 0.0))
     links, geometry = pairs_of(robot), robot.collision
-    touched = {
-        pair for pair, seen in zip(links, touch.T, strict=True) if seen.any()
-    }  # links have several bodies
+    # by links, which have several bodies
+    touched = {pair for pair, seen in zip(links, touch.T, strict=True) if seen.any()}
     found = set[tuple[str, str]]()
     for k, pair in enumerate(geometry.collisionPairs):
         if links[k] in touched or not near[:, k].any():

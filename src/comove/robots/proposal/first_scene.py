@@ -38,10 +38,8 @@ QUARTERS = (0.0, 180.0, -90.0, 90.0)  # degrees, by which a hand is turned on th
 ACROSS = {"down": (0.0, 180.0), "forward": (-90.0, 90.0)}  # those by which fingers close across it
 FEWEST, MOST = 3, 5  # places in a row, forwards and upwards, that a carry over a rail needs and has at most
 N_TRIED = 8  # scenes that are solved, of those that both hands reach
-ROUNDS = (
-    (3.0, 8.0),
-    (10.0, 16.0),
-)  # s, time to solve each, and to carry: most that can be carried is solved in 1 s
+# s, time to solve each, and to carry: most that can be carried is solved in one, and a joint may be slow
+ROUNDS = ((3.0, 8.0), (10.0, 16.0))
 WAY_OUT = "give another home or other bases: `comove robot check` says what hands reach and which links touch"
 RAILS = (0.5, 0.2)  # heights of the rail that are tried, in what the load can be lifted by
 
@@ -115,10 +113,8 @@ class _Place:
         duration : of the carry [s]
         """
         reach, radius = self.reach, round(0.012 * self.reach, 3)
-        inset, half = (
-            self._vector(0.0, 0.5 * self.cell, 0.5 * self.cell),
-            self._vector(0.5 * self.length, 0.0, 0.0),
-        )
+        inset = self._vector(0.0, 0.5 * self.cell, 0.5 * self.cell)
+        half = self._vector(0.5 * self.length, 0.0, 0.0)
         start, goal = (np.round(corner, 3) + 0.0 for corner in (self.lower + inset, self.upper - inset))
         lift, way = goal[2] - start[2], goal[1 - self.axis] - start[1 - self.axis]
         goal[2] = start[2]
@@ -286,7 +282,7 @@ def _reached(robot: Robot, place: _Place) -> Cells:
     return found
 
 
-def largest_rectangle(free: NDArray[np.bool_]) -> tuple[Cell, Cell] | None:
+def largest_rectangle(free: Cells) -> tuple[Cell, Cell] | None:
     """Return the first and last cell of the largest rectangle that is free, of those the one nearest to the middle,
     which is home; None where none is large enough.
     """

@@ -18,6 +18,7 @@ N_DRAWN, N_TRIED = 3000, 150  # configurations drawn, and those that are settled
 N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settles
 # Of hands' places along x, in reaches: mean below which the front is where x is negative, and where it begins.
 BACKWARDS, IN_FRONT = -0.1, 0.25
+MOST_SIGNS = 12  # joints of an arm of which all signs are tried
 ALIKE = 2e-3  # m and of directions together, by which a hand may miss another one in a mirror
 FAR = 0.75  # share of the places of hands that are nearer than a home
 STEEP = np.cos(np.deg2rad(30.0))  # of an approach that counts as down where a home is looked for
@@ -91,6 +92,8 @@ def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
     """Return the configuration in which an arm is as another one in a mirror between them; none where their joints
     are not alike but for signs.
     """
+    if len(arm.columns) > MOST_SIGNS:
+        return []
     signs = np.array(list(product((1.0, -1.0), repeat=len(arm.columns))))
     drawn = np.repeat(q[None], len(signs), axis=0)
     drawn[:, arm.columns] = signs * q[other.columns]
