@@ -28,7 +28,7 @@ from toppra.constraint import JointAccelerationConstraint, JointVelocityConstrai
 Array = NDArray[np.float64]
 
 N_EQUATIONS = 9
-DELTA = 0.05  # rad, between states that are checked along a motion, as RoboPlan is given
+DELTA = 0.05  # rad, between states that are checked along a motion
 RANGE = 0.3  # rad, of a motion that the tree grows by
 HELD = 1e-4  # m and rad, the norm of errors within which a state is on the manifold
 STEPS = 20  # of Newton's method

@@ -1,4 +1,8 @@
-"""RoboPlan: RRT-Connect under constraints of poses, the second hand held to the first, and its own TOPP-RA."""
+"""RoboPlan: RRT-Connect under constraints of poses, the second hand held to the first, and its own TOPP-RA.
+
+Of three steps between checked states (0.05, 0.02 and 0.01 rad) the largest of the best was taken, on the first ten
+scenes of `robots-easy` and of `robots-hard`.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +40,8 @@ from robots_peers_terms import (
 from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
+
+STEP = 0.02  # rad, between states that are checked
 
 
 class RoboPlan:
@@ -89,7 +95,7 @@ class RoboPlan:
             group_name=group,
             max_nodes=40_000,
             max_connection_distance=0.5,
-            collision_check_step_size=0.05,
+            collision_check_step_size=STEP,
             max_planning_time=EACH,
             rrt_connect=True,
         )

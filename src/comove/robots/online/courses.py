@@ -3,7 +3,8 @@
 Time goes by in slots. What moves is foreseen to go on as it does now. For every sample of the roadmap and every slot
 it is computed what comes how near (`dangers`); then the least cost of a course from every node at every slot follows
 backwards in time (dynamic programming: Bellman, 1957). A slot that is not spent at the goal costs 1, one near to
-something more, and one in which something is met so much that it is avoided where it can be. What is left to go at
+something more, and one in which something is met so much that it is avoided where it can be; where it cannot, a graze
+costs less than a hit, which the control of each step may yet turn into a miss. What is left to go at
 the end of the time that is foreseen counts as if nothing moved any more.
 """
 
@@ -42,15 +43,34 @@ class CourseSettings:
     n_slots : slots that are foreseen
     thicker : by how much links may be taken to be thicker, so that there are fewer [m]
     met, near : clearances beyond the scene's, below which something counts as met, and as near [m]
-    meeting, nearness : cost of a slot in which something is met, and is almost met, beside 1 for every slot
+    depth : how far below `met` a graze is a hit [m]
+    hitting, meeting, nearness : cost of a slot in which something is hit, is met, and is almost met, beside 1 for
+        every slot
     """
 
     n_slots: int = 80
     thicker: float = 0.015
     met: float = 0.01
     near: float = 0.08
+    depth: float = 0.04
+    hitting: float = 300.0
     meeting: float = 100.0
     nearness: float = 10.0
+
+
+class Prices(NamedTuple):
+    """What a clearance costs for a slot; fields as in `CourseSettings`, but clearances are all of them.
+
+    Costs rise with the square of what is lacking from 0 at `near` to `nearness` at `met`, and evenly from `meeting`
+    there to `hitting` at `depth` below.
+    """
+
+    met: float
+    near: float
+    depth: float
+    hitting: float
+    meeting: float
+    nearness: float
 
 
 class Places(NamedTuple):
@@ -120,11 +140,11 @@ def places(
 
 
 @kernel
-def _cost(h: float, need: tuple[float, float], costs: Array) -> float:
+def _cost(h: float, prices: Prices) -> float:
     """Return what a clearance h [m] costs for a slot."""
-    if h < need[0]:
-        return costs[0]
-    return costs[1] * (max(need[1] - h, 0.0) / (need[1] - need[0])) ** 2
+    if h < prices.met:
+        return prices.meeting + (prices.hitting - prices.meeting) * min(1.0, (prices.met - h) / prices.depth)
+    return prices.nearness * (max(prices.near - h, 0.0) / (prices.near - prices.met)) ** 2
 
 
 @kernel
@@ -202,8 +222,7 @@ def _raise_by_ball(
     q: Array,
     thick: float,
     ball: tuple[Array, Array, int],
-    need: tuple[float, float],
-    costs: Array,
+    prices: Prices,
     out: Array,
 ) -> None:
     """Raise costs, array of shape (n_instants,), to those of a segment near a ball, `thick` [m] in all.
@@ -220,7 +239,8 @@ def _raise_by_ball(
     d, e, f = step[0], step[1], step[2]
     size = max(u * u + v * v + w * w, 1e-18)
     share_at_first, further = (a * u + b * v + c * w) / size, (d * u + e * v + f * w) / size
-    low, high, met, near, per = need[0], need[1], costs[0], costs[1], 1.0 / (need[1] - need[0])
+    met, near, meeting, nearness = prices.met, prices.near, prices.meeting, prices.nearness
+    per, deeper = 1.0 / (near - met), (prices.hitting - meeting) / prices.depth
     for i in range(out.shape[0]):
         k = float(begin + i)
         share = share_at_first + k * further
@@ -228,9 +248,11 @@ def _raise_by_ball(
         share = 1.0 if share > 1.0 else share
         x, y, z = a + k * d - share * u, b + k * e - share * v, c + k * f - share * w
         h = sqrt(x * x + y * y + z * z) - thick
-        lack = (high - h) * per
+        lack = (near - h) * per
         lack = 0.0 if lack < 0.0 else lack
-        cost = met if h < low else near * lack * lack
+        hit = meeting + deeper * (met - h)
+        hit = prices.hitting if hit > prices.hitting else hit
+        cost = hit if h < met else nearness * lack * lack
         out[i] = cost if cost > out[i] else out[i]
 
 
@@ -243,15 +265,13 @@ def _off_axis(axis: Array, vector: Array, out: Array) -> None:
 
 
 @kernel
-def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array) -> Array:
+def dangers(bodies: Places, seen: Sighting, times: Array, prices: Prices) -> Array:
     """Return what it costs to be at a sample at an instant; array, shape (n_times, n_samples).
 
     Parameters
     ----------
     seen : obstacles that move, which are foreseen to go on at their velocities
-    need : clearances below which something is met, and is near [m]
     times : array, shape (n_times,), evenly spaced from now on [s]
-    costs : array, shape (2,), cost of meeting and of nearness
     """
     start, end, radius = bodies
     n_samples, n_times, n_movers = start.shape[0], times.shape[0], seen.table.shape[0]
@@ -265,7 +285,7 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
     for t in range(n_samples):
         out[:] = 0.0
         for m in range(radius.shape[0]):
-            p, q, far, half = start[t, m], end[t, m], radius[m] + need[1], 0.0
+            p, q, far, half = start[t, m], end[t, m], radius[m] + prices.near, 0.0
             for x in range(3):
                 half += (0.5 * (q[x] - p[x])) ** 2
             half = sqrt(half)
@@ -275,7 +295,7 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
                 first, last = instants_near(off, step[j], half + far + reach[j], n_times)
                 if seen.table[j, KIND] == SPHERE:
                     ball = here[j], step[j], first
-                    _raise_by_ball(p, q, radius[m] + reach[j], ball, need, costs, out[first:last])
+                    _raise_by_ball(p, q, radius[m] + reach[j], ball, prices, out[first:last])
                     continue
                 if seen.table[j, KIND] == CAPSULE:  # nor are they near where they are too far off its axis
                     axis, width = seen.table[j, ROTATION + 2 : ROTATION + 9 : 3], seen.table[j, SIZE]
@@ -285,20 +305,18 @@ def dangers(bodies: Places, seen: Sighting, need: tuple[float, float], times: Ar
                     first, last = max(first, begin), min(last, stop)
                 was_near = False
                 for k in range(first, last):
-                    if out[k] < costs[0]:
+                    if out[k] < prices.hitting:
                         h = _clearance(seen, j, p, q, times[k], far, ends) - radius[m]
-                        if h >= need[1] and was_near:  # distances of convex bodies are convex in time
+                        if h >= prices.near and was_near:  # distances of convex bodies are convex in time
                             break
-                        was_near = h < need[1]
-                        out[k] = max(out[k], _cost(h, need, costs))
+                        was_near = h < prices.near
+                        out[k] = max(out[k], _cost(h, prices))
         cost[:, t] = out
     return cost
 
 
 @kernel
-def dangers_along(
-    bodies: Places, seen: Sighting, need: tuple[float, float], times: Array, costs: Array
-) -> Array:
+def dangers_along(bodies: Places, seen: Sighting, times: Array, prices: Prices) -> Array:
     """Return what each sample costs at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
     start, end, radius = bodies
     cost, here, ends = np.zeros(start.shape[0]), np.empty(3), (np.empty(3), np.empty(3))
@@ -307,11 +325,11 @@ def dangers_along(
             for x in range(3):
                 here[x] = seen.table[j, CENTER + x] + times[t] * seen.velocity[j, x]
             for m in range(radius.shape[0]):
-                far = radius[m] + need[1]
+                far = radius[m] + prices.near
                 if _is_far(start, end, t, m, here, far + seen.margin[j] + seen.table[j, REACH]):
                     continue
                 h = _clearance(seen, j, start[t, m], end[t, m], times[t], far, ends) - radius[m]
-                cost[t] = max(cost[t], _cost(h, need, costs))
+                cost[t] = max(cost[t], _cost(h, prices))
     return cost
 
 
@@ -387,9 +405,15 @@ class Foresight:
 
     def __init__(self, space: Space, arms: Arms, clearance: float, settings: CourseSettings):
         self.space, self.arms, self.settings = space, arms, settings
-        self.need = clearance + settings.met, clearance + settings.near
+        self._prices = Prices(
+            clearance + settings.met,
+            clearance + settings.near,
+            settings.depth,
+            settings.hitting,
+            settings.meeting,
+            settings.nearness,
+        )
         self._which = fewer(arms.links, settings.thicker)
-        self._costs = np.array([settings.meeting, settings.nearness])
         self._known: tuple[Roadmap, Places] | None = None
 
     def placed(self, way: Way) -> Places:
@@ -407,7 +431,7 @@ class Foresight:
         """
         rows = np.minimum(rows, len(bodies.start) - 1)
         chosen = bodies._replace(start=bodies.start[rows], end=bodies.end[rows])
-        return dangers_along(chosen, seen, self.need, times, self._costs)
+        return dangers_along(chosen, seen, times, self._prices)
 
     def best(self, roadmap: Roadmap, extended: Roadmap, seen: Sighting, since: float) -> RoadmapCourse:
         """Return the best course from the last node of a roadmap.
@@ -432,7 +456,7 @@ class Foresight:
         return RoadmapCourse(way, float(value[0, -1]), float(left[ends]))
 
     def _dangers(self, bodies: Places, seen: Sighting, times: Array) -> Array:
-        return dangers(bodies, seen, self.need, times, self._costs)
+        return dangers(bodies, seen, times, self._prices)
 
     def _left(self, net: Network, goal: int, blocked: Array) -> Array:
         """Return the slots from every node to the goal, among what is there at the end; array, shape (n_nodes,)."""

@@ -48,6 +48,7 @@ class PilotSettings:
     off : distance of the hands from the reference from which on a course begins where they are [m]
     patience : time that arms may stay behind before any course is taken [s]
     most_grown : how often the roadmap may grow where nothing in it is free
+    aside, n_aside : slots before a meeting, around which it grows as well, and by how many configurations
     n_nodes, most_goals : nodes of the trees, and joints at the goal that are tried, where no course leads from where
         arms have come
     spare : clearance of the load beyond the scene's, in the roadmap [m]
@@ -64,6 +65,8 @@ class PilotSettings:
     off: float = 0.03
     patience: float = 1.5
     most_grown: int = 6
+    aside: tuple[int, ...] = (0, 5, 10)
+    n_aside: int = 50
     n_nodes: int = 400
     most_goals: int = 6
     spare: float = 0.002
@@ -219,7 +222,7 @@ class Pilot:
     ) -> RoadmapCourse | None:
         """Return the best course from a configuration.
 
-        The roadmap grows where it leads to nothing that is free.
+        The roadmap grows where it leads to nothing that is free, also around where its best course meets something.
         """
         how, found = self.settings, None
         for _ in range(2):
@@ -231,7 +234,23 @@ class Pilot:
                 break
             self._n_grown += 1
             self.growth.grow(how.roadmap.n_more)
+            for before in self._before_meeting(found.way, seen, stop.after):
+                self.growth.grow(how.n_aside, before)
         return found
+
+    def _before_meeting(self, way: Way, seen: Sighting, since: float) -> Array:
+        """Return configurations of a course from where it could yet turn aside; array, shape (n, n_columns).
+
+        Parameters
+        ----------
+        way : samples of the course, which meets something
+        since : time from now until it begins [s]
+        """
+        how, slots = self.settings, np.arange(len(way.joints))
+        times = since + SLOT * slots.astype(np.float64)
+        cost = self.foresight.cost_along(self.foresight.placed(way), slots, seen, times)
+        meets = int(np.argmax(cost >= how.courses.meeting))
+        return way.configurations[np.unique(np.maximum(meets - np.array(how.aside), 0))]
 
     def _planned(self, configuration: Array, joints: Array) -> Way | None:
         """Return a way to the goal, to any joints there, that needs no roadmap; None where none was found."""
