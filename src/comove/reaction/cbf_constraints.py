@@ -63,6 +63,24 @@ def rate(h: float, gain: float, rates: Rates) -> float:
 
 
 @kernel
+def against(gain: float, fastest: float, rates: Rates) -> tuple[float, Rates]:
+    """Return the gain [1/s] and the rates towards an obstacle, no point of which is faster than `fastest` [m/s]."""
+    if fastest == 0.0 or rates.passing == rates.braking:
+        return gain, rates
+    harder = Rates(
+        rates.period,
+        rates.gain,
+        rates.passing,
+        rates.passing,
+        rates.retreat,
+        rates.speed,
+        rates.acceleration,
+        rates.clearance,
+    )
+    return min(rates.gain, gain * rates.passing / rates.braking), harder
+
+
+@kernel
 def horizon(speed: float, gain: float, rates: Rates) -> float:
     """Return the clearance [m] beyond which an approach at `speed` [m/s] is not slowed down."""
     corner = rates.braking / gain
@@ -126,7 +144,8 @@ def _fastest(sighting: Sighting, j: int) -> float:
 @kernel
 def _near(qp: QP, g: int, pace: float, fastest: float) -> float:
     """Return the clearance [m] beyond which an obstacle, as fast as that, does not slow down group g at a pace."""
-    return horizon(pace * qp.freedom.lever[g] + fastest, qp.work.gain[g], qp.rates)
+    gain, rates = against(qp.work.gain[g], fastest, qp.rates)
+    return horizon(pace * qp.freedom.lever[g] + fastest, gain, rates)
 
 
 @kernel
@@ -255,7 +274,8 @@ def _missing_of_obstacles(
             g = points.node_group[a]
             fast = length_of(twists[g, :3]) + length_of(twists[g, 3:]) * points.reach[g]
             h = work.left[e, j]
-            ask = _promise(h, work.gain[g], rates) - work.slack[g, j] * dt
+            gain, towards = against(work.gain[g], fastest, rates)
+            ask = _promise(h, gain, towards) - work.slack[g, j] * dt
             if h - dt * (fast + fastest) >= ask:
                 continue
             need = rates.clearance + sighting.margin[j]
@@ -404,9 +424,10 @@ def _obstacle_row(
     h: float,
 ) -> int:
     """Write the row of the point p of a group against an obstacle h [m] away, a `pair`; return the number of rows."""
-    rates, work, (g, j) = qp.rates, qp.work, pair
+    work, (g, j) = qp.work, pair
+    gain, rates = against(work.gain[g], _fastest(sighting, j), qp.rates)
     _row(qp, m, g, center, p, normal)
-    work.low[m] = speed_along(sighting, j, p, normal) - rate(h, work.gain[g], rates)
+    work.low[m] = speed_along(sighting, j, p, normal) - rate(h, gain, rates)
     work.owner[m] = j
     return m + 1
 
@@ -469,7 +490,8 @@ def _point_row(
         + ny * (v[1] + v[5] * x[0] - v[3] * x[2])
         + nz * (v[2] + v[3] * x[1] - v[4] * x[0])
     )
-    comes = work.low[m - 1] + rate(h, work.gain[g], rates)
+    gain, towards = against(work.gain[g], _fastest(sighting, j), rates)
+    comes = work.low[m - 1] + rate(h, gain, towards)
     bend = (then - h) / rates.period - (moved - comes)
     work.low[m - 1] += SPARE - min(bend, 0.0)
     return m

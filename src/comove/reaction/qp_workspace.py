@@ -54,6 +54,7 @@ class Rates(NamedTuple):
     period : length of a control step [s]
     gain : approach speed per distance [1/s]
     braking : deceleration that is assumed for approaching bodies [m/s^2]
+    passing : the same, in place of it, towards what moves; larger while that is foreseen to pass by [m/s^2]
     retreat : largest speed with which a lost clearance is restored [m/s]
     speed, acceleration : limits of every hand [m/s], [m/s^2]
     clearance : required clearance: the scene's and what is kept on top of it [m]
@@ -62,6 +63,7 @@ class Rates(NamedTuple):
     period: float
     gain: float
     braking: float
+    passing: float
     retreat: float
     speed: float
     acceleration: float

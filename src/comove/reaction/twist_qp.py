@@ -145,7 +145,7 @@ class TwistProgramme:
         self._rates = Rates(
             self.period,
             min(settings.gain, 0.5 / self.period),
-            settings.braking_share * scene.acceleration_limit,
+            *(2 * (settings.braking_share * scene.acceleration_limit,)),
             settings.retreat_speed,
             scene.speed_limit,
             scene.acceleration_limit,

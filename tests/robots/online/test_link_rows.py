@@ -18,7 +18,7 @@ from tests.robots.known_carry import TABLE, scene_data
 from tests.robots.small_robots import robot
 
 STEP = 1e-6
-RATES = Rates(0.004, 10.0, 0.5, 0.25, 0.5, 1.0, 0.01)
+RATES = Rates(0.004, 10.0, 0.5, 0.5, 0.25, 0.5, 1.0, 0.01)
 THINGS = [
     TABLE,
     {"shape": "sphere", "center": [0.9, 0.75, 0.4], "radius": 0.1},

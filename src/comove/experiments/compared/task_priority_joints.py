@@ -56,9 +56,8 @@ class JointController(Controller):
         self.rates, self.turned = np.zeros_like(self.first), 0.0
         least = self.scene.clearance + method.margin
         self.needs = LinkNeeds(np.full(len(self.scene.obstacles), least), least, near=0.3)
-        self.links = Rates(
-            period, self.approach.gain, self.approach.braking, RETREAT, np.inf, np.inf, self.scene.clearance
-        )
+        gain, braking = self.approach.gain, self.approach.braking
+        self.links = Rates(period, gain, braking, braking, RETREAT, np.inf, np.inf, self.scene.clearance)
 
     def carried_out(self, motion: CoordinatedMotion) -> dict[str, float]:
         """Have the joints judged that hold the load on the curve, nearest to those of the controller."""

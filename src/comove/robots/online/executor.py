@@ -61,6 +61,7 @@ class OnlineSettings:
     leisure : time that the search of the plan may take, before anything moves [s]
     catch_up : time constant of the return to the reference [s]
     behind : distance of the hands behind the reference at which it waits [m]
+    near_by : distance up to which what is foreseen along the reference counts for where the hands are [m]
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
@@ -71,6 +72,7 @@ class OnlineSettings:
     leisure: float = 10.0
     catch_up: float = 0.15
     behind: float = 0.05
+    near_by: float = 0.02
     lag: float = 0.06
     lost: float = 0.5
     at_goal: float = 1e-3
@@ -325,6 +327,7 @@ class JointExecutor:
         joints = self.position[self.columns]
         drawn = pace * wanted_rates + (there - joints) / how.catch_up
         state = JointState(joints, self.rates, drawn, self._bend)
+        self.programme.expect(passes=self.pilot.is_clear and behind <= how.near_by)
         allowed = self.programme.allowed_rates(self.poses, state, self._before, wanted, seen)
         self.log.note(allowed, self.scene)
         self._move(allowed.twists, self.programme.rates)

@@ -42,6 +42,7 @@ class JointSettings:
     gain : approach of a joint to its limit per range that is left [1/s]
     share : of the joints' accelerations that is used, and of these again when braking before a limit
     speed : share of the joints' speeds that is used
+    passing : how many times harder braking is assumed towards what moves while it is foreseen to pass by
     bend : share of a change of rates in a step that may be expected to come of itself, as joints go round
     load : settings of the twist programme
     """
@@ -51,6 +52,7 @@ class JointSettings:
     gain: float = 5.0
     share: float = 0.9
     speed: float = 0.98
+    passing: float = 6.0
     bend: float = 0.85
     load: ProgrammeSettings = field(default_factory=lambda: ProgrammeSettings(spare=5e-4))
 
@@ -110,6 +112,11 @@ class JointProgramme(TwistProgramme):
         everything = np.full(len(scene.obstacles), arms.around.clearance)
         self.needs = LinkNeeds(everything, arms.around.clearance, SETTINGS.near)
         self.rates, self._room = np.zeros(len(arms.chains.lower)), (-1, -1)
+
+    def expect(self, passes: bool) -> None:
+        """Say whether what moves is foreseen to pass by: then it may come near faster than arms could stop for it."""
+        harder = SETTINGS.passing if passes else 1.0
+        self._rates = self._rates._replace(passing=harder * self._rates.braking)
 
     def follow(self, joints: Array, nodes: Array) -> None:
         """Ask for no more clearance among what stands than a verified motion has by the capsules of its links.

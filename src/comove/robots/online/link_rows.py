@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge, solid_gradient
 from comove.geometry.distances import CENTER, REACH, points_apart
-from comove.reaction.cbf_constraints import Direction, horizon, rate, speed_along, write_along
+from comove.reaction.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
 from comove.reaction.limits import length_of
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
@@ -144,12 +144,13 @@ def link_rows(
             need = thick + needs.obstacle[j] + sighting.margin[j]
             comes = length_of(sighting.velocity[j])
             comes += length_of(sighting.spin[j]) * (sighting.table[j, REACH] + need + needs.near)
-            near = min(needs.near, horizon(work.speed[i] + comes, rates.gain, rates))
+            gain, towards = against(rates.gain, comes, rates)
+            near = min(needs.near, horizon(work.speed[i] + comes, gain, towards))
             if not _may_be_near(sighting.table, j, a, b, need + near):
                 continue
             h, share = near_on_edge(sighting.table, j, a, b, need + near)
             if h - need < near:
-                _obstacle_row(arms, i, share, sighting, j, -rate(h - need, rates.gain, rates), work)
+                _obstacle_row(arms, i, share, sighting, j, -rate(h - need, gain, towards), work)
                 _leave_out_what_holds(bounds, work)
         if links.holds[i]:
             continue

@@ -49,6 +49,7 @@ class PilotSettings:
     patience : time that arms may stay behind before any course is taken [s]
     most_grown : how often the roadmap may grow where nothing in it is free
     aside, n_aside : slots before a meeting, around which it grows as well, and by how many configurations
+    clear : slots ahead in which nothing may be met for the reference to count as clear
     n_nodes, most_goals : nodes of the trees, and joints at the goal that are tried, where no course leads from where
         arms have come
     spare : clearance of the load beyond the scene's, in the roadmap [m]
@@ -67,6 +68,7 @@ class PilotSettings:
     most_grown: int = 6
     aside: tuple[int, ...] = (0, 5, 10)
     n_aside: int = 50
+    clear: int = 10
     n_nodes: int = 400
     most_goals: int = 6
     spare: float = 0.002
@@ -95,6 +97,7 @@ class Pilot:
     Attributes
     ----------
     reference, clock : what is followed, and where on it the run is [s]
+    is_clear : whether nothing was foreseen, at the last look, to be met on it soon
     """
 
     def __init__(
@@ -109,7 +112,7 @@ class Pilot:
         seed: int,
         settings: PilotSettings,
     ):
-        self.settings, self.reference, self.clock = settings, plan, 0.0
+        self.settings, self.reference, self.clock, self.is_clear = settings, plan, 0.0, False
         self.standing, self.coordinates, self._plan, self._seed = standing, coordinates, plan, seed
         how, chains = settings.roadmap, arms.chains
         space = configuration_space(standing, coordinates)
@@ -173,6 +176,7 @@ class Pilot:
         self._looked = time
         cost = self._ahead(self.reference, self.clock, seen)
         self._present = self._total(self.reference, self.clock, cost)
+        self.is_clear = self._is_clear(cost)
         since = time - self._chosen
         if waited >= how.patience:
             return since >= how.patience
@@ -206,15 +210,17 @@ class Pilot:
             return False
         path = continuous(self.ground.space, np.vstack([begin, way.configurations]))[1:]
         other = follows.spliced(clock, stop, way._replace(configurations=path), SLOT, left)
-        cost = self._total(other, 0.0, self._ahead(other, 0.0, seen))
+        ahead = self._ahead(other, 0.0, seen)
+        cost = self._total(other, 0.0, ahead)
         if waited < how.patience and cost > self._present - how.worth:
             return False
         self.reference, self.clock, self._pause = other, 0.0, how.at_once
+        self.is_clear = self._is_clear(ahead)
         return True
 
     def stand(self, here: Way) -> None:
         """Follow nothing any more but stand at a sample, and look for a course at once."""
-        self.reference, self.clock = Reference.standing(here), 0.0
+        self.reference, self.clock, self.is_clear = Reference.standing(here), 0.0, False
         self._looked = self._chosen = -np.inf
 
     def _course(
@@ -299,6 +305,11 @@ class Pilot:
         slots = first + np.arange(how.n_slots + 1)
         times = SLOT * slots.astype(np.float64) - clock
         return self.foresight.cost_along(self._placed[1], slots, seen, times)
+
+    def _is_clear(self, ahead: Array) -> bool:
+        """Return whether nothing is met soon where slots cost as much as that."""
+        how = self.settings
+        return bool((ahead[: how.clear] < how.courses.meeting).all())
 
     def _total(self, reference: Reference, clock: float, cost: Array) -> float:
         """Return the cost of a reference from now on [slots]."""
