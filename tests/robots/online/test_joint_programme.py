@@ -113,6 +113,33 @@ def test_a_link_gives_way_to_what_comes():
     assert np.abs(rates).max() > 1e-3
 
 
+def test_what_is_foreseen_to_pass_by_hinders_less_and_what_stands_as_ever():
+    _, _, q, poses = ready()
+    ball = {"shape": "sphere", "center": list(beside_the_elbow()), "radius": 0.05}
+    data = {**scene_data(obstacles=(TABLE, ball)), "limits": {"speed": 0.5, "acceleration": 1.0}}
+    carrier = RobotCarrier(robot("baxter"), Scene.from_dict(data))
+    programme = JointProgramme(carrier.scene, carrier.arms, carrier.grasp, PERIOD)
+    still = Sighting.still(carrier.scene)
+    slowly, fast = (
+        still._replace(velocity=np.array([[0.0, 0.0, 0.0], [0.0, -speed, 0.0]])) for speed in (0.2, 0.3)
+    )
+    found = []
+    for passes in (False, True, False):
+        programme.expect(passes=passes)
+        answers = [
+            asked(programme, carrier, q, poses, wanted=[0.0, 0.002, 0.0], seen=seen)
+            for seen in (still, slowly, fast)
+        ]
+        found.append([allowed for allowed, _ in answers])
+    usual, passing, again = found
+    assert [allowed.blocking for allowed in usual] == [-2, 1, 1]
+    assert [allowed.blocking for allowed in passing] == [-2, -2, 1]
+    np.testing.assert_array_equal(passing[0].twists, usual[0].twists)
+    assert 0.0 < passing[2].relaxed < usual[2].relaxed  # of what comes too fast, less is too fast
+    for mine, theirs in zip(usual, again, strict=True):
+        np.testing.assert_array_equal(mine.twists, theirs.twists)
+
+
 def test_loads_of_several_bodies_are_refused():
     carrier = ready()[1]
     data = {

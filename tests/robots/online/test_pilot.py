@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from comove.coordination.coordinates import load_coordinates
+from comove.geometry.distances import CENTER
 from comove.planning.configurations import span
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.carrying import RobotCarrier
@@ -111,6 +112,35 @@ def test_a_reference_is_left_without_a_jump_and_ends_at_rest():
     np.testing.assert_allclose(other.at(other.duration)[0], course.configurations[-1], atol=1e-12)
     assert np.abs(other.at(other.duration - 0.05)[2]).max() < 0.02
     assert other.left == 3.0
+
+
+def test_the_reference_is_clear_where_nothing_is_met_within_a_second():
+    pilot, _ = stands()
+    start = pilot.reference.at(0.0)[0]
+    nodes = pilot.coordinates.nodes(start[None, :, None])[0, 0]
+    middle = 0.5 * (nodes[0] + nodes[1])
+    for k, (away, clear) in enumerate(((1.6, True), (0.3, False), (0.9, True))):
+        seen = ball(middle + [0.0, away, 0.0], [0.0, -0.4, 0.0])
+        pilot.looks_on(100.0 + k, seen, 0.0)
+        assert pilot.is_clear is clear
+
+
+def test_the_roadmap_grows_where_a_course_could_turn_aside_before_it_meets_something():
+    pilot, carrier = stands()
+    first, last = pilot.coordinates.boundary()[[0, 2]]
+    joints = np.concatenate([starts[0] for starts in carrier.starts])
+    share = np.linspace(0.0, 1.0, 31)[:, None]
+    way = Way(first + share * (last - first), np.repeat(joints[None], 31, axis=0))
+    bars = pilot.coordinates.nodes(way.configurations.T[None])[0]
+    middle = bars[-1, :2].mean(axis=0)
+    points = bars[:, None, 0] + np.linspace(0, 1, 100)[:, None] * (bars[:, None, 1] - bars[:, None, 0])
+    apart = np.linalg.norm(points - middle, axis=-1).min(axis=-1) - 0.08 - carrier.scene.body.radii.max()
+    met = int(np.argmax(apart < carrier.scene.clearance + SETTINGS.courses.met))
+    assert 10 < met < 30
+    seen = nothing()
+    seen.table[0, CENTER : CENTER + 3] = middle
+    found = pilot._before_meeting(way, seen, 0.0)
+    np.testing.assert_array_equal(found, way.configurations[[met - 10, met - 5, met]])
 
 
 @pytest.mark.slow
