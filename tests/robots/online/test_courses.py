@@ -14,7 +14,7 @@ from comove.robots.online.courses import (
     WAIT,
     Network,
     Places,
-    Prices,
+    SlotCosts,
     dangers,
     dangers_along,
     fewer,
@@ -25,7 +25,7 @@ from comove.robots.search.links import place_links
 from comove.scenes import Scene
 from tests.robots.online.test_link_rows import at_start
 
-PRICES = Prices(met=0.02, near=0.1, depth=0.03, hitting=300.0, meeting=100.0, nearness=10.0)
+COSTS = SlotCosts(met=0.02, near=0.1, depth=0.03, hitting=300.0, meeting=100.0, nearness=10.0)
 BALL = {"shape": "sphere", "radius": 0.08}
 UPRIGHT = {"shape": "capsule", "radius": 0.08, "length": 0.3}
 
@@ -97,7 +97,7 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, axis):
     )
     begins, times = rng.uniform(-1, 1, 3), np.linspace(0.3, 4.0, 30)
     seen = ball(begins, (rng.uniform(-0.3, 0.3, 3) - begins) / 2, shape)
-    found = dangers(Places(start, end, radius), seen, times, PRICES).T
+    found = dangers(Places(start, end, radius), seen, times, COSTS).T
     center = seen.table[0, CENTER : CENTER + 3] + times[:, None] * seen.velocity[0]
     points = start[..., None, :] + np.linspace(0, 1, 400)[:, None] * (end - start)[..., None, :]
     off = points[:, None] - center[:, None, None]
@@ -111,7 +111,7 @@ def test_what_comes_how_near_is_as_points_on_capsules_say(seed, shape, axis):
     np.testing.assert_allclose(found[sure], wanted[sure], atol=0.1, rtol=0.01)
     rows = np.array([0, 3, 4, 1, 2])
     bodies = Places(start[rows], end[rows], radius)
-    np.testing.assert_allclose(dangers_along(bodies, seen, times[:5], PRICES), found[rows, np.arange(5)])
+    np.testing.assert_allclose(dangers_along(bodies, seen, times[:5], COSTS), found[rows, np.arange(5)])
 
 
 @given(
@@ -130,7 +130,7 @@ def test_the_instants_of_nearness_are_those_that_distances_tell(off, step, far):
 def test_what_stands_is_as_near_at_all_times():
     rng = np.random.default_rng(3)
     bodies = Places(*rng.uniform(-0.3, 0.3, (2, 4, 3, 3)), np.full(3, 0.05))
-    found = dangers(bodies, ball([0.2, 0.1, 0.0], [0.0, 0.0, 0.0]), np.linspace(0, 2, 9), PRICES)
+    found = dangers(bodies, ball([0.2, 0.1, 0.0], [0.0, 0.0, 0.0]), np.linspace(0, 2, 9), COSTS)
     np.testing.assert_array_equal(found, np.repeat(found[:1], 9, axis=0))
 
 

@@ -114,7 +114,7 @@ def test_a_reference_is_left_without_a_jump_and_ends_at_rest():
     assert other.left == 3.0
 
 
-def test_the_reference_is_clear_where_nothing_is_met_within_a_second():
+def test_the_reference_is_clear_where_nothing_is_touched_within_a_second():
     pilot, _ = stands()
     start = pilot.reference.at(0.0)[0]
     nodes = pilot.coordinates.nodes(start[None, :, None])[0, 0]

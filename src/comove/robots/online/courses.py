@@ -58,8 +58,8 @@ class CourseSettings:
     nearness: float = 10.0
 
 
-class Prices(NamedTuple):
-    """What a clearance costs for a slot; fields as in `CourseSettings`, but clearances are all of them.
+class SlotCosts(NamedTuple):
+    """Costs of a clearance in a slot; fields as in `CourseSettings`, but clearances are absolute.
 
     Costs rise with the square of what is lacking from 0 at `near` to `nearness` at `met`, and evenly from `meeting`
     there to `hitting` at `depth` below.
@@ -140,11 +140,11 @@ def places(
 
 
 @kernel
-def _cost(h: float, prices: Prices) -> float:
+def _cost(h: float, costs: SlotCosts) -> float:
     """Return what a clearance h [m] costs for a slot."""
-    if h < prices.met:
-        return prices.meeting + (prices.hitting - prices.meeting) * min(1.0, (prices.met - h) / prices.depth)
-    return prices.nearness * (max(prices.near - h, 0.0) / (prices.near - prices.met)) ** 2
+    if h < costs.met:
+        return costs.meeting + (costs.hitting - costs.meeting) * min(1.0, (costs.met - h) / costs.depth)
+    return costs.nearness * (max(costs.near - h, 0.0) / (costs.near - costs.met)) ** 2
 
 
 @kernel
@@ -222,7 +222,7 @@ def _raise_by_ball(
     q: Array,
     thick: float,
     ball: tuple[Array, Array, int],
-    prices: Prices,
+    costs: SlotCosts,
     out: Array,
 ) -> None:
     """Raise costs, array of shape (n_instants,), to those of a segment near a ball, `thick` [m] in all.
@@ -239,8 +239,8 @@ def _raise_by_ball(
     d, e, f = step[0], step[1], step[2]
     size = max(u * u + v * v + w * w, 1e-18)
     share_at_first, further = (a * u + b * v + c * w) / size, (d * u + e * v + f * w) / size
-    met, near, meeting, nearness = prices.met, prices.near, prices.meeting, prices.nearness
-    per, deeper = 1.0 / (near - met), (prices.hitting - meeting) / prices.depth
+    met, near, meeting, nearness = costs.met, costs.near, costs.meeting, costs.nearness
+    per, deeper = 1.0 / (near - met), (costs.hitting - meeting) / costs.depth
     for i in range(out.shape[0]):
         k = float(begin + i)
         share = share_at_first + k * further
@@ -251,7 +251,7 @@ def _raise_by_ball(
         lack = (near - h) * per
         lack = 0.0 if lack < 0.0 else lack
         hit = meeting + deeper * (met - h)
-        hit = prices.hitting if hit > prices.hitting else hit
+        hit = costs.hitting if hit > costs.hitting else hit
         cost = hit if h < met else nearness * lack * lack
         out[i] = cost if cost > out[i] else out[i]
 
@@ -265,7 +265,7 @@ def _off_axis(axis: Array, vector: Array, out: Array) -> None:
 
 
 @kernel
-def dangers(bodies: Places, seen: Sighting, times: Array, prices: Prices) -> Array:
+def dangers(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> Array:
     """Return what it costs to be at a sample at an instant; array, shape (n_times, n_samples).
 
     Parameters
@@ -285,7 +285,7 @@ def dangers(bodies: Places, seen: Sighting, times: Array, prices: Prices) -> Arr
     for t in range(n_samples):
         out[:] = 0.0
         for m in range(radius.shape[0]):
-            p, q, far, half = start[t, m], end[t, m], radius[m] + prices.near, 0.0
+            p, q, far, half = start[t, m], end[t, m], radius[m] + costs.near, 0.0
             for x in range(3):
                 half += (0.5 * (q[x] - p[x])) ** 2
             half = sqrt(half)
@@ -295,7 +295,7 @@ def dangers(bodies: Places, seen: Sighting, times: Array, prices: Prices) -> Arr
                 first, last = instants_near(off, step[j], half + far + reach[j], n_times)
                 if seen.table[j, KIND] == SPHERE:
                     ball = here[j], step[j], first
-                    _raise_by_ball(p, q, radius[m] + reach[j], ball, prices, out[first:last])
+                    _raise_by_ball(p, q, radius[m] + reach[j], ball, costs, out[first:last])
                     continue
                 if seen.table[j, KIND] == CAPSULE:  # nor are they near where they are too far off its axis
                     axis, width = seen.table[j, ROTATION + 2 : ROTATION + 9 : 3], seen.table[j, SIZE]
@@ -305,18 +305,18 @@ def dangers(bodies: Places, seen: Sighting, times: Array, prices: Prices) -> Arr
                     first, last = max(first, begin), min(last, stop)
                 was_near = False
                 for k in range(first, last):
-                    if out[k] < prices.hitting:
+                    if out[k] < costs.hitting:
                         h = _clearance(seen, j, p, q, times[k], far, ends) - radius[m]
-                        if h >= prices.near and was_near:  # distances of convex bodies are convex in time
+                        if h >= costs.near and was_near:  # distances of convex bodies are convex in time
                             break
-                        was_near = h < prices.near
-                        out[k] = max(out[k], _cost(h, prices))
+                        was_near = h < costs.near
+                        out[k] = max(out[k], _cost(h, costs))
         cost[:, t] = out
     return cost
 
 
 @kernel
-def dangers_along(bodies: Places, seen: Sighting, times: Array, prices: Prices) -> Array:
+def dangers_along(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts) -> Array:
     """Return what each sample costs at its own instant; array, shape (n_samples,). Arguments as of `dangers`."""
     start, end, radius = bodies
     cost, here, ends = np.zeros(start.shape[0]), np.empty(3), (np.empty(3), np.empty(3))
@@ -325,11 +325,11 @@ def dangers_along(bodies: Places, seen: Sighting, times: Array, prices: Prices) 
             for x in range(3):
                 here[x] = seen.table[j, CENTER + x] + times[t] * seen.velocity[j, x]
             for m in range(radius.shape[0]):
-                far = radius[m] + prices.near
+                far = radius[m] + costs.near
                 if _is_far(start, end, t, m, here, far + seen.margin[j] + seen.table[j, REACH]):
                     continue
                 h = _clearance(seen, j, start[t, m], end[t, m], times[t], far, ends) - radius[m]
-                cost[t] = max(cost[t], _cost(h, prices))
+                cost[t] = max(cost[t], _cost(h, costs))
     return cost
 
 
@@ -405,7 +405,7 @@ class Foresight:
 
     def __init__(self, space: Space, arms: Arms, clearance: float, settings: CourseSettings):
         self.space, self.arms, self.settings = space, arms, settings
-        self._prices = Prices(
+        self._costs = SlotCosts(
             clearance + settings.met,
             clearance + settings.near,
             settings.depth,
@@ -415,6 +415,11 @@ class Foresight:
         )
         self._which = fewer(arms.links, settings.thicker)
         self._known: tuple[Roadmap, Places] | None = None
+
+    @property
+    def touching(self) -> float:
+        """Return the cost of a slot in which something is touched."""
+        return _cost(0.0, self._costs)
 
     def placed(self, way: Way) -> Places:
         """Return the bodies at samples."""
@@ -431,7 +436,7 @@ class Foresight:
         """
         rows = np.minimum(rows, len(bodies.start) - 1)
         chosen = bodies._replace(start=bodies.start[rows], end=bodies.end[rows])
-        return dangers_along(chosen, seen, times, self._prices)
+        return dangers_along(chosen, seen, times, self._costs)
 
     def best(self, roadmap: Roadmap, extended: Roadmap, seen: Sighting, since: float) -> RoadmapCourse:
         """Return the best course from the last node of a roadmap.
@@ -456,7 +461,7 @@ class Foresight:
         return RoadmapCourse(way, float(value[0, -1]), float(left[ends]))
 
     def _dangers(self, bodies: Places, seen: Sighting, times: Array) -> Array:
-        return dangers(bodies, seen, times, self._prices)
+        return dangers(bodies, seen, times, self._costs)
 
     def _left(self, net: Network, goal: int, blocked: Array) -> Array:
         """Return the slots from every node to the goal, among what is there at the end; array, shape (n_nodes,)."""

@@ -49,7 +49,7 @@ class PilotSettings:
     patience : time that arms may stay behind before any course is taken [s]
     most_grown : how often the roadmap may grow where nothing in it is free
     aside, n_aside : slots before a meeting, around which it grows as well, and by how many configurations
-    clear : slots ahead in which nothing may be met for the reference to count as clear
+    clear : slots ahead in which nothing may be touched for the reference to count as clear
     n_nodes, most_goals : nodes of the trees, and joints at the goal that are tried, where no course leads from where
         arms have come
     spare : clearance of the load beyond the scene's, in the roadmap [m]
@@ -97,7 +97,7 @@ class Pilot:
     Attributes
     ----------
     reference, clock : what is followed, and where on it the run is [s]
-    is_clear : whether nothing was foreseen, at the last look, to be met on it soon
+    is_clear : whether nothing was foreseen, at the last look, to be touched on it soon
     """
 
     def __init__(
@@ -307,9 +307,8 @@ class Pilot:
         return self.foresight.cost_along(self._placed[1], slots, seen, times)
 
     def _is_clear(self, ahead: Array) -> bool:
-        """Return whether nothing is met soon where slots cost as much as that."""
-        how = self.settings
-        return bool((ahead[: how.clear] < how.courses.meeting).all())
+        """Return whether nothing is touched soon, where slots cost as much as that; it may be a close shave."""
+        return bool((ahead[: self.settings.clear] < self.foresight.touching).all())
 
     def _total(self, reference: Reference, clock: float, cost: Array) -> float:
         """Return the cost of a reference from now on [slots]."""
