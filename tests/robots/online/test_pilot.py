@@ -125,6 +125,19 @@ def test_the_reference_is_clear_where_nothing_is_touched_within_a_second():
         assert pilot.is_clear is clear
 
 
+@pytest.mark.parametrize(
+    ("gap", "met", "clear"), [(0.03, False, True), (0.007, True, True), (-0.01, True, False)]
+)
+def test_a_close_shave_is_met_but_clear(gap, met, clear):
+    pilot, carrier = stands()
+    nodes = pilot.coordinates.nodes(pilot.reference.at(0.0)[0][None, :, None])[0, 0]
+    seen, away = nothing(), 0.08 + carrier.scene.body.radii.max() + gap
+    seen.table[0, CENTER : CENTER + 3] = 0.5 * (nodes[0] + nodes[1]) - [0.0, 0.0, away]
+    ahead = pilot._ahead(pilot.reference, 0.0, seen)
+    assert (ahead.max() >= SETTINGS.courses.meeting) == met
+    assert pilot._is_clear(ahead) is clear
+
+
 def test_the_roadmap_grows_where_a_course_could_turn_aside_before_it_meets_something():
     pilot, carrier = stands()
     first, last = pilot.coordinates.boundary()[[0, 2]]
