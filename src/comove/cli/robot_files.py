@@ -1,4 +1,4 @@
-"""The verbs of `comove robot` before anything is carried: `new` and `check` a description, make a first `scene`."""
+"""The verbs of `comove robot` before anything is carried: `convert` a model, `new` and `check` a robot, a `scene`."""
 
 from __future__ import annotations
 
@@ -20,6 +20,27 @@ MOST_MODELS = 4
 Described = Annotated[
     str, typer.Argument(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
 ]
+
+
+@verb_of(group)
+def convert(
+    model: Annotated[Path, typer.Argument(metavar="FILE", help="Model of MuJoCo's (MJCF).")],
+    out: Annotated[Path, typer.Option(help="Folder for the URDF and its meshes; new or empty.")],
+) -> int:
+    """Write a model of MuJoCo's as a URDF with its meshes, from which a robot can be described."""
+    from comove.io.folders import Contents, whole_folder
+    from comove.simulators.mjcf import MESHES, urdf_of
+
+    found = urdf_of(model)
+    with whole_folder(out, Contents("URDF with its meshes", error=RobotError)) as draft:
+        (draft / f"{found.name}.urdf").write_text(found.urdf, encoding="utf-8")
+        if found.srdf is not None:
+            (draft / f"{found.name}.srdf").write_text(found.srdf, encoding="utf-8")
+        (draft / MESHES).mkdir()
+        for name, data in found.meshes.items():
+            (draft / MESHES / name).write_bytes(data)
+    print(f"{out / found.name}.urdf; next: comove robot new {out / found.name}.urdf")
+    return VERIFIED
 
 
 @verb_of(group)

@@ -210,6 +210,10 @@ def _tree(path: Path, what: str) -> ET.Element:
         raise RobotError(error.message, way_out=error.way_out) from None
     if what == "a URDF" and any("xacro" in element.tag for element in tree.iter()):
         raise RobotError("it is a xacro", way_out="expand it first: xacro FILE > robot.urdf")
+    if what == "a URDF" and tree.tag == "mujoco":
+        raise RobotError(
+            "it is a model of MuJoCo's", way_out="convert it first: comove robot convert FILE --out FOLDER"
+        )
     if tree.tag != "robot":
         raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", way_out=f"name {what}")
     return tree

@@ -1,0 +1,245 @@
+"""MuJoCo's own model files (MJCF) as URDFs, from which robots are described.
+
+The model is compiled by MuJoCo, so that defaults, included files and scaled meshes are as MuJoCo has them, and then
+written body by body. A URDF's link stands in its joint's frame: for a body whose joints are elsewhere, or several,
+there are links without bodies between. What stands on the world, such as a floor, is no part of the robot.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comove.errors import RobotError
+from comove.geometry.triangles import as_stl
+from comove.simulators.engine import engine
+
+Array = NDArray[np.float64]
+
+ROOT = "world"
+MESHES = "meshes"  # folder beside the URDF
+
+
+@dataclass(frozen=True)
+class Converted:
+    """A model as files.
+
+    Attributes
+    ----------
+    name : name of the model
+    urdf, srdf : texts; the SRDF names the pairs of links that the model excludes, None where it excludes none
+    meshes : binary STL by file name, which the URDF looks for in the folder `MESHES` beside it
+    """
+
+    name: str
+    urdf: str
+    srdf: str | None
+    meshes: dict[str, bytes]
+
+
+def urdf_of(file: Path) -> Converted:
+    """Convert a model of MuJoCo's to a URDF.
+
+    Velocities are not limited in such a model: a description states them.
+
+    Raises
+    ------
+    RobotError
+        If MuJoCo cannot read it, or a joint has no counterpart in a URDF.
+    ExtraError
+        If MuJoCo is not installed.
+    """
+    mj = engine()
+    try:
+        model = mj.MjModel.from_xml_path(str(file))
+    except ValueError as error:
+        told = str(error).splitlines()[0]
+        raise RobotError(f"MuJoCo cannot read it: {told}", file=file, way_out="correct it") from None
+    return _Writer(mj, model, file).converted()
+
+
+class _Writer:
+    """A writer of one compiled model."""
+
+    def __init__(self, mj: Any, model: Any, file: Path):
+        self.mj, self.model, self.file = mj, model, file
+        self.robot = ET.Element("robot", name=file.stem)
+        self.meshes: dict[str, bytes] = {}
+
+    def converted(self) -> Converted:
+        """Return the whole model."""
+        model = self.model
+        ET.SubElement(self.robot, "link", name=ROOT)
+        for body in range(1, model.nbody):
+            self._body(body)
+        pairs = [self._excluded(number) for number in range(model.nexclude)]
+        srdf = ET.Element("robot", name=self.file.stem)
+        for first, second in pairs:
+            ET.SubElement(srdf, "disable_collisions", link1=first, link2=second, reason="User")
+        for tree in (self.robot, srdf):
+            ET.indent(tree)
+        told = ET.tostring(srdf, encoding="unicode") if pairs else None
+        return Converted(self.file.stem, ET.tostring(self.robot, encoding="unicode"), told, self.meshes)
+
+    def _link(self, body: int) -> str:
+        return ROOT if body == 0 else str(self.model.body(body).name or f"body{body}")
+
+    def _excluded(self, number: int) -> tuple[str, str]:
+        signature = int(self.model.exclude_signature[number])
+        return self._link(signature >> 16), self._link(signature & 0xFFFF)
+
+    def _body(self, body: int) -> None:
+        """Write a body's link, and the joints from its parent to it."""
+        model, name = self.model, self._link(body)
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        turning = [k for k in range(first, first + count) if model.jnt_type[k] != self.mj.mjtJoint.mjJNT_FREE]
+        above = self._link(int(model.body_parentid[body]))
+        place, rotation = model.body_pos[body], _matrix(model.body_quat[body])
+        for joint in turning:  # its frame is turned as the body is, and stands where the joint does
+            anchor, below = model.jnt_pos[joint], f"{name}-{joint}"
+            if joint == turning[-1] and not anchor.any():
+                below = name
+            else:
+                ET.SubElement(self.robot, "link", name=below)
+            self._joint(joint, above, below, place + rotation @ anchor, rotation)
+            above, place, rotation = below, -anchor, np.eye(3)
+        if above != name:
+            self._connect(f"{name}-fixed", "fixed", above, name, place, rotation)
+        self.robot.append(self._bodies(body, name))
+
+    def _joint(self, joint: int, above: str, below: str, place: Array, rotation: Array) -> None:
+        model, name = self.model, str(self.model.joint(joint).name or f"joint{joint}")
+        slides = model.jnt_type[joint] == self.mj.mjtJoint.mjJNT_SLIDE
+        if not slides and model.jnt_type[joint] != self.mj.mjtJoint.mjJNT_HINGE:
+            raise RobotError(
+                f"'{name}' is a ball joint, which no URDF has", file=self.file, way_out="write three hinges"
+            )
+        begins = float(model.qpos0[model.jnt_qposadr[joint]])
+        if begins != 0.0:
+            raise RobotError(
+                f"the joint '{name}' is at {begins:g} where the model stands",
+                file=self.file,
+                way_out="leave out its 'ref', and turn the body instead",
+            )
+        limited = bool(model.jnt_limited[joint])
+        kind = "prismatic" if slides else "revolute" if limited else "continuous"
+        element = self._connect(name, kind, above, below, place, rotation)
+        ET.SubElement(element, "axis", xyz=_text(model.jnt_axis[joint]))
+        limit = ET.SubElement(element, "limit")
+        if limited:
+            lower, upper = model.jnt_range[joint].tolist()
+            limit.set("lower", repr(lower))
+            limit.set("upper", repr(upper))
+        effort = self._effort(joint)
+        if effort is not None:
+            limit.set("effort", repr(effort))
+        leads = self._leads(joint)
+        if leads is not None:
+            other, offset, multiplier = leads
+            ET.SubElement(element, "mimic", joint=other, multiplier=repr(multiplier), offset=repr(offset))
+
+    def _effort(self, joint: int) -> float | None:
+        """Return the largest effort of a joint's motors [N m, N], None where nothing limits it."""
+        model, found = self.model, list[float]()
+        if model.jnt_actfrclimited[joint]:
+            found.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
+        for k in range(model.nu):
+            drives = model.actuator_trntype[k] == self.mj.mjtTrn.mjTRN_JOINT
+            if drives and model.actuator_trnid[k, 0] == joint and model.actuator_forcelimited[k]:
+                found.append(
+                    float(np.abs(model.actuator_forcerange[k]).max() * abs(model.actuator_gear[k, 0]))
+                )
+        return min(found, default=None)
+
+    def _leads(self, joint: int) -> tuple[str, float, float] | None:
+        """Return the joint that one goes along with, its offset and multiplier; None where it is free."""
+        model = self.model
+        for k in range(model.neq):
+            couples = model.eq_type[k] == self.mj.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0
+            if couples and model.eq_obj1id[k] == joint and not model.eq_data[k, 2:5].any():
+                other = int(model.eq_obj2id[k])
+                return str(model.joint(other).name or f"joint{other}"), *model.eq_data[k, :2].tolist()
+        return None
+
+    def _connect(
+        self, name: str, kind: str, above: str, below: str, place: Array, rotation: Array
+    ) -> ET.Element:
+        joint = ET.SubElement(self.robot, "joint", name=name, type=kind)
+        ET.SubElement(joint, "parent", link=above)
+        ET.SubElement(joint, "child", link=below)
+        joint.append(_origin(place, rotation))
+        return joint
+
+    def _bodies(self, body: int, name: str) -> ET.Element:
+        """Return a body's link, with its mass and the shapes that can collide."""
+        model, link = self.model, ET.Element("link", name=name)
+        if model.body_mass[body] > 0.0:
+            inertial = ET.SubElement(link, "inertial")
+            inertial.append(_origin(model.body_ipos[body], _matrix(model.body_iquat[body])))
+            ET.SubElement(inertial, "mass", value=repr(float(model.body_mass[body])))
+            moments = zip(("ixx", "iyy", "izz"), map(repr, model.body_inertia[body].tolist()), strict=True)
+            ET.SubElement(inertial, "inertia", {**dict(moments), "ixy": "0", "ixz": "0", "iyz": "0"})
+        first = int(model.body_geomadr[body])
+        for geom in range(first, first + int(model.body_geomnum[body])):
+            if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
+                continue
+            for shape, shift in self._shapes(geom):
+                turned = _matrix(model.geom_quat[geom])
+                collision = ET.SubElement(link, "collision")
+                collision.append(_origin(model.geom_pos[geom] + turned @ shift, turned))
+                ET.SubElement(collision, "geometry").append(shape)
+        return link
+
+    def _shapes(self, geom: int) -> Iterator[tuple[ET.Element, Array]]:
+        """Yield the shapes of a geom that a URDF knows, and where they are in it [m]; a capsule is three."""
+        model, kinds, middle = self.model, self.mj.mjtGeom, np.zeros(3)
+        kind, (a, b, _) = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
+        if kind == kinds.mjGEOM_BOX:
+            yield ET.Element("box", size=_text(2.0 * model.geom_size[geom])), middle
+        elif kind == kinds.mjGEOM_SPHERE:
+            yield ET.Element("sphere", radius=repr(a)), middle
+        elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
+            yield ET.Element("cylinder", radius=repr(a), length=repr(2.0 * b)), middle
+            for end in (b, -b) if kind == kinds.mjGEOM_CAPSULE else ():
+                yield ET.Element("sphere", radius=repr(a)), np.array([0.0, 0.0, end])
+        elif kind == kinds.mjGEOM_MESH:
+            yield ET.Element("mesh", filename=f"{MESHES}/{self._mesh(int(model.geom_dataid[geom]))}"), middle
+        else:
+            name = str(model.geom(geom).name or f"geom {geom}")
+            raise RobotError(
+                f"the body '{name}' is none of box, sphere, cylinder, capsule and mesh",
+                file=self.file,
+                way_out="take one of these, or let it collide with nothing (contype and conaffinity 0)",
+            )
+
+    def _mesh(self, number: int) -> str:
+        """Return the file name of a mesh, whose triangles are kept."""
+        model, name = self.model, f"{self.model.mesh(number).name or number}.stl".replace("/", "-")
+        first, faces = int(model.mesh_vertadr[number]), int(model.mesh_faceadr[number])
+        vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[number])]
+        corners = model.mesh_face[faces : faces + int(model.mesh_facenum[number])]
+        self.meshes[name] = as_stl(
+            np.asarray(vertices, dtype=np.float64), np.asarray(corners, dtype=np.int64)
+        )
+        return name
+
+
+def _matrix(quaternion_wxyz: Array) -> Array:
+    return Rotation.from_quat(quaternion_wxyz, scalar_first=True).as_matrix()
+
+
+def _text(values: Array) -> str:
+    return " ".join(map(repr, np.asarray(values, dtype=float).tolist()))
+
+
+def _origin(place: Array, rotation: Array) -> ET.Element:
+    """Return the element that places something in its link."""
+    turned = Rotation.from_matrix(rotation).as_euler("xyz")
+    return ET.Element("origin", xyz=_text(place), rpy=_text(turned))
