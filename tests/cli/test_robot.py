@@ -18,6 +18,7 @@ from comove.robots import description as descriptions
 from comove.robots.kernels import TWO_ARMS
 from comove.scenes import Scene
 from tests.commands import invoke
+from tests.simulators.test_mjcf import ARM
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENE = EXAMPLES / "baxter" / "gap_30.yaml"
@@ -343,6 +344,35 @@ def test_a_description_from_a_model_is_written_checked_and_drawn(tmp_path):
     assert again.exit_code == 2
     assert "already" in text_of(again)
     assert file.read_bytes() == before
+
+
+def test_a_model_of_mujocos_is_written_as_a_urdf_and_never_over_files(tmp_path):
+    model = tmp_path / "arm.xml"
+    model.write_text(ARM, encoding="utf-8")
+    refused = invoke("robot", "new", model, "--out", tmp_path / "arm.yaml")
+    assert refused.exit_code == 2
+    assert "comove robot convert" in text_of(refused)
+    made = invoke("robot", "convert", model, "--out", tmp_path / "arm")
+    assert made.exit_code == 0, text_of(made)
+    before = {path.name: path.read_bytes() for path in (tmp_path / "arm").rglob("*") if path.is_file()}
+    assert set(before) == {"arm.urdf", "arm.srdf", "wedge.stl"}
+    again = invoke("robot", "convert", model, "--out", tmp_path / "arm")
+    assert again.exit_code == 2
+    assert {
+        path.name: path.read_bytes() for path in (tmp_path / "arm").rglob("*") if path.is_file()
+    } == before
+    assert invoke("robot", "convert", tmp_path / "none.xml", "--out", tmp_path / "none").exit_code == 2
+    assert not (tmp_path / "none").exists()
+    file = tmp_path / "description.yaml"
+    limits = {name: {"velocity": 1.0, "effort": 20.0} for name in ("turn", "lift", "slide", "l", "r")}
+    described = {
+        "name": "arm",
+        "models": [{"urdf": "arm/arm.urdf", "srdf": "arm/arm.srdf"}],
+        "arms": {"only": {"tip": "fore"}},
+        "limits": limits,
+    }
+    file.write_text(yaml.safe_dump(described), encoding="utf-8")
+    assert set(Robot.load(file).joint_names) == {"turn", "lift", "slide"}
 
 
 def test_a_first_scene_is_written_and_can_be_solved(tmp_path):

@@ -30,6 +30,7 @@ from comove.robots.description import JointLimits, ModelSource, Placement, error
 from comove.robots.soundness import LIMITS, doubts, number, require_sound, short
 
 MAX_BYTES = 20_000_000
+CONVERT = "convert it first: comove robot convert FILE --out FOLDER"
 # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
 ROUNDED = 1e-5
 
@@ -211,9 +212,7 @@ def _tree(path: Path, what: str) -> ET.Element:
     if what == "a URDF" and any("xacro" in element.tag for element in tree.iter()):
         raise RobotError("it is a xacro", way_out="expand it first: xacro FILE > robot.urdf")
     if what == "a URDF" and tree.tag == "mujoco":
-        raise RobotError(
-            "it is a model of MuJoCo's", way_out="convert it first: comove robot convert FILE --out FOLDER"
-        )
+        raise RobotError("it is a model of MuJoCo's", way_out=CONVERT)
     if tree.tag != "robot":
         raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", way_out=f"name {what}")
     return tree

@@ -26,7 +26,7 @@ from comove.robots.proposal.examination import near_but_apart, overloaded, pairs
 from comove.robots.proposal.homes import Homes, homes_of
 from comove.robots.proposal.tree import Chain, Tree
 from comove.robots.soundness import number
-from comove.robots.urdf import resolve
+from comove.robots.urdf import CONVERT, resolve
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -180,6 +180,8 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
     path = resolve(urdf, file) if "://" in urdf else Path(urdf)
     try:
         text = path.read_text(encoding="utf-8")
+        if ET.fromstring(text).tag == "mujoco":
+            raise RobotError(f"'{urdf}' is a model of MuJoCo's", file=file, way_out=CONVERT)
         tree = Tree.of(text)
     except (OSError, UnicodeDecodeError, ET.ParseError, IndexError, AttributeError) as error:
         raise RobotError(
