@@ -412,7 +412,7 @@ def test_what_is_written_is_a_description(tmp_path):
         (urdf(link("base"), arm("leg_", "base")), "no arm of four joints"),
         ("<robot", "cannot be read"),
         ("", "cannot be read"),
-        ("<mujoco/>", "cannot be read"),
+        ("<mujoco/>", "model of MuJoCo's"),
         (urdf(), "cannot be read"),
     ],
 )

@@ -7,9 +7,8 @@ import pinocchio as pin
 import pytest
 
 from comove.errors import RobotError
-
-mujoco = pytest.importorskip("mujoco")
-from comove.simulators.mjcf import urdf_of  # noqa: E402
+from comove.simulators.engine import engine
+from comove.simulators.mjcf import urdf_of
 
 ARM = """
 <mujoco model="arm">
@@ -51,6 +50,7 @@ def written(tmp_path, text=ARM):
 
 def test_bodies_are_where_mujoco_has_them_and_weigh_as_much(tmp_path):
     path = written(tmp_path)
+    mujoco = engine()
     theirs = mujoco.MjModel.from_xml_path(str(path))
     tree = ET.fromstring(urdf_of(path).urdf)
     for limit in tree.findall("joint/limit"):  # as a description states them
