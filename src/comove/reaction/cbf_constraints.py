@@ -64,7 +64,10 @@ def rate(h: float, gain: float, rates: Rates) -> float:
 
 @kernel
 def against(gain: float, fastest: float, rates: Rates) -> tuple[float, Rates]:
-    """Return the gain [1/s] and the rates towards an obstacle, no point of which is faster than `fastest` [m/s]."""
+    """Return the gain [1/s] and the rates towards an obstacle, no point of which is faster than `fastest` [m/s].
+
+    Towards what moves, `passing` takes the place of `braking`, and the gain that a fast group leaves grows with it.
+    """
     if fastest == 0.0 or rates.passing == rates.braking:
         return gain, rates
     harder = Rates(

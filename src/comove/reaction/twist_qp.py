@@ -142,10 +142,12 @@ class TwistProgramme:
         self.scene, self.period, self.settings = scene, float(period), settings
         self._points = load_points(scene, settings.n_points)
         self._freedom = _freedom(scene, settings.turning_weight)
+        braking = settings.braking_share * scene.acceleration_limit
         self._rates = Rates(
             self.period,
             min(settings.gain, 0.5 / self.period),
-            *(2 * (settings.braking_share * scene.acceleration_limit,)),
+            braking,
+            braking,
             settings.retreat_speed,
             scene.speed_limit,
             scene.acceleration_limit,
