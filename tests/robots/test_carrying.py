@@ -93,6 +93,58 @@ def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others
     assert len(set(drawn)) > 3
 
 
+def test_a_pair_of_ends_whose_plans_lead_to_nothing_gives_way_to_others(monkeypatch):
+    """A plan that was found counts for its pair only once a motion along it is verified."""
+    known, drawn = task("gap_30"), {}
+
+    def found(space, arms, start, goal, *_, **__):
+        drawn.setdefault(verified, []).append(tuple(np.concatenate([start[1], goal[1]])))
+        return np.zeros((2, 1)), np.zeros((2, 1))
+
+    monkeypatch.setattr("comove.robots.carrying.plan_with_arms", found)
+    for verified in (False, True):
+        carrying, rng = RobotCarrier(known.robot, known.scene), np.random.default_rng(0)
+        for _ in range(20):
+            carrying.plan(None, [], [], 0.0, rng)
+            if verified:
+                carrying.kept.append((None, 0.0, (None, None)))
+    first = drawn[True][0]
+    assert drawn[False][0] == first
+    assert drawn[False].count(first) <= 5
+    assert drawn[True].count(first) >= 15
+
+
+def test_an_arm_that_touches_something_near_its_home_holds_the_load_otherwise():
+    """At the goal the left wrist is 9 mm from the post near home, where 10 are to be kept, and elsewhere is room."""
+    data = {
+        "version": 1,
+        "name": "near_a_post",
+        "duration": 10,
+        "robot": "two_xarm7",
+        "grasp": {"orientation": "down", "yaw": "load"},
+        "workspace": {"lower": [0.15, -0.6, 0.05], "upper": [0.75, 0.6, 0.45]},
+        "obstacles": [
+            {"shape": "cylinder", "radius": 0.019, "height": 0.4, "center": [0.309, -0.12, 0.25]},
+        ],
+        "load": {"shape": "bar", "length": 0.4, "radius": 0.012, "mass": 0.3},
+        "manipulators": [
+            {
+                "name": "left",
+                "start": [0.4924965382, 0.4337980657, 0.4043448697],
+                "goal": [0.395426707, -0.1106762723, 0.1699245853],
+            },
+            {
+                "name": "right",
+                "start": [0.3951381257, 0.0496039843, 0.3503425801],
+                "goal": [0.3862972122, -0.5069090386, 0.1159222958],
+            },
+        ],
+        "limits": {"speed": 0.5, "acceleration": 1, "clearance": 0.01},
+    }
+    scene = Scene.from_dict(data)
+    assert carry(scene, robot("two_xarm7"), method=replace(robot_method(), n_ways=1)).verified
+
+
 @pytest.mark.parametrize("name", ["gap_30", "two_pandas", "ur5_and_panda"])
 def test_joints_that_turn_least_are_tried_early_even_where_capsules_meet(name):
     """Of pairs of ends, the k that turn least are among the first 4 k; of those with room, among 3 k of every 4 k."""

@@ -10,11 +10,12 @@ from comove.errors import ComoveWarning, RobotError, SceneError
 from comove.robots import JointMotion, Robot
 from comove.robots.description import bundled_robots
 from comove.scenes import Scene
-from comove.simulators import Friction, Weld, simulate
+from comove.simulators import Friction, Perturbation, Weld, simulate
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.servos import servo_gains
+from comove.simulators.simulate import at_start
 from comove.simulators.world import lower_floor
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import posts, standing
@@ -201,6 +202,21 @@ def test_the_stick_weighs_what_the_scene_says():
         load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
         world = build_world(robot, scene, load, grasp)
         assert world.model.body_mass[world.load_body] == pytest.approx(0.8)
+
+
+def test_a_finger_that_loses_its_load_does_not_leap_past_it():
+    """From rest and with all its force, it goes less far in a time step than where its servo gives it all."""
+    robot, motion = known_motion()
+    scene, grasp = posts(), Friction()
+    load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
+    world = build_world(robot, scene, load, grasp)
+    data, model = at_start(world, motion, Perturbation()), world.model
+    fingers = [finger for hand in world.fingers for finger in hand]
+    begin = np.array([data.qpos[model.joint(finger).qposadr[0]] for finger in fingers])
+    data.ctrl[[model.actuator(finger).id for finger in fingers]] = begin + 1.0
+    engine().mj_step(model, data)
+    moved = [data.qpos[model.joint(finger).qposadr[0]] for finger in fingers] - begin
+    assert ((moved > 0) & (moved < 1e-3)).all(), moved
 
 
 def test_the_floor_is_under_the_robot():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
@@ -59,6 +59,7 @@ class CarrierSettings:
     coarser : samples of which one is looked at to tell branches apart
     ease : cost of jolts: of joints that all use their whole acceleration all the time
     n_seeds : random joints from which a pose is solved where it has no closed form
+    n_postures : random postures near which an arm is solved again, where it has no room near its home
     n_angles : angles of the joint that a closed form leaves open
     n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
     n_between, wander : configurations between start and goal that tell which links may meet, and how far they stray
@@ -66,7 +67,7 @@ class CarrierSettings:
     slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
     haste : samples of a candidate of which one is solved first, as one out of reach suffices
     whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
-    unlikely : plans not found yet that every further pair of joints at start and goal is credited with
+    unlikely : plans that led to nothing which every further pair of joints at start and goal is credited with
     """
 
     spare: float = 0.005
@@ -75,6 +76,7 @@ class CarrierSettings:
     coarser: int = 2
     ease: float = 2.0
     n_seeds: int = 64
+    n_postures: int = 16
     n_angles: int = 64
     n_branches: int = 4
     same_branch: float = 0.3
@@ -91,6 +93,50 @@ DIGITS = 6  # of differences of joints, by which they are compared
 FULL = 6  # joints with which a hand can be turned every way
 N_THREADS = min(4, n_processors())
 _THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
+
+
+@dataclass(eq=False)
+class Tally:
+    """Counts of what plans between pairs of ends have led to, by which the next pair is drawn.
+
+    Attributes
+    ----------
+    well, ill : arrays, shape (n_pairs,), plans that led to a verified motion, and all others that were tried
+    open : pair of the last plan found, while it is not known what it leads to
+    n_verified : motions that were verified before that plan
+    """
+
+    well: Array
+    ill: Array
+    open: int | None = None
+    n_verified: int = 0
+
+    @classmethod
+    def of(cls, n_pairs: int) -> Tally:
+        """Return a tally without any plans; the pairs are ranked, the likeliest first."""
+        return cls(np.zeros(n_pairs), np.zeros(n_pairs))
+
+    def drawn(self, rng: np.random.Generator, n_verified: int) -> int:
+        """Draw the next pair: the first, then one by Thompson sampling (1933).
+
+        Parameters
+        ----------
+        n_verified : number of motions verified so far, which tells what the last plan led to
+        """
+        if self.open is not None:
+            (self.well if n_verified > self.n_verified else self.ill)[self.open] += 1.0
+        self.open, self.n_verified = None, n_verified
+        if not (self.well.any() or self.ill.any()):
+            return 0
+        against = SETTINGS.unlikely * np.arange(len(self.ill))
+        return int(rng.beta(1.0 + self.well, 1.0 + against + self.ill).argmax())
+
+    def note(self, pair: int, found: bool) -> None:
+        """Note whether a plan was found; what it leads to is seen when the next pair is drawn."""
+        if found:
+            self.open = pair
+        else:
+            self.ill[pair] += 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,17 +286,14 @@ class RobotCarrier:
         max_nodes: int = 1000,
     ) -> Array | None:
         """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
-        tally, drawn = self._tally, 0  # the likeliest pair first
-        if tally.any():  # then Thompson sampling (1933) of what has led to plans so far
-            against = SETTINGS.unlikely * np.arange(len(self._ends))
-            drawn = int(rng.beta(1.0 + tally[0], 1.0 + against + tally[1]).argmax())
+        drawn = self._tally.drawn(rng, len(self.kept))
         first, last = self._ends[drawn]
         ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
         lenient = next(self._leniency)
         found = plan_with_arms(
             space, self.arms, *ends, margin, rng, required=required, lenient=lenient, max_nodes=max_nodes
         )
-        tally[0 if found is not None else 1, drawn] += 1.0
+        self._tally.note(drawn, found is not None)
         if found is None:
             return None
         vars(self)["_led"] = np.stack([first, last])
@@ -264,9 +307,9 @@ class RobotCarrier:
         return cycle((0.0, FAT, FATTEST))
 
     @cached_property
-    def _tally(self) -> Array:
-        """Return the counts of plans found and not found for every pair of ends; array, shape (2, n_pairs)."""
-        return np.zeros((2, len(self._ends)))
+    def _tally(self) -> Tally:
+        """Return the counts of what plans between the pairs of ends have led to."""
+        return Tally.of(len(self._ends))
 
     @cached_property
     def _ends(self) -> tuple[tuple[Array, Array], ...]:
@@ -495,13 +538,17 @@ class RobotCarrier:
         nodes = self.scene.nodes_at(end)
         rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
         posture, found = self.arms.around.posture, []
-        solved = _THREADS.map(self._solutions, range(len(self.holders)), rotations, nodes)
+        n = len(self.holders)
+        solved = _THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n)
         for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
             part = self._part(i)
             if missing.min() > MET:
                 raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
-            branches = self._distinct(joints[missing <= MET][:, part], posture[part])
+            branches = self._homely(joints[missing <= MET][:, part], posture[part])
             apart = self._apart_alone(i, branches, nodes)
+            if not (apart > self.scene.clearance).any():  # there may be more room further from home
+                branches = self._roomy(i, rotations[i], nodes)
+                apart = self._apart_alone(i, branches, nodes)
             order = np.argsort(apart <= 0.0, kind="stable")
             free = order[apart[order] > self.scene.clearance - FATTEST]
             found.append(branches[free if len(free) else order][: SETTINGS.n_branches])
@@ -525,11 +572,11 @@ class RobotCarrier:
         rotation = self.grasp.hand_rotations(nodes[: len(self.holders)])[i]
         if not may_reach(self.arms.ranges, i, rotation, nodes[i]):
             return False
-        joints, missing = self._solutions(i, rotation, nodes[i], n_seeds)
+        joints, missing = self._solutions(i, rotation, nodes[i], self.arms.around.posture, n_seeds)
         met, part = missing <= MET, self._part(i)
         if not met.any():
             return False
-        held = self._distinct(joints[met][:, part], self.arms.around.posture[part])
+        held = self._homely(joints[met][:, part], self.arms.around.posture[part])
         return bool((self._apart_alone(i, held, nodes) > self.scene.clearance - FATTEST).any())
 
     def _part(self, i: int) -> slice:
@@ -537,16 +584,17 @@ class RobotCarrier:
         return slice(self.arms.chains.first[i], self.arms.chains.first[i + 1])
 
     def _solutions(
-        self, i: int, rotation: Array, point: Array, n_seeds: int = SETTINGS.n_seeds
+        self, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int = SETTINGS.n_seeds
     ) -> tuple[Array, Array]:
-        """Solve the pose of one hand, from what a closed form finds or, where there is none, from random joints.
+        """Solve the pose of one hand near a posture, array of shape (n_joints,), from what a closed form finds; where
+        there is none, from the posture and random joints.
 
         Returns
         -------
         joints : array, shape (n_solutions, n_joints), of all arms
         missing : array, shape (n_solutions,), residuals [m]
         """
-        chains, posture = self.arms.chains, self.arms.around.posture
+        chains = self.arms.chains
         *_, forms = _of_robot(self.robot, self.holders)
         if (form := forms[i]) is not None:
             seeds = closed_seeds(form, chains, i, rotation, point, posture, SETTINGS.n_angles)
@@ -558,15 +606,23 @@ class RobotCarrier:
         draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
         return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
 
-    def _distinct(self, joints: Array, posture: Array) -> Array:
+    def _homely(self, joints: Array, posture: Array) -> Array:
         """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
         arm).
         """
-        kept: list[Array] = []
-        for q in sorted(joints, key=lambda q: _apart(q, posture)):
-            if all(np.abs(q - other).max() > SETTINGS.same_branch for other in kept):
-                kept.append(q)
-        return np.array(kept)
+        return _distinct(sorted(joints, key=lambda q: _apart(q, posture)))
+
+    def _roomy(self, i: int, rotation: Array, nodes: Array) -> Array:
+        """Return distinct solutions of arm i from all over its branches, those with most room first; array, shape
+        (n, n_joints of the arm).
+        """
+        chains, part, home = self.arms.chains, self._part(i), self.arms.around.posture
+        draws = np.random.default_rng(0).uniform(chains.lower, chains.upper, (SETTINGS.n_postures, len(home)))
+        solved = [self._solutions(i, rotation, nodes[i], posture, 0) for posture in (home, *draws)]
+        joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
+        joints = turned_towards(chains, home[part], joints, part)
+        room = self._apart_alone(i, joints, nodes).round(DIGITS)
+        return _distinct(joints[np.argsort(-room, kind="stable")])
 
     def _out_of_reach(self, arm: Arm, end: str, joints: Array, rotation: Array, point: Array) -> SceneError:
         """Return the error that an arm cannot reach its pose at an end, and what is missing from its best joints."""
@@ -602,6 +658,15 @@ def _of_robot(
 
 def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
     return SceneError(message, file=scene.path, key=key, way_out=way_out)
+
+
+def _distinct(joints: Iterable[Array]) -> Array:
+    """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
+    kept: list[Array] = []
+    for q in joints:
+        if all(np.abs(q - other).max() > SETTINGS.same_branch for other in kept):
+            kept.append(q)
+    return np.array(kept)
 
 
 def _apart(p: Array, q: Array) -> float:

@@ -174,7 +174,9 @@ class Friction:
     def _drive(self, spec: Any, finger: str) -> None:
         """Add the servo of a finger."""
         give = 0.001  # m, behind the surface, at which it has its whole force
-        mass = 0.1  # kg, that it is damped for
+        response = (
+            0.004  # s, of its motor behind a gear: a finger by itself would leap at a load that it lost
+        )
         joint = spec.joint(finger)
         force = float(joint.actfrcrange[1]) if self.force is None else self.force
         if not (force > 0 and joint.range[1] > joint.range[0]):
@@ -184,7 +186,9 @@ class Friction:
                 way_out=f"give them: limits: {{{finger}: {{lower: 0, upper: 0.02, effort: 20}}}}",
             )
         joint.actfrclimited = False
-        add_servo(spec, finger, force / give, 2 * np.sqrt(mass * force / give), force)
+        stiffness = force / give
+        joint.armature = max(joint.armature, stiffness * response**2)
+        add_servo(spec, finger, stiffness, 2 * stiffness * response, force)
 
     def close(self, world: World, data: Any) -> None:
         """Open the fingers, hold the load still, close them, and release the load to their friction.
