@@ -266,15 +266,17 @@ def test_pairs_that_always_touch_are_not_compared(tmp_path):
     assert frozenset(("base_0", "link2_0")) not in compared
 
 
-def test_an_srdf_that_lacks_pairs_is_completed(tmp_path):
-    """As Romeo's is, whose links have other names in some of its URDFs."""
+@pytest.mark.parametrize("folder", ["srdf", "urdf"])
+def test_an_srdf_that_lacks_pairs_is_completed(folder, tmp_path):
+    """As Romeo's is, whose links have other names in some of its URDFs; one of that name may lie beside a URDF."""
     (tmp_path / "urdf").mkdir()
-    (tmp_path / "srdf").mkdir()
+    (tmp_path / folder).mkdir(exist_ok=True)
     own = '<robot name="made"><disable_collisions link1="link0" link2="link4" reason="Never"/></robot>'
-    (tmp_path / "srdf" / "made.srdf").write_text(own, encoding="utf-8")
+    (tmp_path / folder / "made.srdf").write_text(own, encoding="utf-8")
     text = urdf(link("base"), arm("", "base")).replace(link("link2"), link("link2", (1.0, 1.0, 1.0)))
     proposal = propose([written(tmp_path / "urdf", text)], tmp_path / "made.yaml")
     (pairs,) = proposal.srdf.values()
+    assert [model["srdf"] for model in proposal.data["models"]] == [f"{folder}/made.srdf"]
     assert 'link1="link0" link2="link4"' in pairs
     assert 'link1="base" link2="link2"' in pairs
 

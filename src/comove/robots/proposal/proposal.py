@@ -175,6 +175,14 @@ def _name_of(file: Path) -> str:
     return re.sub(r"\W+", "_", file.stem) or "robot"
 
 
+def _srdf_beside(urdf: Path) -> Path | None:
+    """Return the SRDF of a URDF: of its name in its folder, or alike in the folder `srdf` next to that; or None."""
+    if (same := urdf.with_suffix(".srdf")).is_file():
+        return same
+    own = sorted((urdf.parent.parent / "srdf").glob("*.srdf"))
+    return next((p for p in own if p.stem.startswith(urdf.stem) or urdf.stem.startswith(p.stem)), None)
+
+
 def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
     """Read one URDF and find its arms."""
     path = resolve(urdf, file) if "://" in urdf else Path(urdf)
@@ -189,16 +197,12 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
         ) from error
     entry: dict[str, Any] = {"urdf": urdf if "://" in urdf else os.path.relpath(path, file.absolute().parent)}
     notes: list[str] = []
-    own = (
-        sorted((path.parent.parent / "srdf").glob("*.srdf")) if (path.parent.parent / "srdf").is_dir() else []
-    )
-    fitting = [srdf for srdf in own if srdf.stem.startswith(path.stem) or path.stem.startswith(srdf.stem)]
-    if fitting:
-        entry["srdf"] = str(entry["urdf"]).replace(
-            f"{path.parent.name}/{path.name}", f"srdf/{fitting[0].name}"
-        )
+    if (pairs := _srdf_beside(path)) is not None:
+        shared = pairs.parent if pairs.parent == path.parent else pairs.parent.parent
+        folder = str(entry["urdf"]).removesuffix(path.relative_to(shared).as_posix())
+        entry["srdf"] = folder + pairs.relative_to(shared).as_posix()
         notes.append(
-            f"pairs that need not be kept apart are those of {fitting[0].name}, which lay beside the URDF"
+            f"pairs that need not be kept apart are those of {pairs.name}, which lay beside the URDF"
         )
     if n > 1:
         entry["prefix"] = f"{SIDES[i]}_" if n == len(SIDES) else f"robot{i + 1}_"
