@@ -228,6 +228,30 @@ def test_a_tool_frame_at_the_wrist_is_moved_between_the_fingers(tmp_path):
     assert 0.1 < found.tool[2, 3] < 0.105
 
 
+def test_limits_that_fingers_and_other_joints_lack_are_guessed_too(tmp_path):
+    """As MuJoCo's models have no speeds, and joints without motors no efforts."""
+    text = urdf(link("base"), arm("", "base", gripper=(0, 0, 1)), link("head") + joint("nod", "base", "head"))
+    text = text.replace(' velocity="1" effort="10"', "").replace(' velocity="2" effort="40"', "")
+    limits = propose([written(tmp_path, text)], tmp_path / "made.yaml").data["limits"]
+    assert set(limits) == {*(f"joint{k}" for k in range(6)), "slide_a", "slide_b", "nod"}
+    assert limits["slide_a"]["velocity"] < limits["joint0"]["velocity"]
+    assert all(set(given) == {"velocity", "effort"} for given in limits.values())
+
+
+def test_arms_that_face_each_other_have_their_hands_between_them(tmp_path):
+    """As ALOHA's, whose names tell the side before a slash."""
+    base = link("base")
+    far = arm("rig_right/", "base", (0.5, 0, 0.1)).replace(
+        '<origin xyz="0.5 0 0.1"/>', '<origin xyz="0.5 0 0.1" rpy="0 0 3.14159265"/>'
+    )
+    text = urdf(base, arm("rig_left/", "base", (-0.5, 0, 0.1)), far)
+    robot = propose([written(tmp_path, text)], tmp_path / "made.yaml").robot
+    assert [arm.name for arm in robot.arms] == ["left", "right"]
+    left, right = (robot.tool_pose(robot.home, robot.arm(name))[:3, 3] for name in ("left", "right"))
+    assert -0.5 < left[0] < right[0] - 0.1 < right[0] < 0.5
+    assert left[0] == pytest.approx(-right[0], abs=0.02)
+
+
 @pytest.mark.parametrize(("lower", "upper", "n_joints"), [(-2.6, 2.6, 7), (-0.2, 2.0, 6)])
 def test_a_joint_called_gripper_that_turns_by_more_than_half_a_turn_is_a_wrist(lower, upper, n_joints):
     """As that of Alex's nub hands is; a jaw, such as an SO-100's, is not."""

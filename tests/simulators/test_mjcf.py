@@ -48,6 +48,11 @@ def written(tmp_path, text=ARM):
     return path
 
 
+def links_of(path):
+    """The links of the URDF that a model becomes, by name."""
+    return {link.get("name"): link for link in ET.fromstring(urdf_of(path).urdf).iter("link")}
+
+
 def test_bodies_are_where_mujoco_has_them_and_weigh_as_much(tmp_path):
     path = written(tmp_path)
     mujoco = engine()
@@ -115,6 +120,27 @@ def test_shapes_that_collide_are_where_mujoco_has_them(tmp_path):
     placed = corners.reshape(-1, 3) @ turned.T + np.array(origin.get("xyz").split(), dtype=float)
     np.testing.assert_allclose(placed.min(axis=0), 0.0, atol=1e-6)
     np.testing.assert_allclose(placed.max(axis=0), [0.1, 0.2, 0.1], atol=1e-6)
+
+
+def test_what_viewers_draw_is_drawn_in_its_colour_and_what_no_urdf_has_is_not(tmp_path):
+    """Shapes that collide in a hidden group are not; the ellipsoid of the hand has no counterpart."""
+    text = ARM.replace('type="box" size', 'group="3" type="box" size')
+    text = text.replace('type="sphere" size', 'rgba="1 .5 0 1" type="sphere" size')
+    links = links_of(written(tmp_path, text))
+    counts = {name: len(link.findall("visual")) for name, link in links.items()}
+    assert {name: n for name, n in counts.items() if n} == {"shoulder": 3, "fore": 1, "left": 1, "right": 1}
+    assert len(links["base"].findall("collision")) == 1
+    colour = links["left"].find("visual/material/color").get("rgba")
+    np.testing.assert_allclose(np.array(colour.split(), dtype=float), [1.0, 0.5, 0.0, 1.0])
+
+
+def test_things_that_lie_about_are_left_out_and_a_robot_that_moves_freely_is_not(tmp_path):
+    box = '<body name="box" pos="1 0 0"><freejoint/><geom type="box" size=".1 .1 .1" mass="1"/></body></worldbody>'
+    base = '<body name="base" pos="0 .1 .2" euler="0 0 30">'
+    text = ARM.replace("</worldbody>", box).replace(base, f"{base}<freejoint/>")
+    links = links_of(written(tmp_path, text))
+    assert "box" not in links
+    assert {"base", "shoulder", "fore"} <= set(links)
 
 
 @pytest.mark.parametrize(

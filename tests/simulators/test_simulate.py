@@ -12,6 +12,7 @@ from comove.robots import JointMotion
 from comove.scenes import Scene
 from comove.simulators import Connect, Friction, Perturbation, Push, Settings, Weld, play, simulate
 from comove.simulators.building import build_world
+from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.simulate import at_start
 from tests.robots.known_path import known_motion
@@ -141,6 +142,21 @@ def test_no_finger_holds_a_stick_by_its_very_end():
             finger = int(bodies[bodies != world.load_body][0])
             within[finger] = max(within.get(finger, 0.0), load.parts[0].size[0] - abs(along))
     assert len(within) == 4 and min(within.values()) > 5e-3, within
+
+
+def test_fingers_that_stand_beyond_each_other_open_first():
+    """As those do whose limits leave out the 0 where joints begin."""
+    robot, motion = standing()
+    scene, grasp = posts(), Friction()
+    load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
+    world = build_world(robot, scene, load, grasp, Perturbation())
+    data, model = at_start(world, motion, Perturbation()), world.model
+    fingers = [model.joint(finger) for hand in world.fingers for finger in hand]
+    for finger in fingers:
+        data.qpos[finger.qposadr[0]] = -2.0 * max(finger.range, key=abs)
+    engine().mj_forward(model, data)
+    grasp.close(world, data)
+    assert all(finger.range[0] < data.qpos[finger.qposadr[0]] < finger.range[1] for finger in fingers)
 
 
 def test_what_falls_before_the_motion_begins_was_not_held():

@@ -202,8 +202,10 @@ class Friction:
         beyond = 0.005  # m, behind its limit, to which a finger is sent
         mj, model = engine(), world.model
         fingers = [finger for hand in world.fingers for finger in hand]
-        inward = np.array([_inward(world, data, finger) for finger in fingers])
         low, high = np.array([model.joint(finger).range for finger in fingers]).T
+        data.qpos[[model.joint(finger).qposadr[0] for finger in fingers]] = 0.5 * (low + high)
+        mj.mj_forward(model, data)  # at 0, where joints begin, fingers may stand beyond each other
+        inward = np.array([_inward(world, data, finger) for finger in fingers])
         opened, closed = np.where(inward > 0, low, high), np.where(inward > 0, high, low)
         data.qpos[[model.joint(finger).qposadr[0] for finger in fingers]] = opened
         mj.mj_forward(model, data)

@@ -2,7 +2,8 @@
 
 The model is compiled by MuJoCo, so that defaults, included files and scaled meshes are as MuJoCo has them, and then
 written body by body. A URDF's link stands in its joint's frame: for a body whose joints are elsewhere, or several,
-there are links without bodies between. What stands on the world, such as a floor, is no part of the robot.
+there are links without bodies between. What stands on the world, such as a floor, is no part of the robot, nor are
+bodies that lie about: those that move freely and have no joints. A robot that moves freely stands where it begins.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ Array = NDArray[np.float64]
 
 ROOT = "world"
 MESHES = "meshes"  # folder beside the URDF
+DRAWN = (0, 1, 2)  # groups of shapes that MuJoCo's viewers draw unless asked otherwise
+KNOWN = ("BOX", "SPHERE", "CYLINDER", "CAPSULE", "MESH")
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,10 @@ class _Writer:
         """Return the whole model."""
         model = self.model
         ET.SubElement(self.robot, "link", name=ROOT)
-        for body in range(1, model.nbody):
+        bodies = [
+            body for body in range(1, model.nbody) if not self._lies_about(int(model.body_rootid[body]))
+        ]
+        for body in bodies:
             self._body(body)
         pairs = [self._excluded(number) for number in range(model.nexclude)]
         srdf = ET.Element("robot", name=self.file.stem)
@@ -87,6 +93,11 @@ class _Writer:
             ET.indent(tree)
         told = ET.tostring(srdf, encoding="unicode") if pairs else None
         return Converted(self.file.stem, ET.tostring(self.robot, encoding="unicode"), told, self.meshes)
+
+    def _lies_about(self, root: int) -> bool:
+        """Return whether a body that hangs on the world moves freely, without joints in it."""
+        kinds = self.model.jnt_type[self.model.body_rootid[self.model.jnt_bodyid] == root]
+        return len(kinds) > 0 and bool((kinds == self.mj.mjtJoint.mjJNT_FREE).all())
 
     def _link(self, body: int) -> str:
         return ROOT if body == 0 else str(self.model.body(body).name or f"body{body}")
@@ -178,7 +189,7 @@ class _Writer:
         return joint
 
     def _bodies(self, body: int, name: str) -> ET.Element:
-        """Return a body's link, with its mass and the shapes that can collide."""
+        """Return a body's link, with its mass, and its shapes that can collide or are drawn."""
         model, link = self.model, ET.Element("link", name=name)
         if model.body_mass[body] > 0.0:
             inertial = ET.SubElement(link, "inertial")
@@ -188,14 +199,35 @@ class _Writer:
             ET.SubElement(inertial, "inertia", {**dict(moments), "ixy": "0", "ixz": "0", "iyz": "0"})
         first = int(model.body_geomadr[body])
         for geom in range(first, first + int(model.body_geomnum[body])):
-            if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
-                continue
-            for shape, shift in self._shapes(geom):
-                turned = _matrix(model.geom_quat[geom])
-                collision = ET.SubElement(link, "collision")
-                collision.append(_origin(model.geom_pos[geom] + turned @ shift, turned))
-                ET.SubElement(collision, "geometry").append(shape)
+            if model.geom_contype[geom] or model.geom_conaffinity[geom]:
+                self._add_shapes(link, "collision", geom)
+            drawn = model.geom_group[geom] in DRAWN and self._colour(geom)[3] > 0.0
+            if drawn and model.geom_type[geom] in self._known:
+                for visual in self._add_shapes(link, "visual", geom):
+                    material = ET.SubElement(visual, "material", name=f"colour {geom}")
+                    ET.SubElement(material, "color", rgba=_text(self._colour(geom)))
         return link
+
+    @property
+    def _known(self) -> tuple[int, ...]:
+        """Return the kinds of shapes that a URDF has."""
+        kinds = self.mj.mjtGeom
+        return tuple(int(getattr(kinds, f"mjGEOM_{name}")) for name in KNOWN)
+
+    def _colour(self, geom: int) -> Array:
+        """Return the colour of a geom, which is that of its material if it has one; array, shape (4,)."""
+        material = int(self.model.geom_matid[geom])
+        rgba = self.model.geom_rgba[geom] if material < 0 else self.model.mat_rgba[material]
+        return np.asarray(rgba, dtype=np.float64)
+
+    def _add_shapes(self, link: ET.Element, role: str, geom: int) -> list[ET.Element]:
+        """Add the shapes of a geom to a link, as `collision` or `visual`, and return these elements."""
+        added, turned = list[ET.Element](), _matrix(self.model.geom_quat[geom])
+        for shape, shift in self._shapes(geom):
+            added.append(ET.SubElement(link, role))
+            added[-1].append(_origin(self.model.geom_pos[geom] + turned @ shift, turned))
+            ET.SubElement(added[-1], "geometry").append(shape)
+        return added
 
     def _shapes(self, geom: int) -> Iterator[tuple[ET.Element, Array]]:
         """Yield the shapes of a geom that a URDF knows, and where they are in it [m]; a capsule is three."""

@@ -1,4 +1,7 @@
-"""A home for every arm: hands down and in front, side by side, joints far from limits, nothing that touches."""
+"""A home for every arm: hands down and in front, joints far from limits, nothing that touches.
+
+Arms stand side by side with their hands in front of them, or face each other with both hands between them.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,7 @@ N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settl
 BACKWARDS, IN_FRONT = -0.1, 0.25
 MOST_SIGNS = 12  # joints of an arm of which all signs are tried
 ALIKE = 2e-3  # m and of directions together, by which a hand may miss another one in a mirror
+APART = 0.3  # of their reach, of the hands of arms that face each other
 FAR = 0.75  # share of the places of hands that are nearer than a home
 STEEP = np.cos(np.deg2rad(30.0))  # of an approach that counts as down where a home is looked for
 SETTLED = 2e-3  # by how many reaches and radians together a hand may miss its home
@@ -47,9 +51,10 @@ def homes_of(robot: Robot, seed: int = 0) -> Homes:
     q, notes = robot.home, []
     rng = np.random.default_rng(seed)
     drawn_by_arm = [_Drawn.of(robot, arm, rng) for arm in robot.arms]
-    wanted = _middle_of_reach(drawn_by_arm)
+    ahead = _middle_of_reach(drawn_by_arm)
     reach = min(drawn.reach for drawn in drawn_by_arm)
-    for k, (arm, drawn) in enumerate(zip(robot.arms, drawn_by_arm, strict=True)):
+    between = _facing(np.array([drawn.base for drawn in drawn_by_arm]) / reach, ahead)
+    for k, (arm, drawn, wanted) in enumerate(zip(robot.arms, drawn_by_arm, between, strict=True)):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
         begun = [*_as_before(robot, q, k), *drawn.best(q, wanted)[:N_TRIED]]
         place = drawn.base + reach * wanted
@@ -177,6 +182,25 @@ def _middle_of_reach(drawn: list[_Drawn]) -> Array:
     if not len(known):
         return np.array([front * 0.5, 0.0, -0.15])
     return np.array([front * np.quantile(front * known[:, 0], FAR), 0.0, np.median(known[:, 2])])
+
+
+def _facing(bases: Array, ahead: Array) -> Array:
+    """Return the place of each hand from its base, in reaches: `ahead`, or between the bases of two arms that stand
+    one behind the other, and so face each other; array, shape (n_arms, 3).
+
+    Parameters
+    ----------
+    bases : array, shape (n_arms, 3), places of the bases, in reaches
+    ahead : array, shape (3,), the place straight in front of a base
+    """
+    wanted = np.repeat(ahead[None], len(bases), axis=0)
+    if len(bases) != 2:
+        return wanted
+    way = bases[1] - bases[0]
+    room = 0.5 * (abs(way[0]) - APART)
+    if room > IN_FRONT and abs(way[0]) > abs(way[1]):
+        wanted[:, 0] = np.sign(way[0]) * min(room, abs(ahead[0])) * np.array([1.0, -1.0])
+    return wanted
 
 
 def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tuple[Array, float]:

@@ -33,7 +33,12 @@ Pair = tuple[str, str]
 
 APART = 0.8  # m, between the bases of two models
 SIDES = ("left", "right")
-GUESSED = {"velocity": 1.0, "effort": 50.0}  # rad/s, N m: of joints whose URDF states none or nothing above 0
+TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}  # rad/s, N m; m/s, N
+GUESSED = {
+    "revolute": TURNING,
+    "continuous": TURNING,
+    "prismatic": SLIDING,
+}  # where a URDF states nothing above 0
 ENDLESS = 3.14  # rad, either way, of joints that turn without end
 SPRINGS = 0.9  # share of a weight that is too much for a motor, guessed to be held by springs
 ALWAYS = 0.95  # share of random configurations from which on a pair counts as always touching
@@ -47,7 +52,7 @@ TOLD = {
     "Never": "come near each other, but were never seen to touch",
 }
 TOOLS = re.compile(r"tcp|grasp|tool_frame|gripper$", re.IGNORECASE)  # names of frames between fingers
-SIDE_OF = re.compile(r"(?:^|_)((?i:left|right|l|r))(?=_|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
+SIDE_OF = re.compile(r"(?:^|[_/])((?i:left|right|l|r))(?=[_/]|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
 
 
 @dataclass(frozen=True)
@@ -118,13 +123,13 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
             if trunk.keys() - posture.keys():
                 notes.append(f"all arms hang on {', '.join(trunk)}: `posture` says where that stays")
             posture |= trunk
-            guessed = _limits_of(part.text, chain.joints, prefix)
-            limits |= guessed
-            if guessed:
-                notes.append(
-                    f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
-                    "put the maker's there"
-                )
+        guessed = _limits_of(part, prefix)
+        limits |= guessed
+        if guessed:
+            notes.append(
+                f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
+                "put the maker's there"
+            )
         lost = _leaderless(part.text)
         posture |= {prefix + joint: _nearest_to_0(part.text, joint) for joint in lost}
         notes += [
@@ -230,20 +235,24 @@ def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
     return name
 
 
-def _limits_of(text: str, joints: Sequence[str], prefix: str) -> dict[str, dict[str, float]]:
-    """Return limits for joints whose URDF states none that can be used."""
+def _limits_of(part: _Part, prefix: str) -> dict[str, dict[str, float]]:
+    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one."""
     found: dict[str, dict[str, float]] = {}
-    for joint in ET.fromstring(text).findall("joint"):
-        if joint.get("name") not in joints:
-            continue
-        limit = joint.find("limit")
+    moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
+    for joint in ET.fromstring(part.text).findall("joint"):
+        kind, name, limit = str(joint.get("type")), str(joint.get("name")), joint.find("limit")
         stated = {} if limit is None else {key: number(text) for key, text in limit.attrib.items()}
-        missing = {key: value for key, value in GUESSED.items() if not (stated.get(key) or 0.0) > 0.0}
-        lower, upper = stated.get("lower") or 0.0, stated.get("upper") or 0.0
-        if joint.get("type") == "continuous" or not lower < upper:
-            missing |= {"lower": -ENDLESS, "upper": ENDLESS}
+        if name in moving:
+            missing = {
+                key: value for key, value in GUESSED[kind].items() if not (stated.get(key) or 0.0) > 0.0
+            }
+            lower, upper = stated.get("lower") or 0.0, stated.get("upper") or 0.0
+            if kind == "continuous" or not lower < upper:
+                missing |= {"lower": -ENDLESS, "upper": ENDLESS}
+        else:
+            missing = {key: GUESSED[kind][key] for key in GUESSED.get(kind, {}) if key not in stated}
         if missing:
-            found[prefix + str(joint.get("name"))] = missing
+            found[prefix + name] = missing
     return found
 
 
