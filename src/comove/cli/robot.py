@@ -65,7 +65,7 @@ def solve(
 ) -> int:
     """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
     from comove.cli.progress import progress_bar
-    from comove.cli.solve import exit_code, write_result
+    from comove.cli.solve import exit_code, load_views, write_result
     from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind, movements_of
@@ -74,7 +74,6 @@ def solve(
     from comove.robots import carry, write_joints
     from comove.robots.kernels import load_robot_kernels
     from comove.scenes import Scene, demonstration_of
-    from comove.views import draw_joints, save
 
     chosen = o.method_named(method, METHODS)
     smooth = method == "comove"
@@ -85,6 +84,7 @@ def solve(
             duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance
         )
         loaded = Scene.load(scene, changes)
+        load_robot_kernels(SceneKind.of(loaded), beside=load_views)
         wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
         carrier, named = robot_named(robot, loaded, scene)
         source, demonstration = None, demonstration_of(loaded)
@@ -92,7 +92,6 @@ def solve(
             source, demonstration = o.from_library(Library(library), loaded, chosen, seed, budget)
         movements = movements_of(demonstration, loaded)
         o.require_demonstration(resemblance, movements, scene)
-        load_robot_kernels(SceneKind.of(loaded))
         try:
             found = carry(
                 loaded,
@@ -107,6 +106,8 @@ def solve(
         except InputError as error:
             error.file = error.file or scene
             raise
+    from comove.views import draw_joints, save
+
     solution = found.solution
     with whole_folder(out, RESULT) as draft:
         summary = write_result(solution, draft, movements)

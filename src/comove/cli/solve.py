@@ -89,7 +89,6 @@ def solve(
     from comove.primitives import Library, ProMP
     from comove.results import RESULT
     from comove.scenes import Scene, demonstration_of
-    from comove.views import draw_motion  # noqa: F401  what the pictures need is loaded before the search
 
     chosen = o.method_named(method)
     o.check_budget(budget)
@@ -110,6 +109,7 @@ def solve(
             duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance
         )
         loaded = Scene.load(scene, changes)
+        load_kernels(SceneKind.of(loaded), beside=load_views)
         wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
         source = None
         taught = (
@@ -123,7 +123,6 @@ def solve(
             source, taught = o.from_library(Library(library), loaded, chosen, seed, budget)
         movements = movements_of(taught, chosen.scene_of(loaded))
         o.require_demonstration(resemblance, movements, scene)
-        load_kernels(SceneKind.of(loaded))
         solution = solve(
             loaded,
             demonstration=taught if isinstance(taught, ProMP) else movements,
@@ -144,6 +143,11 @@ def solve(
         if source is not None:
             print(*in_rows([("demonstration", f"{source} of {library}")]))
     return exit_code(solution)
+
+
+def load_views() -> None:
+    """Load what pictures of a result need, so that a search does not wait for it."""
+    from comove.views import draw_joints, draw_motion  # noqa: F401
 
 
 def exit_code(solution: Solution) -> int:

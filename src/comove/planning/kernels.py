@@ -7,6 +7,7 @@ search needs last, while this one compiles what it needs first and then finds th
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -61,16 +62,33 @@ class SceneKind:
         )
 
 
-def load_kernels(kind: SceneKind) -> None:
-    """Compile, or load from the cache, all kernels needed to solve scenes of a kind; once in a process."""
-    _load_once(kind)
+def load_kernels(kind: SceneKind, beside: Callable[[], object] | None = None) -> None:
+    """Compile, or load from the cache, all kernels needed to solve scenes of a kind; once in a process.
 
-
-@lru_cache(maxsize=16)  # whose wrapper hides types from their checker
-def _load_once(kind: SceneKind) -> None:
+    Parameters
+    ----------
+    beside : function that is called while another process compiles; where there is nothing to compile, at once
+    """
     with meanwhile(load_last_kernels, **asdict(kind)):
-        worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
-        Quick(n_ways=1).run(_stand_in(kind), planner=True)
+        begin_loading(beside)
+        _load_once(kind)
+    _load_forest_once(kind)
+
+
+def begin_loading(beside: Callable[[], object] | None) -> None:
+    """Load a small kernel, so that another process begins where kernels have to be compiled, and call a function."""
+    worked(clock_until(), 2 * STRIDE)  # the first look at the time prepares the others
+    if beside is not None:
+        beside()
+
+
+@lru_cache(maxsize=16)
+def _load_once(kind: SceneKind) -> None:
+    Quick(n_ways=1).run(_stand_in(kind), planner=True)
+
+
+@lru_cache(maxsize=16)
+def _load_forest_once(kind: SceneKind) -> None:
     _search_by_forest(_stand_in(kind))
 
 

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from comove.geometry.surfaces import holds
 from comove.planning.compiling import meanwhile
-from comove.planning.kernels import TETRAHEDRON, SceneKind, load_smooth_kernels
+from comove.planning.kernels import TETRAHEDRON, SceneKind, begin_loading, load_smooth_kernels
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.scenes.scene import Scene
@@ -28,18 +29,26 @@ STAND_IN = {
 }
 
 
-@lru_cache(maxsize=2)
-def load_robot_kernels(kind: SceneKind) -> None:
-    """Compile, or load from the cache, all kernels needed to solve scenes of a kind for robots."""
+def load_robot_kernels(kind: SceneKind, beside: Callable[[], object] | None = None) -> None:
+    """Compile, or load from the cache, all kernels needed to solve scenes of a kind for robots; `beside` as in
+    `load_kernels`.
+    """
     with meanwhile(load_planning_kernels, solids=kind.solids, meshes=kind.meshes):
-        load_smooth_kernels(kind)
-        stand_in = _stand_in(kind.solids, kind.meshes)
-        stand_in.try_following()
-        if kind.meshes:
-            holds(stand_in.scene.surfaces, 0, 0.0, 0.0, 0.0)  # which the verification of links asks by itself
+        begin_loading(beside)
+        _load_once(kind)
     load_planning_kernels(kind.solids, kind.meshes)
 
 
+@lru_cache(maxsize=2)
+def _load_once(kind: SceneKind) -> None:
+    load_smooth_kernels(kind)
+    stand_in = _stand_in(kind.solids, kind.meshes)
+    stand_in.try_following()
+    if kind.meshes:
+        holds(stand_in.scene.surfaces, 0, 0.0, 0.0, 0.0)  # which the verification of links asks by itself
+
+
+@lru_cache(maxsize=2)
 def load_planning_kernels(solids: bool, meshes: bool) -> None:
     """Load the kernels by which arms plan."""
     _stand_in(solids, meshes).try_planning()

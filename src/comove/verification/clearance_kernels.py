@@ -134,7 +134,8 @@ def certified_clearance(curve: CurveArrays, edges: Numbers, radii: Array, around
     (nodes, deviation), (obstacles, paths, _, _, need) = curve, around
     found = _edges_at_border(curve, edges, radii, around)
     found = _first_look(nodes, edges, radii, around, found)
-    ends, stack, cells = np.empty((4, 3)), np.empty((STACK, 4)), 0
+    ends, stack = np.empty((4, 3)), np.empty((STACK, 4))
+    cells = np.int64(0)  # a literal 0 has a type of its own, for which all below would be compiled once more
     for k in range(deviation.shape[0]):
         for e in range(edges.shape[0]):
             m, n = edges[e, 0], edges[e, 1]
