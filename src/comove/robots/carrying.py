@@ -617,7 +617,8 @@ class RobotCarrier:
         (n, n_joints of the arm).
         """
         chains, part, home = self.arms.chains, self._part(i), self.arms.around.posture
-        draws = np.random.default_rng(0).uniform(chains.lower, chains.upper, (SETTINGS.n_postures, len(home)))
+        rng = np.random.default_rng(0)
+        draws = rng.uniform(chains.lower, chains.upper, (SETTINGS.n_postures, len(home)))
         solved = [self._solutions(i, rotation, nodes[i], posture, 0) for posture in (home, *draws)]
         joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
         joints = turned_towards(chains, home[part], joints, part)

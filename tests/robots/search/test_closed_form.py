@@ -56,6 +56,7 @@ KNOWN = {
     "two_fr3": (WRIST_MEET_1, 6, True),
 }
 ROUNDED = {"two_xarm7": 1e-4, "two_ur10": 1e-4}  # m and rad: models with few digits
+REGULAR, FEEBLE = 0.02, {"offset shoulder": 2e-4}  # least singular values; that arm has none above 0.01
 SINGULAR = (
     1e-7  # m and rad: there, angles come from cosines near 1, and are as inexact as the root of rounding
 )
@@ -141,12 +142,14 @@ def test_all_solutions_have_the_pose_and_the_joints_it_came_from_are_among_them(
         within = ROUNDED.get(name, 1e-9 if is_regular(machine, joints, form.free) else SINGULAR)
         assert np.linalg.norm(place - point) < within
         assert np.linalg.norm(pin.log3(turn @ rotation.T)) < within
-    if is_regular(machine, q, form.free):  # where it is not, others have the same pose
-        assert apart(found, q).min() < (1e-7 if name not in ROUNDED else 1e-2)
+    if is_regular(
+        machine, q, form.free, FEEBLE.get(name, REGULAR)
+    ):  # where it is not, others have the same pose
+        assert apart(found, q).min() < 1e2 * (ROUNDED | dict.fromkeys(FEEBLE, 1e-6)).get(name, 1e-9)
 
 
-def is_regular(machine, q, free):
-    return np.linalg.svd(numeric_jacobian(machine, q, free))[1][-1] > 0.02
+def is_regular(machine, q, free, least=REGULAR):
+    return np.linalg.svd(numeric_jacobian(machine, q, free))[1][-1] > least
 
 
 def numeric_jacobian(machine, q, free):
