@@ -63,7 +63,7 @@ class Terms:
     def __init__(self, scene: Scene, robot: Robot, carrier: RobotCarrier):
         self.scene, self.robot, self.arms = scene, robot, carrier.holders[:2]
         self.columns = np.concatenate([arm.columns for arm in carrier.holders])
-        self.ends = [(self.whole(start), self.whole(goal)) for start, goal in carrier._ends]
+        self.ends = [(self.whole(start), self.whole(goal)) for start, goal in carrier._pairs]
         nodes, count = scene.nodes_at("start"), len(scene.manipulators)
         beyond = np.linalg.norm(nodes[:, None] - nodes[None, :count], axis=2).min(axis=1).max()
         inset = float(scene.body.radii.max()) + np.array([beyond, beyond, 0.0])

@@ -14,7 +14,8 @@ from comove.errors import RobotError, SceneError
 from comove.planning import solve
 from comove.planning.methods import UNPOLISHED
 from comove.robots import VerifiedJointMotion, carry, robot_method
-from comove.robots.carrying import SETTINGS, RobotCarrier
+from comove.robots.carrying import RobotCarrier
+from comove.robots.ends import SETTINGS
 from comove.robots.search.following import MET
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
@@ -67,7 +68,7 @@ def test_goals_beyond_half_a_turn_are_known():
     left[:, wrist] = start[wrist] - 6.0 if start[wrist] > 0 else start[wrist] + 6.0
     vars(carrying)["goals"] = (left, right)
     apart = [
-        abs(last[wrist] - first[wrist]) for first, last in carrying._ends if first[wrist] == start[wrist]
+        abs(last[wrist] - first[wrist]) for first, last in carrying._pairs if first[wrist] == start[wrist]
     ]
     assert min(apart) == pytest.approx(2 * np.pi - 6.0)
     assert max(apart) == pytest.approx(6.0)  # which may be the way as well
@@ -150,9 +151,9 @@ def test_joints_that_turn_least_are_tried_early_even_where_capsules_meet(name):
     """Of pairs of ends, the k that turn least are among the first 4 k; of those with room, among 3 k of every 4 k."""
     known = task(name)
     at = [known.scene.nodes_at(end) for end in ("start", "goal")]
-    turns = np.array([np.abs(first - last).max().round(6) for first, last in known._ends])
+    turns = np.array([np.abs(first - last).max().round(6) for first, last in known._pairs])
     room = np.array(
-        [min(known.clearance(q, nodes) for q, nodes in zip(p, at, strict=True)) for p in known._ends]
+        [min(known.ends.clearance(q, nodes) for q, nodes in zip(p, at, strict=True)) for p in known._pairs]
     )
     keeps = room > known.scene.clearance
     for some, most in ((np.ones(len(turns), dtype=bool), 1), (keeps, 3)):
@@ -340,7 +341,7 @@ def test_ends_of_the_examples_are_reached_without_contact_by_some_grasp(path):
         except SceneError:
             continue
         joints = [(np.concatenate([branches[0] for branches in found]), end) for found, end in ends]
-        clear += all(choice.clearance(q, scene.nodes_at(end)) > 0.0 for q, end in joints)
+        clear += all(choice.ends.clearance(q, scene.nodes_at(end)) > 0.0 for q, end in joints)
     assert clear > 0
 
 

@@ -13,6 +13,7 @@ pytest.importorskip("pinocchio")
 
 from comove.errors import ComoveWarning, RobotError
 from comove.robots import Robot, RobotCarrier, bundled_robots
+from comove.robots.ends import EndJoints
 from comove.robots.kernels import TWO_ARMS
 from comove.robots.proposal import propose_scene
 from comove.robots.proposal.first_scene import FEWEST, MOST, N_CELLS, largest_rectangle
@@ -86,6 +87,6 @@ def test_one_arm_carries_nothing():
 
 
 def test_hands_that_are_out_of_reach_of_a_bar_are_told(monkeypatch):
-    monkeypatch.setattr(RobotCarrier, "reaches", lambda *_: False)
+    monkeypatch.setattr(EndJoints, "reaches", lambda *_: False)
     with pytest.raises(RobotError, match="no place was found about home"):
         propose_scene(Robot.load(TWO_ARMS), "robot.yaml")

@@ -2,41 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
-from itertools import cycle, product
+from functools import cached_property
+from itertools import cycle
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import SceneError
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.seeds import targets_along
-from comove.processes.processors import n_processors
 from comove.robots.effort import load_mass, shortest_duration
+from comove.robots.ends import N_THREADS, THREADS, EndJoints, Pair, Tally, apart, of_robot, unfit
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
-from comove.robots.search.chains import Chains, chains_of, turned_towards
-from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
-from comove.robots.search.following import MET, Arms, Strain, follow, solutions
+from comove.robots.search.chains import turned_towards
+from comove.robots.search.following import MET, Arms, Strain, follow
 from comove.robots.search.links import (
-    ENOUGH,
     FAT,
     FATTEST,
-    Links,
     LinkSurroundings,
-    clearance_at,
-    links_of,
     load_lines,
 )
 from comove.robots.search.planner import plan_with_arms
-from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.search.spare import ArmsFollower
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
@@ -58,16 +49,10 @@ class CarrierSettings:
     n_samples : samples of a movement that arms are asked about
     coarser : samples of which one is looked at to tell branches apart
     ease : cost of jolts: of joints that all use their whole acceleration all the time
-    n_seeds : random joints from which a pose is solved where it has no closed form
-    n_postures : random postures near which an arm is solved again, where it has no room near its home
-    n_angles : angles of the joint that a closed form leaves open
-    n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
     n_between, wander : configurations between start and goal that tell which links may meet, and how far they stray
         [rad]
     slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
     haste : samples of a candidate of which one is solved first, as one out of reach suffices
-    whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
-    unlikely : plans that led to nothing which every further pair of joints at start and goal is credited with
     """
 
     spare: float = 0.005
@@ -75,68 +60,13 @@ class CarrierSettings:
     n_samples: int = 81
     coarser: int = 2
     ease: float = 2.0
-    n_seeds: int = 64
-    n_postures: int = 16
-    n_angles: int = 64
-    n_branches: int = 4
-    same_branch: float = 0.3
     n_between: int = 300
     wander: float = 0.4
     slack: float = 1.0
     haste: int = 8
-    whatever: int = 4
-    unlikely: float = 0.5
 
 
 SETTINGS = CarrierSettings()
-DIGITS = 6  # of differences of joints, by which they are compared
-FULL = 6  # joints with which a hand can be turned every way
-N_THREADS = min(4, n_processors())
-_THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
-
-
-@dataclass(eq=False)
-class Tally:
-    """Counts of what plans between pairs of ends have led to, by which the next pair is drawn.
-
-    Attributes
-    ----------
-    well, ill : arrays, shape (n_pairs,), plans that led to a verified motion, and all others that were tried
-    open : pair of the last plan found, while it is not known what it leads to
-    n_verified : motions that were verified before that plan
-    """
-
-    well: Array
-    ill: Array
-    open: int | None = None
-    n_verified: int = 0
-
-    @classmethod
-    def of(cls, n_pairs: int) -> Tally:
-        """Return a tally without any plans; the pairs are ranked, the likeliest first."""
-        return cls(np.zeros(n_pairs), np.zeros(n_pairs))
-
-    def drawn(self, rng: np.random.Generator, n_verified: int) -> int:
-        """Draw the next pair: the first, then one by Thompson sampling (1933).
-
-        Parameters
-        ----------
-        n_verified : number of motions verified so far, which tells what the last plan led to
-        """
-        if self.open is not None:
-            (self.well if n_verified > self.n_verified else self.ill)[self.open] += 1.0
-        self.open, self.n_verified = None, n_verified
-        if not (self.well.any() or self.ill.any()):
-            return 0
-        against = SETTINGS.unlikely * np.arange(len(self.ill))
-        return int(rng.beta(1.0 + self.well, 1.0 + against + self.ill).argmax())
-
-    def note(self, pair: int, found: bool) -> None:
-        """Note whether a plan was found; what it leads to is seen when the next pair is drawn."""
-        if found:
-            self.open = pair
-        else:
-            self.ill[pair] += 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,20 +98,20 @@ class RobotCarrier:
     def __post_init__(self) -> None:
         scene = self.scene
         if scene.n_dims != 3:
-            raise _unfit(
+            raise unfit(
                 scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
         if scene.moving.any():
             way_out = "carry it out step by step: comove robot run SCENE"
-            raise _unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
+            raise unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
-            raise _unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
+            raise unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
         if scene.file.load.shape == "mesh":
             way_out = "put a bar, a frame or a box in its place, or solve it without a robot"
-            raise _unfit(scene, "load.shape", "arms carry bars, frames and boxes, not meshes", way_out)
+            raise unfit(scene, "load.shape", "arms carry bars, frames and boxes, not meshes", way_out)
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
-            raise _unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
+            raise unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
         for name in scene.manipulators:
             self.robot.arm(name)
 
@@ -219,13 +149,13 @@ class RobotCarrier:
             ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
         )
-        chains, links, ranges, _ = _of_robot(self.robot, self.holders)
+        chains, links, ranges, _ = of_robot(self.robot, self.holders)
         return Arms(chains, links, ranges, around)
 
     @cached_property
     def _busy(self) -> Arms:
         """Return `arms` with only the pairs of links that may meet between the joints of start and goal."""
-        first, last = (np.array(ends) for ends in zip(*self._ends, strict=True))
+        first, last = (np.array(ends) for ends in zip(*self._pairs, strict=True))
         rng, n_between = np.random.default_rng(0), SETTINGS.n_between
         shares = rng.uniform(size=(n_between, 1))
         drawn = rng.integers(len(first), size=n_between)
@@ -250,7 +180,7 @@ class RobotCarrier:
     def _changed(self, *kept: str, **changes: Any) -> RobotCarrier:
         """Return a changed copy that keeps the cached values which depend on neither caution nor pace."""
         other = replace(self, **changes)
-        for name in ("starts", "goals", "_ends", "_led", *kept):
+        for name in ("starts", "goals", "_pairs", "_led", *kept):
             if name in vars(self):
                 vars(other)[name] = vars(self)[name]
         return other
@@ -267,12 +197,12 @@ class RobotCarrier:
         """
         if self.begin is not None:
             return tuple(self.begin[arm.columns][None] for arm in self.holders)
-        return self._branches("start")
+        return self.ends.branches("start")
 
     @cached_property
     def goals(self) -> tuple[Array, ...]:
         """Return the joint positions that hold the load at the goal, by arm, as in `starts`."""
-        return self._branches("goal")
+        return self.ends.branches("goal")
 
     def plan(
         self,
@@ -287,7 +217,7 @@ class RobotCarrier:
     ) -> Array | None:
         """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
         drawn = self._tally.drawn(rng, len(self.kept))
-        first, last = self._ends[drawn]
+        first, last = self._pairs[drawn]
         ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
         lenient = next(self._leniency)
         found = plan_with_arms(
@@ -300,6 +230,16 @@ class RobotCarrier:
         return found[0]
 
     @cached_property
+    def ends(self) -> EndJoints:
+        """Return how the arms hold the load at both ends."""
+        return EndJoints(self.robot, self.scene, self.holders, self.arms)
+
+    @cached_property
+    def _pairs(self) -> tuple[Pair, ...]:
+        """Return pairs of joint positions at start and goal, as paths between them are likely."""
+        return self.ends.pairs(self.starts, self.goals)
+
+    @cached_property
     def _leniency(self) -> Iterator[float]:
         """Return an iterator over the tolerance of the links' clearance, one for each plan [m]: capsules are wider
         than the links, for some robots by much.
@@ -309,46 +249,7 @@ class RobotCarrier:
     @cached_property
     def _tally(self) -> Tally:
         """Return the counts of what plans between the pairs of ends have led to."""
-        return Tally.of(len(self._ends))
-
-    @cached_property
-    def _ends(self) -> tuple[tuple[Array, Array], ...]:
-        """Return pairs of joint positions at start and goal, as paths between them are likely.
-
-        Most are the next of those that keep the clearance, then of those that may keep it, and among them of those
-        that differ least; one of `whatever` is the next of those that differ least, whatever they keep, as capsules
-        may be much wider than links. Goals are there as they were found and, where joints can turn further than once,
-        as many turns away as is nearest to the start.
-        """
-        at = [self.scene.nodes_at(end) for end in ("start", "goal")]
-        both = [[np.concatenate(q) for q in product(*found)] for found in (self.starts, self.goals)]
-        tight = [[self._tightness(q, nodes) for q in some] for some, nodes in zip(both, at, strict=True)]
-        start, goal = (np.array(list(part)) for part in zip(*product(*both), strict=True))
-        turned = turned_towards(self.arms.chains, start, goal)
-        first, last = (
-            np.repeat(start, 2, axis=0),
-            np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
-        )
-        tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
-        apart = np.abs(first - last).max(axis=1).round(DIGITS)
-        _, once = np.unique(np.hstack([first, last]).round(DIGITS), axis=0, return_index=True)
-        once.sort()
-        likely = np.lexsort((apart[once], tightest[once])), np.argsort(apart[once], kind="stable")
-        roomy, near = (np.argsort(order) for order in likely)
-        turn = SETTINGS.whatever
-        places = np.minimum(roomy + roomy // (turn - 1), turn * near + turn - 1)
-        ranked = once[np.argsort(places, kind="stable")]
-        return tuple((first[k], last[k]) for k in ranked)
-
-    def _tightness(self, q: Array, nodes: Array) -> int:
-        """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
-        2 where they do not.
-        """
-        return self._tight(self.clearance(q, nodes))
-
-    def _tight(self, clearance: float) -> int:
-        """Return the same for the least clearance of the links [m]."""
-        return int(clearance <= self.scene.clearance) + int(clearance <= self.scene.clearance - FAT)
+        return Tally.of(len(self._pairs))
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Compute the penalty of motions for what the robot cannot, or can hardly, carry out, and whether it can
@@ -442,10 +343,10 @@ class RobotCarrier:
     @property
     def turning(self) -> float:
         """Return how far a joint has to turn from start to goal at least, far more where links touch there [rad]."""
-        first, last = self._ends[0]
+        first, last = self._pairs[0]
         ends = ((first, "start"), (last, "goal"))
-        free = all(self._tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
-        return _apart(first, last) + (0.0 if free else 2.0 * np.pi)
+        free = all(self.ends.tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
+        return apart(first, last) + (0.0 if free else 2.0 * np.pi)
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""
@@ -471,7 +372,7 @@ class RobotCarrier:
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
         # Asked for here: it needs the same threads, which would wait for each other for ever.
         busy = self._busy
-        done = _THREADS.map(lambda part: follow(busy, part, course, self.scene.duration), parts)
+        done = THREADS.map(lambda part: follow(busy, part, course, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_course(self, nodes: Array) -> Array:
@@ -508,168 +409,13 @@ class RobotCarrier:
     def _onward(self, i: int, start: Array) -> Array:
         """Return the joints of arm i at a start, and the nearest ones of its goals; array, shape (2, n_joints)."""
         chains = self.arms.chains
-        part = self._part(i)
+        part = self.ends.part(i)
         goals = (turned_towards(chains, start, goal, part) for goal in self.goals[i])
-        return np.stack([start, min(goals, key=lambda goal: _apart(start, goal))])
+        return np.stack([start, min(goals, key=lambda goal: apart(start, goal))])
 
     def _cost(self, strain: Strain) -> tuple[int, float]:
         """Return how tight it is for links in one motion, and its penalty.
 
         The former counts first: a smoother motion mends rates, but hardly ever links that meet.
         """
-        return self._tight(strain.clearance[0]), float(strain.penalty.sum() + strain.contact[0])
-
-    def clearance(self, q: Array, nodes: Array, some: Links | None = None) -> float:
-        """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].
-
-        Parameters
-        ----------
-        q : array, shape (n_joints,), joint positions of the chains
-        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
-        some : the links that are looked at; None for all
-        """
-        arms = self.arms
-        return clearance_at(arms.chains, some or arms.links, arms.around, q, nodes, ENOUGH)
-
-    def _branches(self, end: str) -> tuple[Array, ...]:
-        """Compute the joint positions at an end, by arm; those in which its capsules touch something come last, and
-        those in which the arm by itself does are kept only if there are no others.
-        """
-        nodes = self.scene.nodes_at(end)
-        rotations = self.grasp.hand_rotations(nodes[: len(self.holders)])
-        posture, found = self.arms.around.posture, []
-        n = len(self.holders)
-        solved = _THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n)
-        for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
-            part = self._part(i)
-            if missing.min() > MET:
-                raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
-            branches = self._homely(joints[missing <= MET][:, part], posture[part])
-            apart = self._apart_alone(i, branches, nodes)
-            if not (apart > self.scene.clearance).any():  # there may be more room further from home
-                branches = self._roomy(i, rotations[i], nodes)
-                apart = self._apart_alone(i, branches, nodes)
-            order = np.argsort(apart <= 0.0, kind="stable")
-            free = order[apart[order] > self.scene.clearance - FATTEST]
-            found.append(branches[free if len(free) else order][: SETTINGS.n_branches])
-        return tuple(found)
-
-    def _apart_alone(self, i: int, branches: Array, nodes: Array) -> Array:
-        """Return the clearance of arm i in some of its joints, wherever the other arms are; array, shape (n,) [m]."""
-        moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
-        moved[:, self._part(i)] = branches
-        alone = self.arms.links.of(i)
-        return np.array([self.clearance(q, nodes, alone) for q in moved])
-
-    def reaches(self, i: int, nodes: Array, n_seeds: int = SETTINGS.n_seeds) -> bool:
-        """Return whether arm i can hold the load and may be clear of all but the other arms, as capsules tell it.
-
-        Parameters
-        ----------
-        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
-        n_seeds : random joints from which a pose is solved where it has no closed form
-        """
-        rotation = self.grasp.hand_rotations(nodes[: len(self.holders)])[i]
-        if not may_reach(self.arms.ranges, i, rotation, nodes[i]):
-            return False
-        joints, missing = self._solutions(i, rotation, nodes[i], self.arms.around.posture, n_seeds)
-        met, part = missing <= MET, self._part(i)
-        if not met.any():
-            return False
-        held = self._homely(joints[met][:, part], self.arms.around.posture[part])
-        return bool((self._apart_alone(i, held, nodes) > self.scene.clearance - FATTEST).any())
-
-    def _part(self, i: int) -> slice:
-        """Return the columns of arm i among the joints of the arms that carry."""
-        return slice(self.arms.chains.first[i], self.arms.chains.first[i + 1])
-
-    def _solutions(
-        self, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int = SETTINGS.n_seeds
-    ) -> tuple[Array, Array]:
-        """Solve the pose of one hand near a posture, array of shape (n_joints,), from what a closed form finds; where
-        there is none, from the posture and random joints.
-
-        Returns
-        -------
-        joints : array, shape (n_solutions, n_joints), of all arms
-        missing : array, shape (n_solutions,), residuals [m]
-        """
-        chains = self.arms.chains
-        *_, forms = _of_robot(self.robot, self.holders)
-        if (form := forms[i]) is not None:
-            seeds = closed_seeds(form, chains, i, rotation, point, posture, SETTINGS.n_angles)
-            if len(seeds):
-                joints, missing = solutions(chains, i, rotation, point, posture, seeds)
-                if missing.min() <= MET:
-                    return joints, missing
-        rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
-        return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
-
-    def _homely(self, joints: Array, posture: Array) -> Array:
-        """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
-        arm).
-        """
-        return _distinct(sorted(joints, key=lambda q: _apart(q, posture)))
-
-    def _roomy(self, i: int, rotation: Array, nodes: Array) -> Array:
-        """Return distinct solutions of arm i from all over its branches, those with most room first; array, shape
-        (n, n_joints of the arm).
-        """
-        chains, part, home = self.arms.chains, self._part(i), self.arms.around.posture
-        rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (SETTINGS.n_postures, len(home)))
-        solved = [self._solutions(i, rotation, nodes[i], posture, 0) for posture in (home, *draws)]
-        joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
-        joints = turned_towards(chains, home[part], joints, part)
-        room = self._apart_alone(i, joints, nodes).round(DIGITS)
-        return _distinct(joints[np.argsort(-room, kind="stable")])
-
-    def _out_of_reach(self, arm: Arm, end: str, joints: Array, rotation: Array, point: Array) -> SceneError:
-        """Return the error that an arm cannot reach its pose at an end, and what is missing from its best joints."""
-        q = self.robot.home
-        q[arm.columns] = joints
-        pose = self.robot.tool_pose(q, arm)
-        shift = np.linalg.norm(point - pose[:3, 3])
-        turn = np.rad2deg(Rotation.from_matrix(rotation @ pose[:3, :3].T).magnitude())
-        x, y, z = point
-        way_out = "move it nearer, turn the load or the hands on it, or use another robot"
-        if len(arm.columns) < FULL:
-            way_out = f"{len(arm.columns)} joints cannot turn a hand every way, but most let it point down: {way_out}"
-        return _unfit(
-            self.scene,
-            f"manipulators.{end}",
-            f"the arm '{arm.name}' cannot reach its {end} at {x:.3g}, {y:.3g}, {z:.3g}: "
-            f"{shift:.3g} m and {turn:.3g} degrees are missing",
-            way_out,
-        )
-
-
-@lru_cache(maxsize=32)
-def _of_robot(
-    robot: Robot, holders: tuple[Arm, ...]
-) -> tuple[Chains, Links, WristRanges, tuple[ClosedForm | None, ...]]:
-    """Return what no scene changes: chains, links and ranges of some arms of a robot, and how the joints of each arm
-    follow from a pose in closed form, None where they do not.
-    """
-    chains = chains_of(robot, holders)
-    forms = tuple(closed_form(chains, i) for i in range(len(holders)))
-    return chains, links_of(robot, holders), ranges_of(chains), forms
-
-
-def _unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
-    return SceneError(message, file=scene.path, key=key, way_out=way_out)
-
-
-def _distinct(joints: Iterable[Array]) -> Array:
-    """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
-    kept: list[Array] = []
-    for q in joints:
-        if all(np.abs(q - other).max() > SETTINGS.same_branch for other in kept):
-            kept.append(q)
-    return np.array(kept)
-
-
-def _apart(p: Array, q: Array) -> float:
-    """Return the largest difference of joints, rounded: what mirrors each other is equally far away."""
-    return round(float(np.abs(p - q).max()), DIGITS)
+        return self.ends.tight(strain.clearance[0]), float(strain.penalty.sum() + strain.contact[0])

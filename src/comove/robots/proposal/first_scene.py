@@ -278,7 +278,7 @@ def _reached(robot: Robot, place: _Place) -> Cells:
     found, around = np.zeros((2, N_CELLS, N_CELLS), dtype=bool), np.array([place.lower, place.upper])
     for hand, *cell in np.ndindex(found.shape):
         there = nodes + _at_cell(around, place.axis, (cell[0], cell[1])) - middle
-        found[hand, cell[0], cell[1]] = carrier.reaches(hand, there, N_SEEDS)
+        found[hand, cell[0], cell[1]] = carrier.ends.reaches(hand, there, N_SEEDS)
     return found
 
 

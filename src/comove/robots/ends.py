@@ -1,0 +1,360 @@
+"""Joints at the ends of a carry: how arms hold the load at start and goal, and which of these plans lead between."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice, product
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from comove.errors import SceneError
+from comove.processes.processors import n_processors
+from comove.robots.model import Arm, Robot
+from comove.robots.search.chains import Chains, chains_of, turned_towards
+from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
+from comove.robots.search.following import MET, Arms, solutions
+from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearance_at, links_of
+from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
+from comove.robots.verification.bodies import obstacle_object
+from comove.scenes.grasp import Grasp
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+Pair = tuple[Array, Array]
+"""Joints of all arms at the start and at the goal."""
+
+
+@dataclass(frozen=True)
+class EndSettings:
+    """Settings of how joints are found that hold the load at an end.
+
+    Attributes
+    ----------
+    n_seeds : random joints from which a pose is solved where it has no closed form
+    n_postures : random postures near which an arm is solved again, where it has no room near its home
+    n_angles : angles of the joint that a closed form leaves open
+    n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
+    n_measured : solutions whose bodies' distances are computed where capsules tell of no room
+    whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
+    unlikely : plans that led to nothing which every further pair of joints at start and goal is credited with
+    """
+
+    n_seeds: int = 64
+    n_postures: int = 16
+    n_angles: int = 64
+    n_branches: int = 4
+    same_branch: float = 0.3
+    n_measured: int = 24
+    whatever: int = 4
+    unlikely: float = 0.5
+
+
+SETTINGS = EndSettings()
+DIGITS = 6  # of differences of joints, by which they are compared
+FULL = 6  # joints with which a hand can be turned every way
+N_THREADS = min(4, n_processors())
+THREADS = ThreadPoolExecutor(N_THREADS, thread_name_prefix="comove-arms")
+
+
+@dataclass(eq=False)
+class Tally:
+    """Counts of what plans between pairs of ends have led to, by which the next pair is drawn.
+
+    Attributes
+    ----------
+    well, ill : arrays, shape (n_pairs,), plans that led to a verified motion, and all others that were tried
+    open : pair of the last plan found, while it is not known what it leads to
+    n_verified : motions that were verified before that plan
+    """
+
+    well: Array
+    ill: Array
+    open: int | None = None
+    n_verified: int = 0
+
+    @classmethod
+    def of(cls, n_pairs: int) -> Tally:
+        """Return a tally without any plans; the pairs are ranked, the likeliest first."""
+        return cls(np.zeros(n_pairs), np.zeros(n_pairs))
+
+    def drawn(self, rng: np.random.Generator, n_verified: int) -> int:
+        """Draw the next pair: the first, then one by Thompson sampling (1933).
+
+        Parameters
+        ----------
+        n_verified : number of motions verified so far, which tells what the last plan led to
+        """
+        if self.open is not None:
+            (self.well if n_verified > self.n_verified else self.ill)[self.open] += 1.0
+        self.open, self.n_verified = None, n_verified
+        if not (self.well.any() or self.ill.any()):
+            return 0
+        against = SETTINGS.unlikely * np.arange(len(self.ill))
+        return int(rng.beta(1.0 + self.well, 1.0 + against + self.ill).argmax())
+
+    def note(self, pair: int, found: bool) -> None:
+        """Note whether a plan was found; what it leads to is seen when the next pair is drawn."""
+        if found:
+            self.open = pair
+        else:
+            self.ill[pair] += 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class EndJoints:
+    """The joints that hold a load at the ends of a scene.
+
+    Attributes
+    ----------
+    robot, scene : the robot, and the scene whose load it carries
+    holders : its arms in the order of the scene's manipulators
+    arms : these as arrays, for kernels
+    """
+
+    robot: Robot
+    scene: Scene
+    holders: tuple[Arm, ...]
+    arms: Arms
+
+    @property
+    def _grasp(self) -> Grasp:
+        assert self.scene.grasp is not None, "scenes without a grasp are refused"
+        return self.scene.grasp
+
+    def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> tuple[Pair, ...]:
+        """Return pairs of joint positions at start and goal, as paths between them are likely.
+
+        Most are the next of those that keep the clearance, then of those that may keep it, and among them of those
+        that differ least; one of `whatever` is the next of those that differ least, whatever they keep, as capsules
+        may be much wider than links. Goals are there as they were found and, where joints can turn further than once,
+        as many turns away as is nearest to the start.
+
+        Parameters
+        ----------
+        starts, goals : joints at both ends, by arm; arrays, shape (n_branches, n_joints)
+        """
+        at = [self.scene.nodes_at(end) for end in ("start", "goal")]
+        both = [[np.concatenate(q) for q in product(*found)] for found in (starts, goals)]
+        tight = [[self.tightness(q, nodes) for q in some] for some, nodes in zip(both, at, strict=True)]
+        start, goal = (np.array(list(part)) for part in zip(*product(*both), strict=True))
+        turned = turned_towards(self.arms.chains, start, goal)
+        first, last = (
+            np.repeat(start, 2, axis=0),
+            np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
+        )
+        tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
+        apart = np.abs(first - last).max(axis=1).round(DIGITS)
+        _, once = np.unique(np.hstack([first, last]).round(DIGITS), axis=0, return_index=True)
+        once.sort()
+        likely = np.lexsort((apart[once], tightest[once])), np.argsort(apart[once], kind="stable")
+        roomy, near = (np.argsort(order) for order in likely)
+        turn = SETTINGS.whatever
+        places = np.minimum(roomy + roomy // (turn - 1), turn * near + turn - 1)
+        ranked = once[np.argsort(places, kind="stable")]
+        return tuple((first[k], last[k]) for k in ranked)
+
+    def tightness(self, q: Array, nodes: Array) -> int:
+        """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
+        2 where they do not.
+        """
+        return self.tight(self.clearance(q, nodes))
+
+    def tight(self, clearance: float) -> int:
+        """Return the same for the least clearance of the links [m]."""
+        return int(clearance <= self.scene.clearance) + int(clearance <= self.scene.clearance - FAT)
+
+    def clearance(self, q: Array, nodes: Array, some: Links | None = None) -> float:
+        """Compute the least distance of the links from obstacles, load and each other, at most 5 cm [m].
+
+        Parameters
+        ----------
+        q : array, shape (n_joints,), joint positions of the chains
+        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
+        some : the links that are looked at; None for all
+        """
+        arms = self.arms
+        return clearance_at(arms.chains, some or arms.links, arms.around, q, nodes, ENOUGH)
+
+    def branches(self, end: str) -> tuple[Array, ...]:
+        """Compute the joint positions at an end, by arm; those in which its capsules touch something come last, and
+        those in which the arm by itself does are kept only if there are no others.
+
+        Returns
+        -------
+        arrays, shape (n_branches, n_joints of the arm)
+
+        Raises
+        ------
+        SceneError
+            If an arm cannot reach the end.
+        """
+        nodes = self.scene.nodes_at(end)
+        rotations = self._grasp.hand_rotations(nodes[: len(self.holders)])
+        posture, found, n = self.arms.around.posture, list[Array](), len(self.holders)
+        solved = THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n)
+        for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
+            part = self.part(i)
+            if missing.min() > MET:
+                raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
+            homely = self._homely(joints[missing <= MET][:, part], posture[part])
+            room = self._room(i, homely, nodes)
+            if not (room > self.scene.clearance).any():  # there may be more room further from home
+                found.append(self._roomy(i, rotations[i], nodes)[: SETTINGS.n_branches])
+                continue
+            order = np.argsort(room <= 0.0, kind="stable")
+            free = order[room[order] > self.scene.clearance - FATTEST]
+            found.append(homely[free][: SETTINGS.n_branches])
+        return tuple(found)
+
+    def _room(self, i: int, branches: Array, nodes: Array) -> Array:
+        """Return the clearance of arm i in some of its joints, wherever the other arms are; array, shape (n,) [m]."""
+        moved = np.repeat(self.arms.around.posture[None], len(branches), axis=0)
+        moved[:, self.part(i)] = branches
+        alone = self.arms.links.of(i)
+        return np.array([self.clearance(q, nodes, alone) for q in moved])
+
+    def reaches(self, i: int, nodes: Array, n_seeds: int = SETTINGS.n_seeds) -> bool:
+        """Return whether arm i can hold the load and may be clear of all but the other arms, as capsules tell it.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
+        n_seeds : random joints from which a pose is solved where it has no closed form
+        """
+        rotation = self._grasp.hand_rotations(nodes[: len(self.holders)])[i]
+        if not may_reach(self.arms.ranges, i, rotation, nodes[i]):
+            return False
+        joints, missing = self._solutions(i, rotation, nodes[i], self.arms.around.posture, n_seeds)
+        met, part = missing <= MET, self.part(i)
+        if not met.any():
+            return False
+        held = self._homely(joints[met][:, part], self.arms.around.posture[part])
+        return bool((self._room(i, held, nodes) > self.scene.clearance - FATTEST).any())
+
+    def part(self, i: int) -> slice:
+        """Return the columns of arm i among the joints of the arms that carry."""
+        return slice(self.arms.chains.first[i], self.arms.chains.first[i + 1])
+
+    def _solutions(
+        self, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int = SETTINGS.n_seeds
+    ) -> tuple[Array, Array]:
+        """Solve the pose of one hand near a posture, array of shape (n_joints,), from what a closed form finds; where
+        there is none, from the posture and random joints.
+
+        Returns
+        -------
+        joints : array, shape (n_solutions, n_joints), of all arms
+        missing : array, shape (n_solutions,), residuals [m]
+        """
+        chains = self.arms.chains
+        *_, forms = of_robot(self.robot, self.holders)
+        if (form := forms[i]) is not None:
+            seeds = closed_seeds(form, chains, i, rotation, point, posture, SETTINGS.n_angles)
+            if len(seeds):
+                joints, missing = solutions(chains, i, rotation, point, posture, seeds)
+                if missing.min() <= MET:
+                    return joints, missing
+        rng = np.random.default_rng(0)
+        draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
+        return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
+
+    def _homely(self, joints: Array, posture: Array) -> Array:
+        """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
+        arm).
+        """
+        return _distinct(sorted(joints, key=lambda q: apart(q, posture)))
+
+    def _roomy(self, i: int, rotation: Array, nodes: Array) -> Array:
+        """Return distinct solutions of arm i from all over its branches, those that keep the clearance from obstacles
+        first and then those with most room by capsules; array, shape (n, n_joints of the arm).
+        """
+        chains, part, home = self.arms.chains, self.part(i), self.arms.around.posture
+        rng = np.random.default_rng(0)
+        draws = rng.uniform(chains.lower, chains.upper, (SETTINGS.n_postures, len(home)))
+        solved = [self._solutions(i, rotation, nodes[i], posture, 0) for posture in (home, *draws)]
+        joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
+        joints = turned_towards(chains, home[part], joints, part)
+        room = self._room(i, joints, nodes).round(DIGITS)
+        joints = _distinct(joints[np.argsort(-room, kind="stable")])
+        measure = self._measure(i)
+        free = (k for k, q in enumerate(joints[: SETTINGS.n_measured]) if measure(q) > self.scene.clearance)
+        first = list(islice(free, SETTINGS.n_branches))
+        return joints[[*first, *np.setdiff1d(np.arange(len(joints)), first)]]
+
+    def _measure(self, i: int) -> Callable[[Array], float]:
+        """Return a function that computes the distance of the bodies of arm i from the obstacles [m].
+
+        It takes joints of that arm, array of shape (n_joints of the arm,).
+        """
+        robot, arm, scene = self.robot, self.holders[i], self.scene
+        model, geometry = robot.model, robot.collision.copy()
+        moved = set(np.flatnonzero(np.isin(model.idx_vs, arm.columns)))
+        on = [set(model.supports[item.parentJoint]) for item in geometry.geometryObjects]
+        geometry.removeAllCollisionPairs()
+        for number in range(len(scene.file.obstacles)):
+            obstacle = geometry.addGeometryObject(obstacle_object(scene, number, f"obstacles[{number}]"))
+            for link in (k for k, supports in enumerate(on) if moved & supports):
+                geometry.addCollisionPair(pin.CollisionPair(link, obstacle))
+        data, placed, q = model.createData(), geometry.createData(), robot.home
+
+        def distance(joints: Array) -> float:
+            q[arm.columns] = joints
+            pin.computeDistances(model, data, geometry, placed, q)
+            return min((result.min_distance for result in placed.distanceResults), default=np.inf)
+
+        return distance
+
+    def _out_of_reach(self, arm: Arm, end: str, joints: Array, rotation: Array, point: Array) -> SceneError:
+        """Return the error that an arm cannot reach its pose at an end, and what is missing from its best joints."""
+        q = self.robot.home
+        q[arm.columns] = joints
+        pose = self.robot.tool_pose(q, arm)
+        shift = np.linalg.norm(point - pose[:3, 3])
+        turn = np.rad2deg(Rotation.from_matrix(rotation @ pose[:3, :3].T).magnitude())
+        x, y, z = point
+        way_out = "move it nearer, turn the load or the hands on it, or use another robot"
+        if len(arm.columns) < FULL:
+            way_out = f"{len(arm.columns)} joints cannot turn a hand every way, but most let it point down: {way_out}"
+        return unfit(
+            self.scene,
+            f"manipulators.{end}",
+            f"the arm '{arm.name}' cannot reach its {end} at {x:.3g}, {y:.3g}, {z:.3g}: "
+            f"{shift:.3g} m and {turn:.3g} degrees are missing",
+            way_out,
+        )
+
+
+@lru_cache(maxsize=32)
+def of_robot(
+    robot: Robot, holders: tuple[Arm, ...]
+) -> tuple[Chains, Links, WristRanges, tuple[ClosedForm | None, ...]]:
+    """Return what no scene changes: chains, links and ranges of some arms of a robot, and how the joints of each arm
+    follow from a pose in closed form, None where they do not.
+    """
+    chains = chains_of(robot, holders)
+    forms = tuple(closed_form(chains, i) for i in range(len(holders)))
+    return chains, links_of(robot, holders), ranges_of(chains), forms
+
+
+def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
+    return SceneError(message, file=scene.path, key=key, way_out=way_out)
+
+
+def _distinct(joints: Iterable[Array]) -> Array:
+    """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
+    kept: list[Array] = []
+    for q in joints:
+        if all(np.abs(q - other).max() > SETTINGS.same_branch for other in kept):
+            kept.append(q)
+    return np.array(kept)
+
+
+def apart(p: Array, q: Array) -> float:
+    """Return the largest difference of joints, rounded: what mirrors each other is equally far away."""
+    return round(float(np.abs(p - q).max()), DIGITS)
