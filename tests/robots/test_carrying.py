@@ -5,6 +5,7 @@ from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
+import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -115,8 +116,28 @@ def test_a_pair_of_ends_whose_plans_lead_to_nothing_gives_way_to_others(monkeypa
     assert drawn[True].count(first) >= 15
 
 
-def test_an_arm_that_touches_something_near_its_home_holds_the_load_otherwise():
-    """At the goal the left wrist is 9 mm from the post near home, where 10 are to be kept, and elsewhere is room."""
+NEAR_A_POST = {  # radius and place of the post, start and goal of both hands
+    "outside the elbow": (
+        0.019,
+        [0.309, -0.12],
+        ([0.4924965382, 0.4337980657, 0.4043448697], [0.395426707, -0.1106762723, 0.1699245853]),
+        ([0.3951381257, 0.0496039843, 0.3503425801], [0.3862972122, -0.5069090386, 0.1159222958]),
+    ),
+    "under the wrist": (
+        0.052,
+        [0.224, -0.003],
+        ([0.3839174446, -0.1174300723, 0.3425410193], [0.2225858112, 0.1147705839, 0.2198691935]),
+        ([0.4458584054, -0.5089354837, 0.2888117888], [0.4960460216, -0.1721661393, 0.1661399631]),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", NEAR_A_POST)
+def test_an_arm_that_touches_something_near_its_home_holds_the_load_otherwise(name):
+    """At the goal the left wrist is less than the 10 mm from the post near home that are to be kept, and its capsules
+    everywhere; elsewhere there is room.
+    """
+    radius, place, *ends = NEAR_A_POST[name]
     data = {
         "version": 1,
         "name": "near_a_post",
@@ -124,26 +145,33 @@ def test_an_arm_that_touches_something_near_its_home_holds_the_load_otherwise():
         "robot": "two_xarm7",
         "grasp": {"orientation": "down", "yaw": "load"},
         "workspace": {"lower": [0.15, -0.6, 0.05], "upper": [0.75, 0.6, 0.45]},
-        "obstacles": [
-            {"shape": "cylinder", "radius": 0.019, "height": 0.4, "center": [0.309, -0.12, 0.25]},
-        ],
+        "obstacles": [{"shape": "cylinder", "radius": radius, "height": 0.4, "center": [*place, 0.25]}],
         "load": {"shape": "bar", "length": 0.4, "radius": 0.012, "mass": 0.3},
         "manipulators": [
-            {
-                "name": "left",
-                "start": [0.4924965382, 0.4337980657, 0.4043448697],
-                "goal": [0.395426707, -0.1106762723, 0.1699245853],
-            },
-            {
-                "name": "right",
-                "start": [0.3951381257, 0.0496039843, 0.3503425801],
-                "goal": [0.3862972122, -0.5069090386, 0.1159222958],
-            },
+            {"name": hand, "start": start, "goal": goal}
+            for hand, (start, goal) in zip(("left", "right"), ends, strict=True)
         ],
         "limits": {"speed": 0.5, "acceleration": 1, "clearance": 0.01},
     }
-    scene = Scene.from_dict(data)
-    assert carry(scene, robot("two_xarm7"), method=replace(robot_method(), n_ways=1)).verified
+    machine, scene = robot("two_xarm7"), Scene.from_dict(data)
+    for joints in RobotCarrier(machine, scene).goals[0]:
+        assert from_post(machine, joints, coal.Cylinder(radius, 0.4), [*place, 0.25]) > 0.01
+    assert carry(scene, machine, method=replace(robot_method(), n_ways=1)).verified
+
+
+def from_post(machine, joints, shape, place):
+    """The distance of the first arm's bodies from a shape, by coal, where the other arm is at home [m]."""
+    q, arm, data = machine.home.copy(), machine.arms[0], machine.model.createData()
+    q[arm.columns] = joints
+    placed = machine.collision.createData()
+    pin.updateGeometryPlacements(machine.model, data, machine.collision, placed, q)
+    there, least = coal.Transform3s(np.eye(3), np.array(place)), np.inf
+    for k, item in enumerate(machine.collision.geometryObjects):
+        if item.name.startswith(arm.name) and "base" not in item.name:
+            at = coal.Transform3s(placed.oMg[k].rotation, placed.oMg[k].translation)
+            asked, found = coal.DistanceRequest(), coal.DistanceResult()
+            least = min(least, coal.distance(item.geometry, at, shape, there, asked, found))
+    return least
 
 
 @pytest.mark.parametrize("name", ["gap_30", "two_pandas", "ur5_and_panda"])
