@@ -22,8 +22,8 @@ from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
 from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
 from comove.planning.search import SMALLEST_LOAD, OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
+from comove.planning.smooth import SETTINGS as SMOOTHING
 from comove.planning.smooth import (
-    FASTEST,
     cheaper,
     follows,
     hurry,
@@ -47,20 +47,44 @@ from comove.verification.verify import Report
 
 Array = NDArray[np.float64]
 
-N_CERTIFIED = 7  # fits of one path judged, in order of their cost, before the next plan
-N_ASKED = 10  # fits that the carrier is asked about
-MOST_DOUBTED = 2  # of these that the carrier takes for impossible: its model of the arms is a little too wide
-RESTARTS = 25  # in which the load grows before planning is tried again
-TURNS = (0, 0, 1, -1)  # extra turns of the load, by restart
-ROUNDS, DRAWS, SPREAD = 16, 64, 0.3  # rounds of bumps, bumps drawn in each, and their height [m]
-WORTH_ANOTHER = 0.01  # relative gain below which another path counts as no better
-N_POLISHED = 3  # of the cheapest fits of different plans, by convex programmes
-HASTY_IDLE = (
-    2  # paths without gain after which it is enough where the duration is minimised, which takes longer
-)
-SMOOTHING_SHARE = 0.4  # of the budget, before functions of the user are minimised
-N_STARTS = 2  # smooth motions from which these are minimised
-HOPELESS = 0.03  # m of penetration from which on a new start is better than a stricter search
+
+@dataclass(frozen=True)
+class MethodSettings:
+    """Settings of how the methods below plan, judge and grow; what may be chosen for each method are its own fields.
+
+    Attributes
+    ----------
+    n_certified : fits of one path judged, in order of their cost, before the next plan
+    n_asked : fits that the carrier is asked about
+    most_doubted : judged of these that the carrier takes for impossible: its model of the arms is a little too wide
+    restarts : times that the load grows before planning is tried again
+    turns : extra turns of the load, by restart
+    rounds, draws, spread : rounds of bumps, bumps drawn in each, and their height [m]
+    worth_another : relative gain below which another path counts as no better
+    n_polished : cheapest fits of different plans that convex programmes improve
+    hasty_idle : paths without gain that are enough where the duration is minimised, which takes longer
+    smoothing_share : share of the budget before functions of the user are minimised
+    n_starts : smooth motions from which these are minimised
+    hopeless : penetration from which on a new start is better than a stricter search [m]
+    """
+
+    n_certified: int = 7
+    n_asked: int = 10
+    most_doubted: int = 2
+    restarts: int = 25
+    turns: tuple[int, ...] = (0, 0, 1, -1)
+    rounds: int = 16
+    draws: int = 64
+    spread: float = 0.3
+    worth_another: float = 0.01
+    n_polished: int = 3
+    hasty_idle: int = 2
+    smoothing_share: float = 0.4
+    n_starts: int = 2
+    hopeless: float = 0.03
+
+
+SETTINGS = MethodSettings()
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
 UNPOLISHED = replace(POLISHING, generations=0)
@@ -123,7 +147,7 @@ class Comove(Method):
             self._grow(search, range(1))  # from the demonstration, to stay near it
         if (planner and self._plan(search)) or search.best is not None:
             return
-        if self._grow(search, range(RESTARTS) if planner else count()):
+        if self._grow(search, range(SETTINGS.restarts) if planner else count()):
             return
         while not self._plan(search):  # only with the planner: without it the load grows until time is up
             search.check_time()
@@ -140,7 +164,9 @@ class Comove(Method):
             objective=replace(search.objective, scene=_unsampled(search.scene)),
             asked=None if search.asked is None else _unsampled(search.asked),
         )
-        base.deadline = min(base.deadline, base.started + SMOOTHING_SHARE * (base.deadline - base.started))
+        base.deadline = min(
+            base.deadline, base.started + SETTINGS.smoothing_share * (base.deadline - base.started)
+        )
         with suppress(OutOfTime):
             self.run(base, planner=planner)
         search.evaluations, search.generations = base.evaluations, base.generations
@@ -154,7 +180,7 @@ class Comove(Method):
         for motion in kept:
             search.judge(motion)
         search.stage = "minimising the objective given"
-        for motion in reversed(kept[-N_STARTS:]):
+        for motion in reversed(kept[-SETTINGS.n_starts :]):
             search.check_time()
             improve_own(search, own, motion)
 
@@ -195,10 +221,10 @@ class Comove(Method):
         starts.sort(key=lambda start: start[0])
         if starts and search.hard and search.carrier is None and starts[0][1].coordinates.kind == "load":
             search.stage = "polishing"
-            for _, dmp in starts[:N_POLISHED]:
+            for _, dmp in starts[: SETTINGS.n_polished]:
                 before = search.best_cost
                 cheaper(search, dmp)
-                if search.best_cost > (1 - WORTH_ANOTHER) * before:
+                if search.best_cost > (1 - SETTINGS.worth_another) * before:
                     break
         elif starts:
             self._polish(search, starts[0][1])
@@ -216,7 +242,7 @@ class Comove(Method):
         dear = search.carrier is not None or search.scene.moving.any() or ends[1].any()
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
-            if idle >= HASTY_IDLE and (hasty or (search.best is None and search.needed < np.inf)):
+            if idle >= SETTINGS.hasty_idle and (hasty or (search.best is None and search.needed < np.inf)):
                 break  # seconds a way, and ways differ less in time than in jerk
             for _ in range(n_drawn):
                 search.check_time()
@@ -244,15 +270,15 @@ class Comove(Method):
             tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
             if search.best is None and self._will_do(search):
                 return True
-            gained = search.best_cost < (1 - WORTH_ANOTHER) * before
-            gained |= search.needed < (1 - WORTH_ANOTHER) * needed
+            gained = search.best_cost < (1 - SETTINGS.worth_another) * before
+            gained |= search.needed < (1 - SETTINGS.worth_another) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
-            met = 1 if gained else met + (search.latest < (1 + WORTH_ANOTHER) * search.best_cost)
-            if search.best_cost < (1 + WORTH_ANOTHER) * least_worth(search):
+            met = 1 if gained else met + (search.latest < (1 + SETTINGS.worth_another) * search.best_cost)
+            if search.best_cost < (1 + SETTINGS.worth_another) * least_worth(search):
                 break
         # Arms have other limits than the scene's.
         if search.best_motion is not None and hasty and search.carrier is None:
-            hurry(search, search.best_motion, FASTEST)
+            hurry(search, search.best_motion, SMOOTHING.fastest)
         if search.carrier is not None:
             return smooth > 0
         return search.best is not None or search.needed < np.inf  # which no other way would shorten much
@@ -277,23 +303,23 @@ class Comove(Method):
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
             basis = motion_basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
-            value = search.evaluate_best(dmp, weights, N_ASKED)
+            value = search.evaluate_best(dmp, weights, SETTINGS.n_asked)
             sound = search.objective.feasible(value._replace(possible=np.ones(len(weights), dtype=bool)))
             possible = np.broadcast_to(value.possible, sound.shape)
             missed = np.where(sound, 0.0, 100.0) + np.where(possible, 0.0, 10.0)
             rank = search.objective.search_value(value) + missed
             gentlest = np.argmin(np.maximum(*search.objective.limit_ratios(value)) + missed)
-            for i in (*np.argsort(rank, kind="stable")[:N_CERTIFIED], gentlest):
+            for i in (*np.argsort(rank, kind="stable")[: SETTINGS.n_certified], gentlest):
                 if search.attempt is not None:  # one is judged even if time is up
                     search.check_time()
                 if sound[i] and not possible[i]:
                     doubted += 1
-                    if doubted > MOST_DOUBTED:  # of its own check, which knows exactly
+                    if doubted > SETTINGS.most_doubted:  # of its own check, which knows exactly
                         break
                 if search.judge(dmp.rollout(weights[i])).verified:
                     return float(value.cost[i]), replace(dmp, weights=weights[i])
             # Only too fast or too sudden: that can be mended; likewise a plan in time that smoothing spoilt a little.
-            spoilt = HOPELESS if search.scene.moving.any() else 0.0
+            spoilt = SETTINGS.hopeless if search.scene.moving.any() else 0.0
             free = value.clearance > search.scene.clearance - spoilt
             if hopeful is None and free.any():
                 hopeful = replace(dmp, weights=weights[np.where(free, rank, np.inf).argmin()])
@@ -342,7 +368,7 @@ class Comove(Method):
                     self._polish(search, self._refined(dmp))
                     return True
                 value = search.evaluate(objective, dmp, dmp.weights[None])
-                if value.clearance[0] < -HOPELESS:
+                if value.clearance[0] < -SETTINGS.hopeless:
                     break
                 objective = stricter(search, objective, verdict)
                 dmp = improve(search, objective, dmp, REPAIRING)
@@ -451,7 +477,7 @@ def first_guess(search: Search, coordinates: Coordinates, basis: MotionBasis, re
     """Return the demonstration, if there is one, at every third restart, else the straight way with some turn."""
     if search.taught is not None and restart % 3 == 0:
         return CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
-    boundary = coordinates.boundary(turn=TURNS[restart % len(TURNS)])
+    boundary = coordinates.boundary(turn=SETTINGS.turns[restart % len(SETTINGS.turns)])
     weights = np.zeros((coordinates.n_columns, basis.n_basis))
     return CoordinatedDMP(search.scene, coordinates, basis, boundary, weights)
 
@@ -459,7 +485,7 @@ def first_guess(search: Search, coordinates: Coordinates, basis: MotionBasis, re
 def threaded(search: Search, objective: Objective, dmp: CoordinatedDMP) -> CoordinatedDMP | None:
     """Add one bump a round, the best of many random ones, until the smallest load is free; None if it never is."""
     directions, weights, least = dmp.coordinates.search, dmp.weights[None], np.inf
-    for _ in range(ROUNDS):
+    for _ in range(SETTINGS.rounds):
         search.check_time()
         value = search.evaluate(objective, dmp, weights, SMALLEST_LOAD)
         fitness = objective.search_value(value)
@@ -468,6 +494,6 @@ def threaded(search: Search, objective: Objective, dmp: CoordinatedDMP) -> Coord
             dmp, least = replace(dmp, weights=weights[i]), fitness[i]
         if value.clearance[i] > search.scene.clearance:
             return replace(dmp, weights=weights[i])
-        heights = SPREAD * search.rng.standard_normal((DRAWS, directions.shape[1], 1))
-        weights = dmp.weights + directions @ (heights * bumps(dmp.basis, search.rng, DRAWS)[:, None])
+        heights = SETTINGS.spread * search.rng.standard_normal((SETTINGS.draws, directions.shape[1], 1))
+        weights = dmp.weights + directions @ (heights * bumps(dmp.basis, search.rng, SETTINGS.draws)[:, None])
     return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,25 +25,55 @@ from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
 
-N_BASIS = (16, 24, 40)  # shape weights a column: few, and more if these cannot follow a path
-RIDGES = (1e-8, 1e-9, 1e-10, 1e-11)  # of the initial fit, from smooth to accurate
-NEAR = 0.05  # m, within which a fit follows the path about which clearances are linearised
-SETTINGS = ConvexSettings()
-AGAIN = 0.03  # m, trust region after a rejection
-ATTEMPTS = 4  # until a motion is verified, each with more margin
-MORE, MORE_BORDER = 1e-3, 2e-4  # m
-FAST = 24, 201  # weights a column, and samples, of motions in least time
-FASTEST = 49, 401  # likewise of the best of them, as fast motions use their limits to the full
-MOST_WEIGHTS = 200  # of all columns: programmes of more take seconds and gain a percent
-PULLS = (0.0, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7)  # to the planned path, where arms must follow it
-SHARES = 1e-2, 1.0  # of the pull to a demonstration, one after the other, where arms must follow
-ROUGHLY = 2e-3  # m, trust region below which that ends: what is nearer arms reach by chance only
-PARTS = 1.0, 0.8, 0.5  # of the way there that are tried: stretched arms have to turn fast
-ALIKE = 0.02  # relative difference in jerk of motions that a demonstration draws to the same one
-HOPELESS = 0.01  # m of penetration from which on more margin does not help
-UNMET = 1.5e-2  # relative excess, summed over limits, beyond which the duration is too short
-GENTLE = 1e-3  # weight of the jerk beside the duration, both relative to their initial values
-FASTER = 0.2  # m, largest radius of the trust region
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """Settings of how planned paths become smooth motions.
+
+    Attributes
+    ----------
+    n_basis : shape weights a column: few, and more if these cannot follow a path
+    ridges : of the initial fit, from smooth to accurate
+    near : distance within which a fit follows the path about which clearances are linearised [m]
+    again : trust region after a rejection [m]
+    attempts : programmes until a motion is verified, each with more margin
+    more, more_border : margin that each adds, for obstacles and for the border [m]
+    fast, fastest : weights a column, and samples, of motions in least time, and of the best of them, as fast motions
+        use their limits to the full
+    most_weights : weights of all columns: programmes of more take seconds and gain a percent
+    pulls : of hands to the planned path, where arms must follow it
+    shares : of the pull to a demonstration, one after the other, where arms must follow
+    roughly : trust region below which that ends: what is nearer arms reach by chance only [m]
+    parts : of the way there that are tried: stretched arms have to turn fast
+    alike : relative difference in jerk of motions that a demonstration draws to the same one
+    hopeless : penetration from which on more margin does not help [m]
+    unmet : relative excess, summed over limits, beyond which the duration is too short
+    gentle : weight of the jerk beside the duration, both relative to their initial values
+    faster : largest radius of the trust region where the duration is minimised [m]
+    """
+
+    n_basis: tuple[int, ...] = (16, 24, 40)
+    ridges: tuple[float, ...] = (1e-8, 1e-9, 1e-10, 1e-11)
+    near: float = 0.05
+    again: float = 0.03
+    attempts: int = 4
+    more: float = 1e-3
+    more_border: float = 2e-4
+    fast: tuple[int, int] = (24, 201)
+    fastest: tuple[int, int] = (49, 401)
+    most_weights: int = 200
+    pulls: tuple[float, ...] = (0.0, 1e3, 1e4, 3e4, 1e5, 3e5, 1e6, 1e7)
+    shares: tuple[float, ...] = (1e-2, 1.0)
+    roughly: float = 2e-3
+    parts: tuple[float, ...] = (1.0, 0.8, 0.5)
+    alike: float = 0.02
+    hopeless: float = 0.01
+    unmet: float = 1.5e-2
+    gentle: float = 1e-3
+    faster: float = 0.2
+
+
+SETTINGS, CONVEX = SmoothingSettings(), ConvexSettings()
 
 
 def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
@@ -62,15 +92,15 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
 
 def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme, Array, Array]:
     """Return a programme with enough weights to follow a path, the fitted weights, and the path at its samples."""
-    for n_basis in N_BASIS:
+    for n_basis in SETTINGS.n_basis:
         programme = _programme(search, boundary, n_basis)
         n_fine, n_columns = programme.fine.base.shape
         fine = np.linspace(0.0, N_STEPS - 1, n_fine)
         reference = interpolated(fine, np.arange(float(N_STEPS)), way[:, :n_columns])
-        for ridge in RIDGES:
+        for ridge in SETTINGS.ridges:
             z = programme.fit(reference, ridge)
             off = np.abs((programme.fine.q(z) - reference) / programme.scale[:n_columns]).max()
-            if off < NEAR:
+            if off < SETTINGS.near:
                 return programme, z, reference
     return programme, z, reference
 
@@ -78,9 +108,11 @@ def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme
 def smooth_demonstration(search: Search, taught: tuple[DMP, ...]) -> bool:
     """Adapt the demonstration to the scene, verify the motion, and return whether it is verified."""
     scene = search.scene
-    basis, coordinates = motion_basis(N_BASIS[-1], "jerk"), load_coordinates(scene)
+    basis, coordinates = motion_basis(SETTINGS.n_basis[-1], "jerk"), load_coordinates(scene)
     dmp = CoordinatedDMP.from_demonstration(taught, scene, coordinates, basis)
-    return _verified(search, _programme(search, dmp.boundary, N_BASIS[-1]), dmp.weights.ravel(), None)
+    return _verified(
+        search, _programme(search, dmp.boundary, SETTINGS.n_basis[-1]), dmp.weights.ravel(), None
+    )
 
 
 def follows(search: Search) -> bool:
@@ -111,18 +143,18 @@ def _squares(search: Search, smooth: LeastJerk, n_samples: int) -> JerkCost:
 def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: Array | None) -> bool:
     """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
-    settings = replace(SETTINGS, wish=smooth.wish)
+    settings = replace(CONVEX, wish=smooth.wish)
     cost = _squares(search, smooth, len(programme.coarse.base))
     if cost.precision is not None:  # steep valleys and flat grounds: begin near the best, or be stuck
         even = optimise(programme, replace(cost, precision=None), z, settings, reference, search.over)
         z, reference = even.z, None
         search.evaluations += even.iterations
         search.judge(programme.motion(z))
-    for attempt in range(ATTEMPTS):
+    for attempt in range(SETTINGS.attempts):
         z = _optimised(search, programme, cost, z, settings, reference)
         verdict, reference = search.judge(programme.motion(z)), None
         verified = verdict.verified is not None
-        if verdict.report.clearance_min < search.scene.clearance - HOPELESS:
+        if verdict.report.clearance_min < search.scene.clearance - SETTINGS.hopeless:
             return False
         if verified or too_fast(programme, z):
             break
@@ -130,7 +162,9 @@ def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: A
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
     hasty = isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z))
     if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
-        detail = FAST if isinstance(search.aim, LeastTime) else FASTEST  # what a message names must do
+        detail = (
+            SETTINGS.fast if isinstance(search.aim, LeastTime) else SETTINGS.fastest
+        )  # what a message names must do
         return hurry(search, programme.motion(z), detail) or verified
     return verified
 
@@ -149,17 +183,19 @@ def _carried(
     anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.coarse.base) - 1)])
     aim = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
     taught, smooth = _squares(search, aim, len(anchor)), squares(search.scene, aim, None, len(anchor))
-    settings, found = replace(SETTINGS, wish=aim.wish), False
+    settings, found = replace(CONVEX, wish=aim.wish), False
     along: Array | None = reference
     at: Array | None = None
     if search.best is None and not search.paced:
-        nearest = _optimised(search, programme, Anchored(smooth, anchor, PULLS[-1]), z, settings, reference)
+        nearest = _optimised(
+            search, programme, Anchored(smooth, anchor, SETTINGS.pulls[-1]), z, settings, reference
+        )
         found = search.judge(programme.motion(nearest)).verified is not None
     free = _optimised(search, programme, smooth, z, settings, reference)
     programme.follower = carrier.along(nodes)
     if programme.is_followed(free) and search.judge(programme.motion(free)).verified is not None:
         at = free
-    for pull in PULLS if at is None else ():
+    for pull in SETTINGS.pulls if at is None else ():
         z = _optimised(search, programme, Anchored(smooth, anchor, pull), z, settings, along)
         verdict, along = search.judge(programme.motion(z)), None
         if verdict.verified is not None:
@@ -174,15 +210,15 @@ def _carried(
     if at is None or taught.demonstration is None:
         return found or at is not None
     jerk, _ = programme.value(smooth, at, 0.0)
-    if any(abs(jerk - other) < ALIKE * other for other in search.drawn):
+    if any(abs(jerk - other) < SETTINGS.alike * other for other in search.drawn):
         return True
     search.drawn.append(jerk)
     # With all of its weight, arms would be stretched further, and take longer.
-    nearer = replace(settings, radius=AGAIN, least=ROUGHLY)
-    for share in SHARES[:1] if search.paced else SHARES:
+    nearer = replace(settings, radius=SETTINGS.again, least=SETTINGS.roughly)
+    for share in SETTINGS.shares[:1] if search.paced else SETTINGS.shares:
         cost = replace(taught, pull=share * taught.pull)
         ahead = _optimised(search, programme, cost, at, nearer)
-        parts = (at + part * (ahead - at) for part in PARTS)
+        parts = (at + part * (ahead - at) for part in SETTINGS.parts)
         at = next((z for z in parts if search.judge(programme.motion(z)).verified is not None), at)
     return True
 
@@ -209,8 +245,8 @@ def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
     programme = ConvexProgramme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
-    cost, z, settings = PaperSquares(weights, scene.goal.ravel(), taught), dmp.weights.ravel(), SETTINGS
-    for attempt in range(ATTEMPTS):
+    cost, z, settings = PaperSquares(weights, scene.goal.ravel(), taught), dmp.weights.ravel(), CONVEX
+    for attempt in range(SETTINGS.attempts):
         z = _optimised(search, programme, cost, z, settings)
         verdict = search.judge(programme.motion(z))
         if verdict.verified is not None:
@@ -221,7 +257,7 @@ def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
 
 def too_fast(programme: ConvexProgramme, z: Array) -> bool:
     """Return whether limits are exceeded in the given duration, by more than the error of sampling."""
-    return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > UNMET
+    return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > SETTINGS.unmet
 
 
 def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) -> bool:
@@ -235,21 +271,21 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
     """
     search.stage = "gaining time"
     n_basis, n_coarse = detail
-    n_basis = min(n_basis, max(FAST[0], MOST_WEIGHTS // motion.coordinates.n_columns))
+    n_basis = min(n_basis, max(SETTINGS.fast[0], SETTINGS.most_weights // motion.coordinates.n_columns))
     coordinates, basis = motion.coordinates, motion_basis(n_basis, "jerk")
     limits = search.limits or Limits.of(search.scene, search.scene.duration)
     programme = ConvexProgramme(
         search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=limits
     )
-    z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], RIDGES[-1])
+    z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], SETTINGS.ridges[-1])
     _, hands = programme.hands(programme.coarse.q(z))
     gentle = squares(search.scene, LeastJerk(), None)
     jerk, pace = float((gentle.residuals(hands) ** 2).sum()), limits.pace(hands)
     if not (jerk > 0 and pace > 0):
         return False
-    cost = replace(gentle, weight=GENTLE / jerk, haste=1.0 / pace)
-    settings = replace(SETTINGS, wish=0.0, most=FASTER)
-    for attempt in range(ATTEMPTS):
+    cost = replace(gentle, weight=SETTINGS.gentle / jerk, haste=1.0 / pace)
+    settings = replace(CONVEX, wish=0.0, most=SETTINGS.faster)
+    for attempt in range(SETTINGS.attempts):
         z = _optimised(search, programme, cost, z, settings)
         motion = programme.motion(z)
         if search.judge(motion).verified is not None:
@@ -277,7 +313,7 @@ def _stricter(settings: ConvexSettings, attempt: int) -> ConvexSettings:
     more = attempt + 1
     return replace(
         settings,
-        radius=AGAIN,
-        margin=SETTINGS.margin + more * MORE,
-        border_margin=SETTINGS.border_margin + more * MORE_BORDER,
+        radius=SETTINGS.again,
+        margin=CONVEX.margin + more * SETTINGS.more,
+        border_margin=CONVEX.border_margin + more * SETTINGS.more_border,
     )
