@@ -205,7 +205,7 @@ class EndJoints:
             homely = self._homely(joints[missing <= MET][:, part], posture[part])
             room = self._room(i, homely, nodes)
             if not (room > self.scene.clearance).any():  # there may be more room further from home
-                found.append(self._roomy(i, rotations[i], nodes)[: SETTINGS.n_branches])
+                found.append(self._roomy(i, homely, rotations[i], nodes)[: SETTINGS.n_branches])
                 continue
             order = np.argsort(room <= 0.0, kind="stable")
             free = order[room[order] > self.scene.clearance - FATTEST]
@@ -270,9 +270,17 @@ class EndJoints:
         """
         return _distinct(sorted(joints, key=lambda q: apart(q, posture)))
 
-    def _roomy(self, i: int, rotation: Array, nodes: Array) -> Array:
-        """Return distinct solutions of arm i from all over its branches, those that keep the clearance from obstacles
-        first and then those with most room by capsules; array, shape (n, n_joints of the arm).
+    def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array) -> Array:
+        """Return distinct solutions of arm i, those near home and others from all over its branches, which have most
+        room by capsules; those that keep the clearance from obstacles come first.
+
+        Parameters
+        ----------
+        homely : array, shape (n_solutions, n_joints of the arm), solutions near home
+
+        Returns
+        -------
+        array, shape (n, n_joints of the arm)
         """
         chains, part, home = self.arms.chains, self.part(i), self.arms.around.posture
         rng = np.random.default_rng(0)
@@ -281,7 +289,7 @@ class EndJoints:
         joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
         joints = turned_towards(chains, home[part], joints, part)
         room = self._room(i, joints, nodes).round(DIGITS)
-        joints = _distinct(joints[np.argsort(-room, kind="stable")])
+        joints = _distinct([*homely, *joints[np.argsort(-room, kind="stable")]])
         measure = self._measure(i)
         free = (k for k, q in enumerate(joints[: SETTINGS.n_measured]) if measure(q) > self.scene.clearance)
         first = list(islice(free, SETTINGS.n_branches))
