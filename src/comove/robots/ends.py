@@ -271,8 +271,8 @@ class EndJoints:
         return _distinct(sorted(joints, key=lambda q: apart(q, posture)))
 
     def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array) -> Array:
-        """Return distinct solutions of arm i, those near home and others from all over its branches, which have most
-        room by capsules; those that keep the clearance from obstacles come first.
+        """Return distinct solutions of arm i that may be clear by its capsules, near home or anywhere on its branches:
+        those come first whose bodies keep the clearance from obstacles. If none may be clear, return all.
 
         Parameters
         ----------
@@ -290,10 +290,12 @@ class EndJoints:
         joints = turned_towards(chains, home[part], joints, part)
         room = self._room(i, joints, nodes).round(DIGITS)
         joints = _distinct([*homely, *joints[np.argsort(-room, kind="stable")]])
-        measure = self._measure(i)
-        free = (k for k, q in enumerate(joints[: SETTINGS.n_measured]) if measure(q) > self.scene.clearance)
+        likely = np.flatnonzero(self._room(i, joints, nodes) > self.scene.clearance - FATTEST)
+        measure, clearance = self._measure(i), self.scene.clearance
+        free = (k for k in likely[: SETTINGS.n_measured].tolist() if measure(joints[k]) > clearance)
         first = list(islice(free, SETTINGS.n_branches))
-        return joints[[*first, *np.setdiff1d(np.arange(len(joints)), first)]]
+        kept = likely if len(likely) else np.arange(len(joints))
+        return joints[list(dict.fromkeys([*first, *kept.tolist()]))]
 
     def _measure(self, i: int) -> Callable[[Array], float]:
         """Return a function that computes the distance of the bodies of arm i from the obstacles [m].
