@@ -271,7 +271,7 @@ class EndJoints:
         return _distinct(sorted(joints, key=lambda q: apart(q, posture)))
 
     def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array) -> Array:
-        """Return distinct solutions of arm i that may be clear by its capsules, near home or anywhere on its branches:
+        """Return distinct solutions of arm i that may be clear by its capsules, near home or elsewhere;
         those come first whose bodies keep the clearance from obstacles. If none may be clear, return all.
 
         Parameters
