@@ -52,11 +52,19 @@ def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
 
 
 def turns_apart(carrying, start, goal):
-    """The largest difference of a joint, each as many whole turns away as is nearest and its limits allow."""
+    """The largest difference of a joint, each as many whole turns away as is nearest and its limits allow; half of it
+    for the last joint of an arm, whose turn no singularity hinders.
+    """
     chains = carrying.arms.chains
     ways = goal + 2 * np.pi * np.arange(-2, 3)[:, None]
     allowed = (ways >= chains.lower) & (ways <= chains.upper) & ((ways == goal) | ~chains.slides)
-    return np.where(allowed, np.abs(ways - start), np.inf).min(axis=0).max()
+    return weighted(carrying, np.where(allowed, np.abs(ways - start), np.inf).min(axis=0))
+
+
+def weighted(carrying, turns):
+    """The largest of some turns, of which those of the arms' last joints count half."""
+    halves = np.isin(np.arange(turns.shape[-1]), carrying.arms.chains.first[1:] - 1)
+    return (turns * np.where(halves, 0.5, 1.0)).max(axis=-1)
 
 
 def test_goals_beyond_half_a_turn_are_known():
@@ -81,7 +89,7 @@ def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others
     carrying, drawn = RobotCarrier(known.robot, known.scene), []
 
     def hopeless(space, arms, start, goal, *_, **__):
-        drawn.append(np.abs(goal[1] - start[1]).max())
+        drawn.append(weighted(carrying, np.abs(goal[1] - start[1])))
 
     monkeypatch.setattr("comove.robots.carrying.plan_with_arms", hopeless)
     for seed in range(5):
@@ -154,8 +162,11 @@ def test_an_arm_that_touches_something_near_its_home_holds_the_load_otherwise(na
         "limits": {"speed": 0.5, "acceleration": 1, "clearance": 0.01},
     }
     machine, scene = robot("two_xarm7"), Scene.from_dict(data)
-    for joints in RobotCarrier(machine, scene).goals[0]:
-        assert from_post(machine, joints, coal.Cylinder(radius, 0.4), [*place, 0.25]) > 0.01
+    post, there = coal.Cylinder(radius, 0.4), [*place, 0.25]
+    keeps = [
+        from_post(machine, joints, post, there) > 0.01 for joints in RobotCarrier(machine, scene).goals[0]
+    ]
+    assert keeps[0] and keeps == sorted(keeps, reverse=True)
     assert carry(scene, machine, method=replace(robot_method(), n_ways=1)).verified
 
 
@@ -179,7 +190,7 @@ def test_joints_that_turn_least_are_tried_early_even_where_capsules_meet(name):
     """Of pairs of ends, the k that turn least are among the first 4 k; of those with room, among 3 k of every 4 k."""
     known = task(name)
     at = [known.scene.nodes_at(end) for end in ("start", "goal")]
-    turns = np.array([np.abs(first - last).max().round(6) for first, last in known._pairs])
+    turns = np.array([weighted(known, np.abs(first - last)).round(6) for first, last in known._pairs])
     room = np.array(
         [min(known.ends.clearance(q, nodes) for q, nodes in zip(p, at, strict=True)) for p in known._pairs]
     )

@@ -41,6 +41,7 @@ class EndSettings:
     n_angles : angles of the joint that a closed form leaves open
     n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
     n_measured : solutions whose bodies' distances are computed where capsules tell of no room
+    last : weight of the turn of an arm's last joint, which no singularity hinders, where joints are compared
     whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
     unlikely : plans that led to nothing which every further pair of joints at start and goal is credited with
     """
@@ -48,9 +49,10 @@ class EndSettings:
     n_seeds: int = 64
     n_postures: int = 16
     n_angles: int = 64
-    n_branches: int = 4
+    n_branches: int = 8
     same_branch: float = 0.3
     n_measured: int = 24
+    last: float = 0.5
     whatever: int = 4
     unlikely: float = 0.5
 
@@ -149,7 +151,7 @@ class EndJoints:
             np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
         )
         tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
-        apart = np.abs(first - last).max(axis=1).round(DIGITS)
+        apart = self.turn(first, last).round(DIGITS)
         _, once = np.unique(np.hstack([first, last]).round(DIGITS), axis=0, return_index=True)
         once.sort()
         likely = np.lexsort((apart[once], tightest[once])), np.argsort(apart[once], kind="stable")
@@ -158,6 +160,21 @@ class EndJoints:
         places = np.minimum(roomy + roomy // (turn - 1), turn * near + turn - 1)
         ranked = once[np.argsort(places, kind="stable")]
         return tuple((first[k], last[k]) for k in ranked)
+
+    def turn(self, first: Array, last: Array) -> Array:
+        """Return by how much a joint turns at most between joints of all arms, the last of each arm by its weight.
+
+        Parameters
+        ----------
+        first, last : arrays, shape (..., n_joints) [rad]
+
+        Returns
+        -------
+        array, shape (...,)
+        """
+        weight = np.ones(first.shape[-1])
+        weight[self.arms.chains.first[1:] - 1] = SETTINGS.last
+        return np.asarray((weight * np.abs(first - last)).max(axis=-1))
 
     def tightness(self, q: Array, nodes: Array) -> int:
         """Return 0 for joints whose links keep the clearance, 1 where they may, as capsules are wider than links, and
