@@ -14,6 +14,7 @@ import comove
 from comove import DMP, Comove, Demonstration, PaperCost, Projection
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
+from comove.planning.methods import MethodSettings
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene
 from tests import brute_force
@@ -513,7 +514,7 @@ def test_without_the_planner_nothing_is_planned(monkeypatch):
         pytest.fail("the planner ran")
 
     monkeypatch.setattr("comove.planning.methods.plan", plan)
-    monkeypatch.setattr("comove.planning.methods.RESTARTS", 1)
+    monkeypatch.setattr("comove.planning.methods.SETTINGS", MethodSettings(restarts=1))
     assert not comove.solve(closed(), planner=False, budget=3.0).verified
 
 

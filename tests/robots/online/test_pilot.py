@@ -25,7 +25,12 @@ SETTINGS = PilotSettings(roadmap=RoadmapSettings(n_nodes=40), courses=CourseSett
 
 @lru_cache(maxsize=1)
 def stands():
-    """A pilot that stands at the start of the known carry, and its carrier."""
+    """A pilot that stands at the start of the known carry, and its carrier; for tests that ask it nothing."""
+    return at_start()
+
+
+def at_start():
+    """A pilot of one's own that stands at the start of the known carry, and its carrier."""
     scene = Scene.from_dict(scene_data(obstacles=(TABLE,)))
     carrier, coordinates = RobotCarrier(robot("baxter"), scene), load_coordinates(scene)
     q = np.concatenate([starts[0] for starts in carrier.starts])
@@ -115,7 +120,7 @@ def test_a_reference_is_left_without_a_jump_and_ends_at_rest():
 
 
 def test_the_reference_is_clear_where_nothing_is_touched_within_a_second():
-    pilot, _ = stands()
+    pilot, _ = at_start()
     start = pilot.reference.at(0.0)[0]
     nodes = pilot.coordinates.nodes(start[None, :, None])[0, 0]
     middle = 0.5 * (nodes[0] + nodes[1])
@@ -158,7 +163,7 @@ def test_the_roadmap_grows_where_a_course_could_turn_aside_before_it_meets_somet
 
 @pytest.mark.slow
 def test_who_stands_in_the_way_goes_out_of_it_in_time():
-    pilot, _ = stands()
+    pilot, _ = at_start()
     start = pilot.reference.at(0.0)
     nodes = pilot.coordinates.nodes(start[0][None, :, None])[0, 0]
     middle = 0.5 * (nodes[0] + nodes[1])
