@@ -152,7 +152,8 @@ class EndJoints:
         )
         tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
         apart = self.turn(first, last).round(DIGITS)
-        _, once = np.unique(np.hstack([first, last]).round(DIGITS), axis=0, return_index=True)
+        rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
+        _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
         once.sort()
         likely = np.lexsort((apart[once], tightest[once])), np.argsort(apart[once], kind="stable")
         roomy, near = (np.argsort(order) for order in likely)
