@@ -151,18 +151,18 @@ class EndJoints:
             np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
         )
         tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
-        apart = self.turn(first, last).round(DIGITS)
+        differ = self.difference(first, last).round(DIGITS)
         rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
         _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
         once.sort()
-        likely = np.lexsort((apart[once], tightest[once])), np.argsort(apart[once], kind="stable")
+        likely = np.lexsort((differ[once], tightest[once])), np.argsort(differ[once], kind="stable")
         roomy, near = (np.argsort(order) for order in likely)
-        turn = SETTINGS.whatever
-        places = np.minimum(roomy + roomy // (turn - 1), turn * near + turn - 1)
+        every = SETTINGS.whatever
+        places = np.minimum(roomy + roomy // (every - 1), every * near + every - 1)
         ranked = once[np.argsort(places, kind="stable")]
         return tuple((first[k], last[k]) for k in ranked)
 
-    def turn(self, first: Array, last: Array) -> Array:
+    def difference(self, first: Array, last: Array) -> Array:
         """Return by how much a joint turns at most between joints of all arms, the last of each arm by its weight.
 
         Parameters

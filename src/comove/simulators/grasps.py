@@ -174,9 +174,7 @@ class Friction:
     def _drive(self, spec: Any, finger: str) -> None:
         """Add the servo of a finger."""
         give = 0.001  # m, behind the surface, at which it has its whole force
-        response = (
-            0.004  # s, of its motor behind a gear: a finger by itself would leap at a load that it lost
-        )
+        response = 0.004  # s, of its motor behind a gear: a finger alone would leap at a load that it lost
         joint = spec.joint(finger)
         force = float(joint.actfrcrange[1]) if self.force is None else self.force
         if not (force > 0 and joint.range[1] > joint.range[0]):

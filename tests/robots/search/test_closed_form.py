@@ -142,9 +142,7 @@ def test_all_solutions_have_the_pose_and_the_joints_it_came_from_are_among_them(
         within = ROUNDED.get(name, 1e-9 if is_regular(machine, joints, form.free) else SINGULAR)
         assert np.linalg.norm(place - point) < within
         assert np.linalg.norm(pin.log3(turn @ rotation.T)) < within
-    if is_regular(
-        machine, q, form.free, FEEBLE.get(name, REGULAR)
-    ):  # where it is not, others have the same pose
+    if is_regular(machine, q, form.free, FEEBLE.get(name, REGULAR)):  # otherwise others have the same pose
         assert apart(found, q).min() < 1e2 * (ROUNDED | dict.fromkeys(FEEBLE, 1e-6)).get(name, 1e-9)
 
 

@@ -34,11 +34,8 @@ Pair = tuple[str, str]
 APART = 0.8  # m, between the bases of two models
 SIDES = ("left", "right")
 TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}  # rad/s, N m; m/s, N
-GUESSED = {
-    "revolute": TURNING,
-    "continuous": TURNING,
-    "prismatic": SLIDING,
-}  # where a URDF states nothing above 0
+# By kind of joint, where a URDF states nothing above 0.
+GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
 ENDLESS = 3.14  # rad, either way, of joints that turn without end
 SPRINGS = 0.9  # share of a weight that is too much for a motor, guessed to be held by springs
 ALWAYS = 0.95  # share of random configurations from which on a pair counts as always touching
@@ -242,15 +239,13 @@ def _limits_of(part: _Part, prefix: str) -> dict[str, dict[str, float]]:
     for joint in ET.fromstring(part.text).findall("joint"):
         kind, name, limit = str(joint.get("type")), str(joint.get("name")), joint.find("limit")
         stated = {} if limit is None else {key: number(text) for key, text in limit.attrib.items()}
+        usual = GUESSED.get(kind, {})
+        missing = {key: value for key, value in usual.items() if key not in stated}
         if name in moving:
-            missing = {
-                key: value for key, value in GUESSED[kind].items() if not (stated.get(key) or 0.0) > 0.0
-            }
+            missing = {key: value for key, value in usual.items() if not (stated.get(key) or 0.0) > 0.0}
             lower, upper = stated.get("lower") or 0.0, stated.get("upper") or 0.0
             if kind == "continuous" or not lower < upper:
                 missing |= {"lower": -ENDLESS, "upper": ENDLESS}
-        else:
-            missing = {key: GUESSED[kind][key] for key in GUESSED.get(kind, {}) if key not in stated}
         if missing:
             found[prefix + name] = missing
     return found
