@@ -25,7 +25,8 @@ import yaml
 
 import comove
 from comove.workbench.edits import Draft, contents_of, grips_of, moved, place_of
-from comove.workbench.link import BUDGET, BUDGET_WITH_ARMS, Link
+from comove.workbench.link import Link
+from comove.workbench.session import PageSettings
 from comove.workbench.shelf import read_scene, shelf_of
 
 STEPS, PERIOD = 5, 0.05  # s
@@ -46,11 +47,6 @@ def answer_to(number, answers, kinds=("kept", "found", "solved", "failed")):
             return header["kind"], time.perf_counter()
 
 
-def budget_of(scene):
-    """Return the time of a search on a page [s]."""
-    return BUDGET if scene.file.robot is None else BUDGET_WITH_ARMS
-
-
 def dragged(scene, link, answers, rng):
     """Make one drag; return what came of it and after which time [s]."""
     contents = contents_of(scene)
@@ -63,7 +59,7 @@ def dragged(scene, link, answers, rng):
         draft = Draft(moved(contents, grip, home + step / STEPS * (there - home)))
         begun, number = (
             time.perf_counter(),
-            link.submit(draft, dragging=step < STEPS, budget=budget_of(scene)),
+            link.submit(draft, PageSettings().times_of(scene), dragging=step < STEPS),
         )
         if step < STEPS:
             time.sleep(PERIOD)
@@ -80,8 +76,8 @@ def memory_of(pid):
 def measured(path, n_drags, seed):
     """Drag many times in one scene, and print a row of the table."""
     scene, answers, rng = read_scene(path), queue.Queue(), np.random.default_rng(seed)
-    link = Link(path.parent, answers.put)
-    number = link.submit(Draft(contents_of(scene)), budget=budget_of(scene))
+    link = Link(path.parent, lambda _, answer: answers.put(answer))
+    number = link.submit(Draft(contents_of(scene)), PageSettings().times_of(scene))
     answer_to(number, answers, ("solved",))  # kernels are loaded
     for _ in range(10):
         dragged(scene, link, answers, rng)
@@ -123,7 +119,7 @@ def drag_on_page(session, grips, home, rng):
 
 def memory(n_drags, seed, every=100):
     """Print the memory of a page's server and of its planner while things are dragged on one page."""
-    from comove.workbench.page import serve
+    from comove.workbench.server import serve
     from comove.workbench.session import Session
     from tests.workbench.pages import Page
 

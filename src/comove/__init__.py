@@ -36,7 +36,7 @@ _ROOMS = {
     "best_movement": "planning",
     "combine": "planning",
     "learn": "primitives",
-    "show": "workbench.display",
+    "show": "workbench.recorded",
     "solve": "planning",
     "solve_many": "studies",
     "study": "studies",

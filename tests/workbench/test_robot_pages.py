@@ -11,8 +11,9 @@ pytest.importorskip("pinocchio", reason="robots are not installed: pip install '
 
 from comove.robots import verify_stored
 from comove.workbench.edits import grips_of, place_of
-from comove.workbench.page import serve
-from comove.workbench.session import Session
+from comove.workbench.link import SearchTimes
+from comove.workbench.server import serve
+from comove.workbench.session import PageSettings, Session
 from comove.workbench.shelf import shelf_of
 from tests.killing import soon
 from tests.workbench.pages import Page
@@ -33,9 +34,9 @@ def opened(tmp_path, monkeypatch):
         sessions.append(self)
 
     monkeypatch.setattr(Session, "__init__", made)
-    monkeypatch.setattr("comove.workbench.session.BUDGET_WITH_ARMS", 12.0)
     shutil.copy(SCENE, tmp_path / "pair.yaml")
-    guarded = serve(shelf_of([tmp_path / "pair.yaml"], tmp_path))
+    settings = PageSettings(arms=SearchTimes(budget=12.0, patience=1.5))
+    guarded = serve(shelf_of([tmp_path / "pair.yaml"], tmp_path), settings=settings)
     page = Page(guarded.address.rstrip("/")).appear()
     page.verdict("The search is done", timeout=120.0)
     yield page, sessions[0], tmp_path

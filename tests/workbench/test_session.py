@@ -16,7 +16,7 @@ from comove.workbench.teaching import Stroke
 
 viser = pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")
 
-from comove.workbench.page import serve  # noqa: E402
+from comove.workbench.server import serve  # noqa: E402
 from comove.workbench.session import Session  # noqa: E402
 from comove.workbench.stage import BLOCKS  # noqa: E402
 from tests.commands import invoke  # noqa: E402

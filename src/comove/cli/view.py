@@ -58,7 +58,7 @@ def _serve(shelf: Shelf, host: str, port: int | None, open_page: bool) -> int:
     """Serve pages until Ctrl-C."""
     import threading
 
-    from comove.workbench.page import serve
+    from comove.workbench.server import serve
 
     guarded = serve(shelf, host, port)
     try:

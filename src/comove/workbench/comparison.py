@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from comove.workbench.bodies import unpacked
 from comove.workbench.edits import METHODS, Draft, contents_of
-from comove.workbench.link import Link
+from comove.workbench.link import Link, SearchTimes, on_loop
 from comove.workbench.panels import Panels
 from comove.workbench.playback import Touch
 from comove.workbench.protocol import Message
@@ -22,7 +21,6 @@ from comove.workbench.words import measures_words, named_in, plain_text, verdict
 
 NOTHING, HELD = "nothing", "the motion shown now"
 CHOICES = (NOTHING, HELD, *METHODS)  # and what was named
-PATIENCE = 20.0  # s, that another method has
 
 
 class Comparison:
@@ -34,6 +32,7 @@ class Comparison:
     panels : panels of the page
     items : what was named and can stand beside, by choice
     drawn : function that is called when a motion has been drawn
+    times : times of another method's search
     """
 
     def __init__(
@@ -42,8 +41,9 @@ class Comparison:
         panels: Panels,
         items: Mapping[str, Item],
         drawn: Callable[[], None],
+        times: SearchTimes,
     ):
-        self.loop, self.panels, self.items, self._drawn = loop, panels, items, drawn
+        self.loop, self.panels, self.items, self._drawn, self.times = loop, panels, items, drawn, times
         self.chosen = NOTHING
         self.stage: Stage | None = None
         self._link: Link | None = None
@@ -101,17 +101,12 @@ class Comparison:
     def _ask(self, draft: Draft, folder: Path, item: Item | None = None) -> None:
         if self._link is None or self._link.folder != folder:
             self._end()
-            self._link = Link(folder, self._hand_over)
-        self._asked = self._link.submit(draft, budget=PATIENCE, item=item)
+            self._link = Link(folder, on_loop(self.loop, self._answered))
+        self._asked = self._link.submit(draft, self.times, item=item)
         doing = "is searching" if item is None or item.result is None else "is judged"
         self.panels.beside.content = f"**{plain_text(self.chosen)}** {doing} ..."
 
-    def _hand_over(self, message: Message) -> None:
-        link = self._link
-        with suppress(RuntimeError):  # the loop has ended
-            self.loop.call_soon_threadsafe(self._answered, link, message)
-
-    def _answered(self, link: Link | None, message: Message) -> None:
+    def _answered(self, link: Link, message: Message) -> None:
         header, stage = message.header, self.stage
         if self._closed or link is not self._link or stage is None:
             return

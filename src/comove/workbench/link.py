@@ -2,24 +2,49 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from comove.workbench.edits import Draft
-from comove.workbench.protocol import Message, read_message, write_message
+from comove.workbench.protocol import Mailbox, Message, read_message, write_message
 from comove.workbench.shelf import Item
 
-BUDGET = 5.0  # s, after which a search takes the best motion so far
-BUDGET_WITH_ARMS = 15.0  # s, likewise where arms follow
-LEAVE = 1.0  # s, that the process has to end by itself
 
-Answered = Callable[[Message], None]
+@dataclass(frozen=True)
+class SearchTimes:
+    """Times that the planner of a page keeps to, so that a person who drags sees at once what comes of it.
+
+    Attributes
+    ----------
+    budget : after which a search takes the best motion so far [s]
+    patience : that a search has to find its first motion although a newer draft waits [s]
+    pause : between better motions that are sent [s]
+    """
+
+    budget: float = 5.0
+    patience: float = 0.25
+    pause: float = 0.4
+
+
+Answered = Callable[["Link", Message], None]
+
+
+def on_loop(loop: asyncio.AbstractEventLoop, answered: Answered) -> Answered:
+    """Return a function that hands answers, which come from a link's thread, to a function on an event loop."""
+
+    def hand_over(link: Link, message: Message) -> None:
+        with suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(answered, link, message)
+
+    return hand_over
 
 
 class Link:
@@ -28,16 +53,14 @@ class Link:
     Parameters
     ----------
     folder : folder to which paths in drafts are relative
-    answered : function that is called with every answer, from a thread of its own; with `{"kind": "ended"}` at last
+    answered : function that is called with this link and every answer, from a thread of its own; with
+        `{"kind": "ended"}` at last
     """
 
     def __init__(self, folder: Path, answered: Answered):
         self.folder, self._answered = folder, answered
         self._numbers = itertools.count()
-        self._slot: Message | None = None
-        self._queue: list[Message] = []
-        self._changed = threading.Condition()
-        self._closed = False
+        self._mailbox = Mailbox()
         # -P: a folder called comove where the page was started from must not be taken for the package
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "comove.workbench.worker"],
@@ -54,50 +77,38 @@ class Link:
         return self._process.pid
 
     def submit(
-        self, draft: Draft, *, dragging: bool = False, budget: float = BUDGET, item: Item | None = None
+        self, draft: Draft, times: SearchTimes, *, dragging: bool = False, item: Item | None = None
     ) -> int:
         """Send a draft, which replaces the one before; return the number by which answers name it.
 
         Parameters
         ----------
         dragging : whether more will follow at once: a motion that is still verified is then good enough
-        budget : time of the search [s]
         item : what of a result folder is wanted instead of a search
         """
         return self._put(
-            self._header("draft", draft)
-            | {
-                "budget": budget,
-                "dragging": dragging,
-                "result": None if item is None or item.result is None else str(item.result.absolute()),
-                "part": None if item is None else item.part.value,
-            }
+            "draft",
+            **self._told(draft),
+            **vars(times),
+            dragging=dragging,
+            result=None if item is None or item.result is None else str(item.result.absolute()),
+            part=None if item is None else item.part.value,
         )
 
-    def _header(self, kind: str, draft: Draft) -> dict[str, Any]:
-        return {
-            "kind": kind,
-            "id": next(self._numbers),
-            "folder": str(self.folder.absolute()),
-            "contents": draft.contents,
-            "method": draft.method,
-            "objective": draft.objective,
-            "resemblance": draft.resemblance,
-            "seed": draft.seed,
-            "taught": draft.taught,
-        }
+    def _told(self, draft: Draft) -> dict[str, Any]:
+        return {"folder": str(self.folder.absolute()), **vars(draft)}
 
     def run(self, draft: Draft) -> int:
         """Ask for a draft to be executed step by step; return the number by which answers name it."""
-        return self._put(self._header("run", draft))
+        return self._put("run", **self._told(draft))
 
     def lead(self, obstacle: int, place: Sequence[float]) -> None:
         """Tell the run where an obstacle is led [m]."""
-        self._put({"kind": "lead", "id": -1, "obstacle": obstacle, "place": list(place)})
+        self._put("lead", obstacle=obstacle, place=list(place))
 
     def halt(self) -> None:
         """End the run where it is."""
-        self._put({"kind": "halt", "id": -1})
+        self._put("halt")
 
     def drop(self) -> int:
         """Take a number that no answer will have, as what is shown is no scene; answers to earlier drafts are old."""
@@ -105,47 +116,34 @@ class Link:
 
     def save(self, of: int, target: Path, seed: int = 0) -> int:
         """Ask for the result of a draft to be written into a folder; return the number of the answer."""
-        number = next(self._numbers)
-        return self._put({"kind": "save", "id": number, "of": of, "target": str(target), "seed": seed})
+        return self._put("save", of=of, target=str(target), seed=seed)
 
-    def _put(self, header: dict[str, Any]) -> int:
-        with self._changed:
-            if header["kind"] == "draft":
-                self._slot = Message(header)
-            else:
-                self._queue.append(Message(header))
-            self._changed.notify()
-        return header["id"]
+    def _put(self, kind: str, **told: Any) -> int:
+        """Send a message; return its number."""
+        number = next(self._numbers)
+        self._mailbox.put(Message({"kind": kind, "id": number, **told}))
+        return number
 
     def close(self) -> None:
         """End the process."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify()
+        self._mailbox.close()
         threading.Thread(target=self._end, daemon=True).start()
 
     def _end(self) -> None:
+        leave = 1.0  # s, that the process has to end by itself
         with suppress(OSError, ValueError):
             self._process.terminate()
         try:
-            self._process.wait(LEAVE)
+            self._process.wait(leave)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
 
     def _write(self) -> None:
         stream = self._process.stdin
-        while stream is not None:
-            with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._queue or self._slot is not None)
-                if self._closed:
-                    return
-                message = self._queue.pop(0) if self._queue else self._slot
-                if message is self._slot:
-                    self._slot = None
-            if message is not None:
-                with suppress(OSError, ValueError):
-                    write_message(stream, message)
+        while stream is not None and (message := self._mailbox.take()) is not None:
+            with suppress(OSError, ValueError):
+                write_message(stream, message)
 
     def _read(self) -> None:
         stream = self._process.stdout
@@ -155,5 +153,5 @@ class Link:
                 message = read_message(stream)
             if message is None:
                 break
-            self._answered(message)
-        self._answered(Message({"kind": "ended", "id": -1}))
+            self._answered(self, message)
+        self._answered(self, Message({"kind": "ended", "id": -1}))

@@ -255,11 +255,10 @@ def _simulated(robot: Robot, motion: CoordinatedMotion, arrays: Mapping[str, Arr
         at_start = (planned.nodes[0] - pose[0, :3, 3]) @ pose[0, :3, :3]
         nodes = np.einsum("tij,nj->tni", pose[:, :3, :3], at_start) + pose[:, None, :3, 3]
     nodes[:, : hands.shape[1]] = hands
-    speed = np.linalg.norm(np.gradient(hands, time, axis=0), axis=2)
-    acceleration = np.linalg.norm(np.gradient(np.gradient(hands, time, axis=0), time, axis=0), axis=2)
-    return RecordedMotion.of_states(
-        scene, time, nodes, speed, acceleration, poses_of(robot, arrays["joints"][steps])
-    )
+    velocity = np.gradient(hands, time, axis=0)
+    acceleration = np.gradient(velocity, time, axis=0)
+    links = poses_of(robot, arrays["joints"][steps])
+    return RecordedMotion.of_states(scene, time, nodes, velocity, acceleration, links=links)
 
 
 def _touch(scene: Scene, contact: Mapping[str, Any]) -> Touch:

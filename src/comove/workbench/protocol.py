@@ -1,6 +1,7 @@
 """Messages between the workbench and its planner: a header of JSON, and arrays, over a pair of pipes.
 
-Both ends belong to one program, but nothing is executed that arrives: there are no pickled objects.
+Both ends belong to one program, but nothing is executed that arrives: there are no pickled objects. At either end
+messages wait in a `Mailbox`, in which a newer draft replaces the one before.
 """
 
 from __future__ import annotations
@@ -8,6 +9,8 @@ from __future__ import annotations
 import io
 import json
 import struct
+import threading
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import IO, Any
@@ -58,3 +61,39 @@ def read_message(stream: IO[bytes]) -> Message | None:
         with np.load(io.BytesIO(packed), allow_pickle=False) as archive:
             arrays = {name: archive[name] for name in archive.files}
     return Message(json.loads(header), arrays)
+
+
+class Mailbox:
+    """A mailbox with one slot for drafts, where the newest replaces the one before; other messages queue."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._draft: Message | None = None
+        self._others: deque[Message] = deque()
+        self._closed = False
+
+    def put(self, message: Message) -> None:
+        """Add a message."""
+        with self._changed:
+            if message.header["kind"] == "draft":
+                self._draft = message
+            else:
+                self._others.append(message)
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Note that nothing comes any more."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+
+    def take(self) -> Message | None:
+        """Wait for a message and return it, drafts last; None once the mailbox is closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or self._others or self._draft is not None)
+            if self._closed:
+                return None
+            if self._others:
+                return self._others.popleft()
+            message, self._draft = self._draft, None
+            return message

@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
-from comove.verification.certificate import certify
+from comove.verification.certificate import Clearance, certify
 from comove.verification.record import Record, clearance_of
 
 Array = NDArray[np.float64]
 
-STEPS_PER_SECOND = 25.0
-FEWEST, MOST = 61, 301  # states of a recording
 TINY = 1e-12  # m or rad, in place of a tolerance of 0
 
 
@@ -49,69 +47,77 @@ class RecordedMotion:
     def of(cls, motion: CoordinatedMotion) -> RecordedMotion:
         """Sample a motion; the tightest instant is the one that its certificate names."""
         scene, duration = motion.scene, motion.scene.duration
-        n_steps = int(np.clip(round(duration * STEPS_PER_SECOND) + 1, FEWEST, MOST))
-        s = np.linspace(0.0, 1.0, n_steps)
-        time = s * duration
+        s = np.linspace(0.0, 1.0, _n_states(duration))
         states = motion.coordinates.motion(motion.at(s))
-        rates = states[1:, :, : len(scene.manipulators)]
-        nodes = np.ascontiguousarray(states[0])
-        clearance = scene.clearances(nodes, time)
-        certificate = certify(motion)
-        return cls(
-            time=time,
-            nodes=nodes,
-            offsets=scene.offsets(time),
-            speed=np.linalg.norm(rates[0], axis=2) / duration,
-            acceleration=np.linalg.norm(rates[1], axis=2) / duration**2,
-            clearance=clearance,
-            error=_errors(scene, nodes),
-            links=np.zeros((n_steps, 0, 7)),
-            tightest=np.array([certificate.time, certificate.nearest], dtype=float),
+        _, velocity, acceleration = states[:, :, : len(scene.manipulators)]
+        return cls.of_states(
+            scene,
+            s * duration,
+            np.ascontiguousarray(states[0]),
+            velocity / duration,
+            acceleration / duration**2,
+            certificate=certify(motion),
         )
 
     @classmethod
     def of_run(cls, record: Record) -> RecordedMotion:
         """Sample an execution; velocities are averages over its steps."""
-        scene, n_hands = record.scene, len(record.scene.manipulators)
-        n_steps = int(np.clip(round(record.time[-1] * STEPS_PER_SECOND) + 1, FEWEST, MOST))
-        steps = np.unique(np.linspace(0, len(record.time) - 1, n_steps).round().astype(int))
-        time, nodes = record.time[steps], np.ascontiguousarray(record.nodes[steps])
+        scene, hands = record.scene, record.nodes[:, : len(record.scene.manipulators)]
+        n_states = _n_states(float(record.time[-1]))
+        steps = np.unique(np.linspace(0, len(record.time) - 1, n_states).round().astype(int))
         period = np.diff(record.time)[:, None, None]
-        velocity = np.diff(record.nodes[:, :n_hands], axis=0, prepend=record.nodes[:1, :n_hands])
+        velocity = np.diff(hands, axis=0, prepend=hands[:1])
         velocity[1:] /= period
-        changes = np.diff(velocity, axis=0, append=velocity[-1:])
-        changes[:-1] /= period
-        certificate = clearance_of(record)
-        return cls(
-            time=time,
-            nodes=nodes,
+        acceleration = np.diff(velocity, axis=0, append=velocity[-1:])
+        acceleration[:-1] /= period
+        return cls.of_states(
+            scene,
+            record.time[steps],
+            np.ascontiguousarray(record.nodes[steps]),
+            velocity[steps],
+            acceleration[steps],
             offsets=record.obstacles[steps] - scene.centers,
-            speed=np.linalg.norm(velocity, axis=2)[steps],
-            acceleration=np.linalg.norm(changes, axis=2)[steps],
-            clearance=scene.clearances(nodes, time),
-            error=_errors(scene, nodes),
-            links=np.zeros((len(steps), 0, 7)),
-            tightest=np.array([certificate.time, certificate.nearest], dtype=float),
+            certificate=clearance_of(record),
         )
 
     @classmethod
     def of_states(
-        cls, scene: Scene, time: Array, nodes: Array, speed: Array, acceleration: Array, links: Array
+        cls,
+        scene: Scene,
+        time: Array,
+        nodes: Array,
+        velocity: Array,
+        acceleration: Array,
+        *,
+        offsets: Array | None = None,
+        links: Array | None = None,
+        certificate: Clearance | None = None,
     ) -> RecordedMotion:
-        """Return a recording of states that were sampled elsewhere; what is tightest is tightest of the samples."""
+        """Return a recording of states that were sampled elsewhere.
+
+        Parameters
+        ----------
+        time, nodes, links : as the attributes
+        velocity, acceleration : arrays, shape (n_steps, n_manipulators, 3) [m/s], [m/s^2]
+        offsets : as the attribute; as the scene's obstacles move unless given
+        certificate : says what is tightest; the tightest of the states unless given
+        """
         clearance = scene.clearances(nodes, time)
-        tightest = int(clearance.argmin())
-        _, nearest = scene.nearest_at(nodes[tightest], float(time[tightest]))
+        if certificate is None:
+            step = int(clearance.argmin())
+            tightest = float(time[step]), scene.nearest_at(nodes[step], float(time[step]))[1]
+        else:
+            tightest = certificate.time, certificate.nearest
         return cls(
             time=time,
             nodes=nodes,
-            offsets=scene.offsets(time),
-            speed=speed,
-            acceleration=acceleration,
+            offsets=scene.offsets(time) if offsets is None else offsets,
+            speed=np.linalg.norm(velocity, axis=2),
+            acceleration=np.linalg.norm(acceleration, axis=2),
             clearance=clearance,
             error=_errors(scene, nodes),
-            links=links,
-            tightest=np.array([time[tightest], nearest], dtype=float),
+            links=np.zeros((len(time), 0, 7)) if links is None else links,
+            tightest=np.array(tightest, dtype=float),
         )
 
     def arrays(self) -> dict[str, Array]:
@@ -126,6 +132,11 @@ class RecordedMotion:
     def center(self) -> Array:
         """Return the middle of the hands; array, shape (n_steps, 3) [m]."""
         return self.nodes[:, : self.speed.shape[1]].mean(axis=1)
+
+
+def _n_states(duration: float, rate: float = 25.0, fewest: int = 61, most: int = 301) -> int:
+    """Return the number of states of a recording: `rate` of them a second [Hz], within bounds."""
+    return int(np.clip(round(duration * rate) + 1, fewest, most))
 
 
 def _errors(scene: Scene, nodes: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The page's server: the viewer's own, behind the gate, and deaf to what no page of ours sends.
+"""The workbench's server: the viewer's own, behind the gate, and deaf to what no page of ours sends.
 
 The viewer's server has neither authentication nor a check of origins, lets any client open a public tunnel, and takes
 any property of a control from a client. All of that is closed here; `tests/workbench/test_server.py` tries each.
@@ -16,6 +16,9 @@ from typing import Any
 
 from comove.errors import ExtraError, OptionError
 from comove.workbench.gate import Gate, page_headers
+from comove.workbench.session import PageSettings, Session
+from comove.workbench.shelf import Shelf
+from comove.workbench.words import plain_text
 
 LARGEST_MESSAGE = 2**20  # bytes, of one message from a page
 LONGEST_TEXT = 10_000  # characters, of what is typed into a control
@@ -88,6 +91,45 @@ def start(host: str = "127.0.0.1", port: int | None = None) -> Guarded:
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else shown
     query = "" if gate.token is None else f"?token={gate.token}"
     return Guarded(server, f"http://{shown}:{server.get_port()}/{query}", gate)
+
+
+def serve(
+    shelf: Shelf,
+    host: str = "127.0.0.1",
+    port: int | None = None,
+    settings: PageSettings | None = None,
+) -> Guarded:
+    """Start the workbench: a server whose every page is a session of its own, and shows the first scene of the shelf.
+
+    Parameters
+    ----------
+    shelf, host, port
+        Scenes to choose from; where to listen, as `start`.
+    settings
+        How many pages are served, and how long each searches; the usual ones unless given.
+    """
+    guarded, settings = start(host, port), settings or PageSettings()
+    server, sessions = guarded.server, dict[int, Session]()
+
+    @server.on_client_connect
+    async def _(client: Any) -> None:
+        if len(sessions) >= settings.most_pages:
+            client.gui.add_markdown(
+                f"**{settings.most_pages} pages are open**, and more are not served. Close one, load this again."
+            )
+            return
+        try:
+            sessions[client.client_id] = Session(client, server.get_event_loop(), shelf, settings)
+        except Exception as error:  # a page that cannot be shown must say so, and not end the others
+            client.gui.add_markdown(f"**The scene cannot be shown.** {plain_text(str(error))}")
+            raise
+
+    @server.on_client_disconnect
+    async def _(client: Any) -> None:
+        if session := sessions.pop(client.client_id, None):
+            session.close()
+
+    return guarded
 
 
 def _free_port(host: str, port: int | None) -> int:

@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,7 +34,7 @@ from comove.workbench.edits import (
     with_duration,
     with_limit,
 )
-from comove.workbench.link import BUDGET, BUDGET_WITH_ARMS, Link
+from comove.workbench.link import Link, SearchTimes, on_loop
 from comove.workbench.panels import Panels
 from comove.workbench.playback import Touch
 from comove.workbench.protocol import Message
@@ -47,11 +47,36 @@ from comove.workbench.words import measures_words, named_in, plain_text, verdict
 
 Array = NDArray[np.float64]
 
-FRAME = 1 / 30  # s, between states while playing
-POINTED = 6  # frames, after which the plots' line follows
-END_PAUSE = 0.7  # s, at the end before playing begins again
+UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 VERIFIED = ("stored", "kept", "found", "solved", "ran")
 FINAL = ("stored", "solved", "ran")  # of these, after which nothing better comes
+
+
+@dataclass(frozen=True)
+class PageSettings:
+    """Settings of the workbench's pages.
+
+    Attributes
+    ----------
+    hands, arms : times of searches where hands move alone, and where the arms of a robot follow, which takes longer
+    beside : times of a search by another method, whose motion stands beside
+    most_pages : pages that are served at once, as each has a planner
+    frame : time between states while playing [s]
+    pointed : frames after which the plots' line follows, as every move of it sends the whole plot
+    end_pause : pause at the end before playing begins again [s]
+    """
+
+    hands: SearchTimes = field(default_factory=SearchTimes)
+    arms: SearchTimes = field(default_factory=lambda: SearchTimes(budget=15.0, patience=1.5))
+    beside: SearchTimes = field(default_factory=lambda: SearchTimes(budget=20.0))
+    most_pages: int = 6
+    frame: float = 1 / 30
+    pointed: int = 6
+    end_pause: float = 0.7
+
+    def times_of(self, scene: Scene) -> SearchTimes:
+        """Return the times of a search in a scene."""
+        return self.hands if scene.file.robot is None else self.arms
 
 
 @dataclass
@@ -73,15 +98,22 @@ class Session:
     client : the viewer's client
     loop : event loop on which everything happens
     shelf : scenes to choose from
+    settings : how long the page searches, and how it plays
     """
 
-    def __init__(self, client: Any, loop: asyncio.AbstractEventLoop, shelf: Shelf):
-        self.client, self.loop, self.shelf = client, loop, shelf
+    def __init__(
+        self,
+        client: Any,
+        loop: asyncio.AbstractEventLoop,
+        shelf: Shelf,
+        settings: PageSettings = PageSettings(),
+    ):
+        self.client, self.loop, self.shelf, self.settings = client, loop, shelf, settings
         self.note = ""
         names = tuple(shelf.items) if len(shelf.items) > 1 else ()
         beside = shelf.comparable
         self.panels = Panels(client.gui, self.changed, names, shelf.first, (*CHOICES, *beside))
-        self.comparison = Comparison(loop, self.panels, beside, self._stretch)
+        self.comparison = Comparison(loop, self.panels, beside, self._stretch, settings.beside)
         self.stage: Stage
         self.link: Link
         self.gizmo: Any = None
@@ -113,7 +145,7 @@ class Session:
 
     def _begin(self, item: Item, scene: Scene) -> None:
         """Show something with a planner and a history of its own."""
-        self.link = Link(item.scene.parent, self._hand_over)
+        self.link = Link(item.scene.parent, on_loop(self.loop, self._answered))
         self.history = History((Draft(contents_of(scene)),))
         self.asked, self.answered, self.solved = -1, -1, -1
         self._lay(scene)
@@ -170,20 +202,32 @@ class Session:
         handle.on_click(clicked)
 
     def _dragged(self, grip: Grip, handle: Any, event: Any) -> None:
-        """Move a grip under the pointer; in the plane along it, in space across the line of sight."""
+        """Move a grip under the pointer; in the plane along it, in space across the line of sight.
+
+        While a run goes on, obstacles are led, and where they are drawn, its states say.
+        """
+        if self.live and grip.kind != "obstacle":
+            return
+        place = np.array(handle.position, dtype=float) if self.live else self._place_of(grip)
+        held = self._held_by(event, grip, place, np.array(event.start_position, dtype=float), UNTURNED)
+        to, last = self._pointed(held, event), event.phase == "end"
         if self.live:
-            self._lead(grip, handle, event)
-            return
+            if to is not None:
+                self.link.lead(grip.number, to.tolist())
+            self.held = None if last else held
+        elif to is not None:
+            lift = self.stage.lift if grip.kind != "obstacle" else 0.0
+            handle.position = tuple(to + [0.0, 0.0, lift])
+            self.move(grip, to, None, last=last)
+
+    def _place_of(self, grip: Grip) -> Array:
+        return place_of(self.history.now.contents, grip)
+
+    def _held_by(self, event: Any, grip: Grip, place: Array, taken: Array, quaternion: Array) -> Hold:
+        """Return the drag that an event belongs to, from where the grip and the pointer are now if it begins."""
         if event.phase == "start" or self.held is None or self.held.grip != grip:
-            contents = self.history.now.contents
-            place, taken = place_of(contents, grip), np.array(event.start_position, dtype=float)
-            self.held = Hold(grip, contents, place, taken, np.array([1.0, 0.0, 0.0, 0.0]))
-        to = self._pointed(self.held, event)
-        if to is None:
-            return
-        lift = self.stage.lift if grip.kind != "obstacle" else 0.0
-        handle.position = tuple(to + [0.0, 0.0, lift])
-        self.move(grip, to, None, last=event.phase == "end")
+            self.held = Hold(grip, self.history.now.contents, place, taken, quaternion)
+        return self.held
 
     def _pointed(self, held: Hold, event: Any) -> Array | None:
         """Return where the pointer leads what is held; None where it points nowhere."""
@@ -196,21 +240,6 @@ class Session:
         if self.scene.n_dims == 2:
             to[2] = 0.0
         return to
-
-    def _lead(self, grip: Grip, handle: Any, event: Any) -> None:
-        """Lead an obstacle while the run goes on; where it is drawn, its states say."""
-        if grip.kind != "obstacle":
-            return
-        if event.phase == "start" or self.held is None or self.held.grip != grip:
-            taken = np.array(event.start_position, dtype=float)
-            self.held = Hold(
-                grip, {}, np.array(handle.position, dtype=float), taken, np.array([1.0, 0, 0, 0])
-            )
-        to = self._pointed(self.held, event)
-        if to is not None:
-            self.link.lead(grip.number, to.tolist())
-        if event.phase == "end":
-            self.held = None
 
     def move(self, grip: Grip, to: Array, turn: Array | None, *, last: bool) -> None:
         """Move a grip, from how it was when it was taken, and ask for the motion.
@@ -239,10 +268,9 @@ class Session:
         self.selected = grip
         planar = self.scene.n_dims == 2
         place = np.array(handle.position, dtype=float)
-        side = float((self.scene.upper - self.scene.lower).max())
         self.gizmo = self.client.scene.add_transform_controls(
             "/gizmo",
-            scale=0.16 * side,
+            scale=0.16 * self.stage.side,
             active_axes=(True, True, not planar),
             disable_rotations=not grip.turns,
             depth_test=False,
@@ -261,10 +289,7 @@ class Session:
             return
         place = np.array(event.target.position, dtype=float)
         turn = np.array(event.target.wxyz, dtype=float)
-        if event.phase == "start" or self.held is None or self.held.grip != grip:
-            contents = self.history.now.contents
-            self.held = Hold(grip, contents, place_of(contents, grip), place, turn)
-        held = self.held
+        held = self._held_by(event, grip, self._place_of(grip), place, turn)
         by = quaternion_product(turn, conjugate(held.quaternion))
         by_turn = by if grip.turns and abs(by[0]) < 1 - 1e-12 else None
         to = held.place + place - held.taken
@@ -326,9 +351,8 @@ class Session:
             self.tool.on_drag(drawn)
             return
         middle = tuple(self.scene.start.mean(axis=0))
-        side = float((self.scene.upper - self.scene.lower).max())
         self.tool = self.client.scene.add_transform_controls(
-            "/hand", scale=0.2 * side, disable_rotations=True, depth_test=False, position=middle
+            "/hand", scale=0.2 * self.stage.side, disable_rotations=True, depth_test=False, position=middle
         )
 
         async def led(event: Any) -> None:
@@ -347,7 +371,7 @@ class Session:
             return
         self._put_down()
         try:
-            taught = stroke.taught(float((self.scene.upper - self.scene.lower).max()))
+            taught = stroke.taught(self.stage.side)
         except ComoveError as error:
             self.panels.taught.content = verdict_words("failed", [str(error)])
             return
@@ -406,8 +430,8 @@ class Session:
     def _ask(self, draft: Draft | None = None, *, dragging: bool = False, item: Item | None = None) -> None:
         if self.live:
             self._end_run()
-        budget = BUDGET if self.scene.file.robot is None else BUDGET_WITH_ARMS
-        self.asked = self.link.submit(draft or self.history.now, dragging=dragging, budget=budget, item=item)
+        times = self.settings.times_of(self.scene)
+        self.asked = self.link.submit(draft or self.history.now, times, dragging=dragging, item=item)
         self.stage.blame()
         if not dragging:
             self.panels.say(verdict_words("waiting"))
@@ -492,19 +516,11 @@ class Session:
         "draw": _draw,
         "forget": _forget,
         "keep": _keep,
-        "movement": lambda self, value: None,
         "save scene": _save_scene,
         "save result": _save_result,
-        "name": lambda self, value: None,
     }
 
     # --- answers ---
-
-    def _hand_over(self, message: Message) -> None:
-        """Hand an answer of the planner, which comes from its thread, to the loop."""
-        link = self.link
-        with suppress(RuntimeError):  # the loop has ended
-            self.loop.call_soon_threadsafe(self._answered, link, message)
 
     def _answered(self, link: Link, message: Message) -> None:
         header, kind = message.header, message.header["kind"]
@@ -513,26 +529,25 @@ class Session:
         if kind in ("compiling", "ended"):
             if kind == "ended" or header["kernel"]:
                 self.panels.say(verdict_words(kind))
-            return
-        if kind == "robot":
+        elif kind == "robot":
             arrays = dict(message.arrays)
             self.stage.draw_robot(unpacked(arrays), arrays["home"])
             self._look()
-            return
-        if kind == "armless":
-            self.note = (
-                f"\n\n{plain_text(' '.join(header['reasons']))}. This is the motion of the hands alone."
-            )
-            return
-        if kind == "saved":
+        elif kind == "armless":
+            reasons = plain_text(" ".join(header["reasons"]))
+            self.note = f"\n\n{reasons}. This is the motion of the hands alone."
+        elif kind == "saved":
             self.panels.saved.content = f"Saved: {plain_text(Path(header['target']).name)}"
-            return
-        if kind == "unsaved":
+        elif kind == "unsaved":
             self.panels.saved.content = f"**Not saved.** {plain_text(' '.join(header['reasons']))}"
-            return
-        if kind == "state":
+        elif kind == "state":
             self._go(message)
-            return
+        else:
+            self._answered_draft(message)
+
+    def _answered_draft(self, message: Message) -> None:
+        """Show what the planner says of a draft, unless it has said something of a newer one."""
+        header, kind = message.header, message.header["kind"]
         if header["id"] < self.answered:
             return
         if kind == "ran" and header["id"] != self.asked:
@@ -596,17 +611,17 @@ class Session:
     # --- playing ---
 
     async def _play(self) -> None:
-        frame = 0
+        frame, settings = 0, self.settings
         while not self.closed:
-            await asyncio.sleep(FRAME)
+            await asyncio.sleep(settings.frame)
             if self.stage.recording is None or not self.playing or self.live:
                 continue
             end = self.end
-            self.time += FRAME * self.pace
-            if self.time > end + END_PAUSE * self.pace:
+            self.time += settings.frame * self.pace
+            if self.time > end + settings.end_pause * self.pace:
                 self.time = 0.0
             frame += 1
-            self._show(min(self.time, end), keep=True, pointing=frame % POINTED == 0)
+            self._show(min(self.time, end), keep=True, pointing=frame % settings.pointed == 0)
 
     @property
     def end(self) -> float:

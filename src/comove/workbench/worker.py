@@ -6,7 +6,7 @@
 A draft is answered in steps. First the motion that is shown is judged on the new scene: where it is still verified,
 it stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
 found, better ones follow, and the last answer is the best. A newer draft ends the search, but while the hand still
-drags not before it had `PATIENCE` to find its first motion: so a plan follows a hand that never rests.
+drags not before it had some patience to find its first motion: so a plan follows a hand that never rests.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import sys
 import threading
 import time
 import warnings
-from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -52,68 +51,39 @@ from comove.workbench.arms import PlannedArms
 from comove.workbench.bodies import bodies_of, packed, poses_of, robot_of
 from comove.workbench.live import LiveRun, State, run_live, save_run
 from comove.workbench.playback import Playback, playback_of, playback_of_item, playback_of_run
-from comove.workbench.protocol import Message, read_message, write_message
-from comove.workbench.recording import RecordedMotion
+from comove.workbench.protocol import Mailbox, Message, read_message, write_message
 from comove.workbench.shelf import Item, PlayedPart
 from comove.workbench.teaching import demonstration_from
 
 if TYPE_CHECKING:
     from comove.robots import RobotSolution
 
-PATIENCE = 0.25  # s, that a search has to find its first motion although a newer draft waits
-PATIENCE_WITH_ARMS = 1.5  # s, likewise where arms follow
-PAUSE = 0.4  # s, between better motions that are sent
 KINDS = {kind.name: kind for kind in (Comove, Projection, Paper, Printed)}
 
 Tell = Callable[[Message], None]
 
 
-class Mailbox:
-    """A mailbox with one slot for drafts, where the newest replaces the one before; other messages queue.
-
-    Where obstacles are led while a run goes on is kept aside, the newest place of each, for the run to ask for.
-    """
+class RunMailbox(Mailbox):
+    """A mailbox that keeps aside what a run asks for as it goes on: whether to stop, and where obstacles are led."""
 
     def __init__(self) -> None:
-        self._changed = threading.Condition()
-        self._draft: Message | None = None
-        self._others: deque[Message] = deque()
+        super().__init__()
         self._leads: dict[int, Any] = {}
         self._halted = False
-        self._closed = False
 
     def put(self, message: Message) -> None:
-        """Add a message."""
+        """Add a message; of the places to which an obstacle is led, the newest is kept."""
+        header = message.header
         with self._changed:
-            kind = message.header.get("kind")
-            if kind == "draft":
-                self._draft = message
-            elif kind == "lead":
-                self._leads[message.header["obstacle"]] = message.header["place"]
-            elif kind == "halt":
+            if header["kind"] == "lead":
+                self._leads[header["obstacle"]] = header["place"]
+                return
+            if header["kind"] == "halt":
                 self._halted = True
-            else:
-                if kind == "run":  # what was said before is not meant for it
-                    self._leads, self._halted = {}, False
-                self._others.append(message)
-            self._changed.notify()
-
-    def close(self) -> None:
-        """Note that nothing comes any more."""
-        with self._changed:
-            self._closed = True
-            self._changed.notify()
-
-    def take(self) -> Message | None:
-        """Wait for a message and return it, drafts last; None once the mailbox is closed."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._others or self._draft is not None)
-            if self._closed:
-                return None
-            if self._others:
-                return self._others.popleft()
-            message, self._draft = self._draft, None
-            return message
+                return
+            if header["kind"] == "run":  # what was said before is not meant for it
+                self._leads, self._halted = {}, False
+        super().put(message)
 
     def leads(self) -> dict[int, Any]:
         """Return where obstacles are led since this was last asked, by their numbers."""
@@ -152,20 +122,22 @@ class Worker:
     tell : function that sends an answer
     """
 
-    def __init__(self, mailbox: Mailbox, tell: Tell):
+    def __init__(self, mailbox: RunMailbox, tell: Tell):
         self.mailbox, self.tell = mailbox, tell
         self.kept: CoordinatedMotion | None = None
         self.arms: PlannedArms | None = None
         self.solution: tuple[int, Solution | RobotSolution | LiveRun] | None = None
         self._taught: tuple[str, Any] | None = None
-        self._first: tuple[int, float] = (-1, 0.0)
+        self._begun = 0.0
+        self._verified_after: float | None = None
 
     def run(self) -> None:
         """Answer messages until the mailbox is closed."""
         with compiling(self._say_compiling, IN_ALL):
+            answers = {"draft": self.answer, "save": self.save, "run": self.run_live}
             while (message := self.mailbox.take()) is not None:
+                self._begun, self._verified_after = time.perf_counter(), None
                 try:
-                    answers = {"draft": self.answer, "save": self.save, "run": self.run_live}
                     answers[message.header["kind"]](message.header)
                 except (ComoveError, OSError) as error:
                     kind = "unsaved" if message.header["kind"] == "save" else "failed"
@@ -179,14 +151,12 @@ class Worker:
         SceneError
             If the draft is no scene.
         """
-        begun, scene = time.perf_counter(), _scene_of(header)
+        scene = _scene_of(header)
         self._meet_robot(scene)
         if header["result"] is not None:
-            self._stored(header, begun)
-            return
-        if self._still_verified(scene, header, begun) and header["dragging"]:
-            return
-        self._search(scene, header, begun)
+            self._stored(header)
+        elif not self._still_verified(scene, header) or not header["dragging"]:
+            self._search(scene, header)
 
     def _meet_robot(self, scene: Scene) -> None:
         """Load the robot of a scene and tell how it looks; without robots the hands are planned alone."""
@@ -206,7 +176,7 @@ class Worker:
             arrays = packed(bodies_of(robot)) | {"home": poses_of(robot, robot.home[None])[0]}
             self.tell(Message({"kind": "robot", "id": -1}, arrays))
 
-    def _stored(self, header: Mapping[str, Any], begun: float) -> None:
+    def _stored(self, header: Mapping[str, Any]) -> None:
         """Judge what a result folder holds anew, and tell of it.
 
         Raises
@@ -217,9 +187,9 @@ class Worker:
         folder = Path(header["result"])
         playback = playback_of_item(Item(folder / SCENE, folder, PlayedPart(header["part"])))
         touches = [asdict(touch) for touch in playback.touches]
-        self._played(playback, header, "stored" if playback.holds else "failed", begun, touches=touches)
+        self._played(playback, header, "stored" if playback.holds else "failed", touches=touches)
 
-    def _still_verified(self, scene: Scene, header: Mapping[str, Any], begun: float) -> bool:
+    def _still_verified(self, scene: Scene, header: Mapping[str, Any]) -> bool:
         """Return whether the motion that is shown is verified on a changed scene as well; it is told if it is."""
         before = self.kept
         if before is None or before.scene.n_dims != scene.n_dims:
@@ -236,26 +206,27 @@ class Worker:
         if still is None:
             return False
         self.kept = motion
-        self._found(still, header, begun, "kept")
+        self._found(still, header, "kept")
         return True
 
-    def _search(self, scene: Scene, header: Mapping[str, Any], begun: float) -> None:
+    def _search(self, scene: Scene, header: Mapping[str, Any]) -> None:
         told: list[tuple[CoordinatedMotion, float]] = []
 
         def progress(state: Progress) -> None:
             now = time.perf_counter()
-            if state.motion is None or (told and (state.motion is told[-1][0] or now - told[-1][1] < PAUSE)):
+            soon = told and (state.motion is told[-1][0] or now - told[-1][1] < header["pause"])
+            if state.motion is None or soon:
                 return
             told.append((state.motion, now))
             found = self._verified(state.motion)
             if found is not None:
                 self.kept = state.motion
-                self._found(found, header, begun, "found")
+                self._found(found, header, "found")
             told[-1] = state.motion, time.perf_counter()
 
         def stop() -> bool:
-            least = PATIENCE if self.arms is None else PATIENCE_WITH_ARMS
-            patient = not told and not self.mailbox.let_go and time.perf_counter() - begun < least
+            early = time.perf_counter() - self._begun < header["patience"]
+            patient = not told and not self.mailbox.let_go and early
             return self.mailbox.closed or (self.mailbox.waiting and not patient)
 
         solution = self._solved(scene, header, progress, stop)
@@ -267,9 +238,9 @@ class Worker:
             self.kept = hands.attempt
             if self.arms is not None and not isinstance(solution, Solution):
                 self.arms.kept = solution.joints
-            self._found(playback_of(solution), header, begun, "solved", interrupted=hands.interrupted)
+            self._found(playback_of(solution), header, "solved")
         else:
-            self._played(playback_of(solution), header, "failed", begun)
+            self._played(playback_of(solution), header, "failed")
 
     def _verified(self, motion: CoordinatedMotion) -> Playback | None:
         """Return a motion that a search has found, once it is verified."""
@@ -314,7 +285,7 @@ class Worker:
         OptionError
             If it has no duration, or arms carry.
         """
-        begun, scene = time.perf_counter(), _scene_of(header)
+        scene = _scene_of(header)
         if scene.file.robot is not None:
             raise OptionError("arms are not led live", way_out="take a scene without a robot")
         if not scene.is_timed:
@@ -340,7 +311,7 @@ class Worker:
         )
         self.solution = header["id"], run
         playback = playback_of_run(run.record, run.blocker)
-        self._played(playback, header, "ran", begun, holds=playback.holds)
+        self._played(playback, header, "ran", holds=playback.holds)
 
     def _plan_on(self, scene: Scene) -> VerifiedMotion | None:
         """Return the motion that is shown, if it is verified on a scene."""
@@ -362,54 +333,37 @@ class Worker:
         from comove.views import save_result
 
         number, solution = self.solution or (-1, None)
-        folder = Path(header["target"])
-        if isinstance(solution, LiveRun) and number == header["of"]:
-            with whole_folder(folder, RESULT) as draft:
-                save_run(solution, draft, seed=header["seed"])
-            self._send(header, "saved", target=str(folder))
-            return
-        if (
-            solution is None
-            or isinstance(solution, LiveRun)
-            or number != header["of"]
-            or not solution.verified
-        ):
+        known = number == header["of"] and (isinstance(solution, LiveRun) or (solution and solution.verified))
+        if solution is None or not known:
             self._send(header, "unsaved", reasons=["there is no verified motion of this scene to save yet"])
             return
-        hands = solution if isinstance(solution, Solution) else solution.solution
-        with whole_folder(folder, RESULT) as draft:
-            save_result(hands, draft, wall_time_s=hands.solve_time_s)
-            if self.arms is not None and not isinstance(solution, Solution):
-                self.arms.save(solution, draft)
-        self._send(header, "saved", target=str(folder))
+        with whole_folder(header["target"], RESULT) as draft:
+            if isinstance(solution, LiveRun):
+                save_run(solution, draft, seed=header["seed"])
+            else:
+                hands = solution if isinstance(solution, Solution) else solution.solution
+                save_result(hands, draft, wall_time_s=hands.solve_time_s)
+                if self.arms is not None and not isinstance(solution, Solution):
+                    self.arms.save(solution, draft)
+        self._send(header, "saved", target=header["target"])
 
-    def _found(
-        self, playback: Playback, header: Mapping[str, Any], begun: float, kind: str, **further: Any
-    ) -> None:
-        now = time.perf_counter() - begun
-        if self._first[0] != header["id"]:
-            self._first = header["id"], now
-        self._played(playback, header, kind, begun, verified_after=self._first[1], **further)
+    def _found(self, playback: Playback, header: Mapping[str, Any], kind: str) -> None:
+        """Send a verified motion, and how long the first of this draft took."""
+        if self._verified_after is None:
+            self._verified_after = time.perf_counter() - self._begun
+        self._played(playback, header, kind, verified_after=self._verified_after)
 
-    def _played(
-        self, playback: Playback, header: Mapping[str, Any], kind: str, begun: float, **further: Any
-    ) -> None:
+    def _played(self, playback: Playback, header: Mapping[str, Any], kind: str, **further: Any) -> None:
         """Send what is to be played, with what is known of it."""
         said: dict[str, Any] = {"verdict": playback.verdict, "reasons": playback.reasons}
         said |= {"rows": playback.rows, "proved": playback.proved}
-        self._send(header, kind, playback.recording, begun, **said, **further)
+        arrays = {} if playback.recording is None else playback.recording.arrays()
+        self._send(header, kind, arrays, **said, **further)
 
     def _send(
-        self,
-        header: Mapping[str, Any],
-        kind: str,
-        recording: RecordedMotion | None = None,
-        begun: float | None = None,
-        **further: Any,
+        self, header: Mapping[str, Any], kind: str, arrays: Mapping[str, Any] | None = None, **told: Any
     ) -> None:
-        after = {} if begun is None else {"after": time.perf_counter() - begun}
-        arrays = {} if recording is None else recording.arrays()
-        self.tell(Message({"kind": kind, "id": header["id"], **after, **further}, arrays))
+        self.tell(Message({"kind": kind, "id": header["id"], **told}, arrays or {}))
 
     def _say_compiling(self, kernel: str) -> None:
         self.tell(Message({"kind": "compiling", "id": -1, "kernel": kernel}))
@@ -437,7 +391,7 @@ def main() -> None:
     """Answer drafts from standard input on standard output until it is closed."""
     answers: IO[bytes] = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever is printed must not come between the answers
-    mailbox, writing = Mailbox(), threading.Lock()
+    mailbox, writing = RunMailbox(), threading.Lock()
 
     def read() -> None:
         while (message := read_message(sys.stdin.buffer)) is not None:
