@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from comove.geometry.rotations import matrices
 from comove.robots import Robot
-from comove.workbench.bodies import MOST_TRIANGLES, bodies_of, packed, poses_of, simplified, unpacked
+from comove.workbench.bodies import bodies_of, packed, poses_of, simplified, unpacked
 from comove.workbench.geometry import ball
 from comove.workbench.protocol import Message, read_message, write_message
 from tests.robots.small_robots import robot, urdf, written
@@ -54,7 +54,7 @@ def test_what_is_drawn_of_a_robot_lies_around_its_collision_bodies(name):
     q = own.home + 0.1
     (poses,) = poses_of(own, q[None])
     pin.updateGeometryPlacements(own.model, data, own.collision, state, q)
-    assert sum(len(body.surface.faces) for body in bodies) <= MOST_TRIANGLES
+    assert sum(len(body.surface.faces) for body in bodies) <= 60_000
     assert {body.joint for body in bodies} >= set(range(own.model.njoints - 1))
     for item, place in zip(own.collision.geometryObjects, state.oMg, strict=True):
         corners = placed(bodies, poses, item.parentJoint - 1)

@@ -78,7 +78,7 @@ def test_faces_look_outwards(obstacle):
 def test_pieces_follow_their_nodes(name):
     scene = box_scene() if name == "box" else example(name)
     recording = RecordedMotion.of(straight(scene))
-    pieces = pieces_of(scene, recording.nodes, ("#2a7f3f", "#2456a4"))
+    pieces = pieces_of(scene, recording.nodes)
     hands = [piece for piece in pieces if piece.name.startswith("hand")]
     for hand, piece in enumerate(hands):
         np.testing.assert_allclose(piece.position[:, :2], recording.nodes[:, hand, :2])
@@ -96,7 +96,7 @@ def test_pieces_follow_their_nodes(name):
 def test_a_rod_reaches_from_hand_to_hand():
     scene = example("narrow")
     recording = RecordedMotion.of(comove.solve(scene, seed=0, budget=5.0).attempt)
-    (piece,) = [p for p in pieces_of(scene, recording.nodes, ("#000000",)) if p.name == "rod_0"]
+    (piece,) = [p for p in pieces_of(scene, recording.nodes) if p.name == "rod_0"]
     half = 0.1 * matrices(piece.quaternion)[:, :, 2]
     np.testing.assert_allclose((piece.position + half)[:, :2], recording.nodes[:, 1, :2], atol=1e-9)
     np.testing.assert_allclose((piece.position - half)[:, :2], recording.nodes[:, 0, :2], atol=1e-9)

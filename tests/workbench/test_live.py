@@ -39,7 +39,7 @@ def test_what_is_led_goes_no_faster_than_it_may_and_ends_where_it_is_led(targets
     times, way = np.array(led.times), np.array(led.places)
     assert (np.diff(times) > 0).all()
     speed = np.linalg.norm(np.diff(way, axis=0), axis=1) / np.diff(times)
-    assert speed.max(initial=0.0) <= 0.4 * (1 + 1e-6) + live.SETTINGS.near / 0.01
+    assert speed.max(initial=0.0) <= 0.4 * (1 + 1e-6) + LiveSettings().near / 0.01
     for _ in range(500):
         clock += 1
         led.go_on(0.01 * clock)
@@ -87,7 +87,6 @@ def led_run(lead, monkeypatch, plan=None):
     """A run on a clock of its own, so that nothing hangs on the machine's; `lead` by the number of states."""
     monkeypatch.setattr(live.clock, "sleep", lambda seconds: None)
     patient = LiveSettings(pace=Pace(leisure=60.0, haste=60.0))
-    monkeypatch.setattr(live, "SETTINGS", patient)
     scene, states = comove.Scene.from_dict(OPEN), []
     run = run_live(
         scene,
@@ -98,6 +97,7 @@ def led_run(lead, monkeypatch, plan=None):
         leads=lambda: lead(len(states)),
         tell=states.append,
         stop=lambda: len(states) > 500,
+        settings=patient,
     )
     return run, states
 

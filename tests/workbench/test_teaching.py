@@ -39,7 +39,7 @@ def test_a_page_that_stumbles_cuts_nothing_off():
 
 def test_it_begins_and_ends_at_rest_and_is_as_quick_in_between():
     time = np.linspace(0.0, 2.0, 2001)
-    later = at_rest(time)
+    later = at_rest(time, 0.25)
     speed = np.gradient(time, later)
     assert later[0] == 0.0
     assert speed[[0, -1]].max() < 0.1

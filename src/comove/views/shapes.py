@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -55,12 +57,19 @@ def hull_outline(corners: Array) -> Array:
     return corners[list(dict.fromkeys(farthest.tolist()))]
 
 
+@lru_cache(maxsize=4)
+def all_around(around: int, along: int) -> Array:
+    """Return unit vectors in all directions, so many about the vertical and along it; array, shape (n, 3)."""
+    u, v = np.meshgrid(
+        0.01 + np.linspace(0.0, 2 * np.pi, around, endpoint=False), np.linspace(-1.0, 1.0, along)
+    )
+    ring, height = np.cos(0.5 * np.pi * v), np.sin(0.5 * np.pi * v)
+    return np.stack([ring * np.cos(u), ring * np.sin(u), height], axis=-1).reshape(-1, 3)
+
+
 def obstacle_faces(row: Array) -> Array:
     """Return triangles of the surface of a convex obstacle, outwards; array, shape (n_faces, 3, 3) [m]."""
-    u, v = np.meshgrid(0.01 + np.linspace(0.0, 2 * np.pi, 20, endpoint=False), np.linspace(-1.0, 1.0, 10))
-    ring, height = np.cos(0.5 * np.pi * v), np.sin(0.5 * np.pi * v)
-    directions = np.stack([ring * np.cos(u), ring * np.sin(u), height], axis=-1).reshape(-1, 3)
-    return hull_faces(support_points(row, directions))
+    return hull_faces(support_points(row, all_around(20, 10)))
 
 
 def hull_faces(points: Array) -> Array:

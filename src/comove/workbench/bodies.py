@@ -20,7 +20,7 @@ from comove.errors import ComoveError, ExtraError, MeshError, RobotError
 from comove.geometry.triangles import triangles_of
 from comove.scenes.scene import Scene
 from comove.views.shapes import hull_faces
-from comove.workbench.geometry import Surface, ball, colour_of, rod
+from comove.workbench.geometry import AROUND, Surface, ball, colour_of, rod
 
 if TYPE_CHECKING:
     from comove.robots import Robot
@@ -29,10 +29,6 @@ Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 PLAIN = colour_of("#b4b9c1")  # of what a URDF gives no colour
-AROUND = 32  # corners of a cylinder's ends
-CELL = 0.003  # side of the cells in which corners become one, at first [m]
-GROWTH = 1.3  # factor by which cells grow while there are too many triangles
-MOST_TRIANGLES = 60_000  # of a whole robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,17 +66,26 @@ def robot_of(scene: Scene) -> Robot | None:
     return Robot.load(scene.file.robot, scene.folder)
 
 
-def bodies_of(robot: Robot) -> tuple[LinkSurface, ...]:
-    """Return the visible bodies of a robot's links, simplified; those that cannot be read are left out."""
+def bodies_of(
+    robot: Robot, *, most_triangles: int = 60_000, cell: float = 0.003, growth: float = 1.3
+) -> tuple[LinkSurface, ...]:
+    """Return the visible bodies of a robot's links, simplified; those that cannot be read are left out.
+
+    Parameters
+    ----------
+    most_triangles : triangles of the whole robot
+    cell : side of the cells in which corners become one, at first [m]
+    growth : factor by which cells grow while there are too many triangles
+    """
     parts: dict[tuple[int, Colour], list[Array]] = {}
     for joint, colour, triangles in _visible(robot):
         parts.setdefault((joint, colour), []).append(triangles)
     simple = {key: Surface.of(np.concatenate(found)) for key, found in parts.items()}
-    cell, many = CELL, True
+    many = True
     while many:
         simple = {key: simplified(surface, cell) for key, surface in simple.items()}
-        many = sum(len(surface.faces) for surface in simple.values()) > MOST_TRIANGLES
-        cell *= GROWTH
+        many = sum(len(surface.faces) for surface in simple.values()) > most_triangles
+        cell *= growth
     return tuple(LinkSurface(*key, surface) for key, surface in simple.items() if len(surface.faces))
 
 

@@ -6,23 +6,51 @@ A planar scene lies in the plane z = 0; its obstacles are drawn as prisms of a s
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.scenes.scene import Scene
-from comove.views.shapes import hull_faces, outline, support_points
+from comove.views.shapes import all_around, hull_faces, outline, support_points
+from comove.views.style import COLOURS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-HEIGHT = 0.03  # of the longest side of a planar workspace: height of its obstacles
-THIN = 0.004  # of the longest side: least radius with which rods are drawn
-HAND = 0.011  # of the longest side: radius of the ball that stands for a hand
 AROUND, ALONG = 32, 17  # directions in which round bodies are sampled, about the vertical and along it
-MANY = 60  # obstacles, from which on each is drawn with a quarter of the triangles and without a shadow
+
+
+@dataclass(frozen=True)
+class Proportions:
+    """Sizes with which a scene is drawn; lengths are shares of the longest side of its workspace.
+
+    Attributes
+    ----------
+    height : height of the obstacles of a planar scene
+    thin : least radius of rods
+    hand : radius of the ball that stands for a hand
+    grip : radius of the balls by which starts and goals are taken, larger than a hand
+    comfort : clearance from which on the path is green
+    view : how far off the camera stands
+    view_of_arms : that where a robot is seen, which fills more of the picture than the workspace
+    between : from a scene to the one beside it, in widths of the wider workspace
+    between_arms : likewise where a robot stands, which is wider than its workspace
+    ghosts : equal times at which the load is drawn
+    many : obstacles from which on each is drawn with a quarter of the triangles and without a shadow
+    """
+
+    height: float = 0.03
+    thin: float = 0.004
+    hand: float = 0.011
+    grip: float = 0.0209
+    comfort: float = 0.05
+    view: float = 0.95
+    view_of_arms: float = 0.7125
+    between: float = 0.2
+    between_arms: float = 0.4
+    ghosts: int = 9
+    many: int = 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,29 +103,21 @@ def longest_side(scene: Scene) -> float:
     return float((scene.upper - scene.lower).max())
 
 
-def obstacle_surfaces(scene: Scene) -> tuple[Surface, ...]:
+def obstacle_surfaces(scene: Scene, sizes: Proportions = Proportions()) -> tuple[Surface, ...]:
     """Return the surfaces of all obstacles, each relative to its centre but turned as in the scene."""
     meshes = {int(owner): mesh for mesh, owner in enumerate(scene.surfaces.owner)}
-    directions = _directions(2 if len(scene.first_rows) >= MANY else 1)
+    coarser = 2 if len(scene.first_rows) >= sizes.many else 1
+    directions = all_around(AROUND // coarser, (ALONG - 1) // coarser + 1)
     found = []
     for obstacle, row in enumerate(scene.first_rows):
         if obstacle in meshes:
             triangles = scene.surfaces.of(meshes[obstacle])
         elif scene.n_dims == 2:
-            triangles = _prism(outline(scene.obstacles[row], (0, 1)), HEIGHT * longest_side(scene))
+            triangles = _prism(outline(scene.obstacles[row], (0, 1)), sizes.height * longest_side(scene))
         else:
             triangles = hull_faces(support_points(scene.obstacles[row], directions))
         found.append(Surface.of(triangles - scene.centers[obstacle]))
     return tuple(found)
-
-
-@lru_cache(maxsize=2)
-def _directions(coarser: int = 1) -> Array:
-    """Return unit vectors all around, every one or every `coarser`-th each way; array, shape (n, 3)."""
-    around = 0.01 + np.linspace(0.0, 2 * np.pi, AROUND // coarser, endpoint=False)
-    u, v = np.meshgrid(around, np.linspace(-1.0, 1.0, (ALONG - 1) // coarser + 1))
-    ring, height = np.cos(0.5 * np.pi * v), np.sin(0.5 * np.pi * v)
-    return np.stack([ring * np.cos(u), ring * np.sin(u), height], axis=-1).reshape(-1, 3)
 
 
 def _prism(border: Array, height: float) -> Array:
@@ -108,29 +128,28 @@ def _prism(border: Array, height: float) -> Array:
 
 def ball(radius: float) -> Surface:
     """Return a sphere about the origin."""
-    return Surface.of(hull_faces(radius * _directions()[:: 1 if radius > 0.05 else 2]))
+    return Surface.of(hull_faces(radius * all_around(AROUND, ALONG)[:: 1 if radius > 0.05 else 2]))
 
 
 def rod(length: float, radius: float) -> Surface:
     """Return a capsule about the origin whose axis of `length` lies along z [m]."""
-    directions = _directions()
+    directions = all_around(AROUND, ALONG)
     ends = radius * directions + 0.5 * length * np.sign(directions[:, 2:] + 1e-9) * [0.0, 0.0, 1.0]
     return Surface.of(hull_faces(ends))
 
 
-def pieces_of(scene: Scene, nodes: Array, colours: tuple[str, ...]) -> tuple[Piece, ...]:
+def pieces_of(scene: Scene, nodes: Array, sizes: Proportions = Proportions()) -> tuple[Piece, ...]:
     """Return hands and load along a motion as rigid pieces.
 
     Parameters
     ----------
     nodes : array, shape (n_steps, n_nodes, 3), positions of the nodes [m]
-    colours : colours of the hands, used in turn
     """
     side, still = longest_side(scene), np.tile([1.0, 0.0, 0.0, 0.0], (len(nodes), 1))
-    raised = nodes + [0.0, 0.0, 0.5 * HEIGHT * side if scene.n_dims == 2 else 0.0]
+    raised = nodes + [0.0, 0.0, 0.5 * sizes.height * side if scene.n_dims == 2 else 0.0]
     dark = colour_of("#30343b")
     found = [
-        Piece(f"hand_{i}", ball(HAND * side), colour_of(colours[i % len(colours)]), raised[:, i], still)
+        Piece(f"hand_{i}", ball(sizes.hand * side), colour_of(COLOURS[i % len(COLOURS)]), raised[:, i], still)
         for i in range(len(scene.manipulators))
     ]
     radii = dict(zip(map(tuple, scene.body.edges.tolist()), scene.body.radii.tolist(), strict=True))
@@ -140,7 +159,7 @@ def pieces_of(scene: Scene, nodes: Array, colours: tuple[str, ...]) -> tuple[Pie
     for number, (first, second) in enumerate(rods):
         way = raised[:, second] - raised[:, first]
         length = np.linalg.norm(way, axis=1)
-        surface = rod(float(length[0]), max(radii.get((first, second), 0.0), THIN * side))
+        surface = rod(float(length[0]), max(radii.get((first, second), 0.0), sizes.thin * side))
         found.append(
             Piece(
                 f"rod_{number}",

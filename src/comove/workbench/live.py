@@ -50,9 +50,6 @@ class LiveSettings:
     pace: Pace = field(default_factory=lambda: Pace(leisure=3.0, haste=0.3))
 
 
-SETTINGS = LiveSettings()
-
-
 class Led:
     """The way of an obstacle that follows a hand: straight from knot to knot, as its true motion.
 
@@ -61,19 +58,20 @@ class Led:
     place : array, shape (3,), its centre before [m]
     since : time until which it stays there [s]
     fastest : speed at which it follows at most [m/s]
+    settings : how it follows
     """
 
-    def __init__(self, place: Array, since: float, fastest: float):
-        self.times, self.places = [0.0], [place]
+    def __init__(self, place: Array, since: float, fastest: float, settings: LiveSettings = LiveSettings()):
+        self.times, self.places, self.settings = [0.0], [place], settings
         self.target, self.fastest = place, fastest
         if since > 0.0:
             self._add(since, place)
 
     def go_on(self, until: float) -> None:
         """Follow the hand until a later instant [s]."""
-        period, way = until - self.times[-1], self.target - self.places[-1]
+        period, way, settings = until - self.times[-1], self.target - self.places[-1], self.settings
         left = float(np.linalg.norm(way))
-        share = min(period / SETTINGS.lag, self.fastest * period / left) if left > SETTINGS.near else 1.0
+        share = min(period / settings.lag, self.fastest * period / left) if left > settings.near else 1.0
         self._add(until, self.places[-1] + min(share, 1.0) * way)
 
     def _add(self, time: float, place: Array) -> None:
@@ -104,9 +102,11 @@ class LedObstacles(Functions):
     Parameters
     ----------
     scene : the scene to which the obstacles belong
+    settings : how what is led follows
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, settings: LiveSettings = LiveSettings()):
+        self.settings = settings
         super().__init__(scene, (None,) * len(scene.motions))
         self.led: dict[int, Led] = {}
 
@@ -128,8 +128,8 @@ class LedObstacles(Functions):
                 way_out="take one that stands, and is no mesh",
             )
         if obstacle not in self.led:
-            fastest = SETTINGS.fastest * longest_side(scene)
-            self.led[obstacle] = Led(scene.centers[obstacle], now, fastest)
+            fastest = self.settings.fastest * longest_side(scene)
+            self.led[obstacle] = Led(scene.centers[obstacle], now, fastest, self.settings)
         goal[scene.n_dims :] = 0.0
         self.led[obstacle].target = goal
 
@@ -192,6 +192,7 @@ def run_live(
     leads: Callable[[], Mapping[int, ArrayLike]],
     tell: Callable[[State], None],
     stop: Callable[[], bool],
+    settings: LiveSettings = LiveSettings(),
 ) -> LiveRun:
     """Execute a scene at the pace of the clock on the wall, while obstacles are led, until the load has arrived.
 
@@ -203,14 +204,14 @@ def run_live(
     tell : function that is called with states
     stop : function that says whether to stop before
     """
-    observer, pace = LedObstacles(scene), SETTINGS.pace
+    observer, pace = LedObstacles(scene, settings), settings.pace
     executor = Executor(scene, observer, seed=seed, pace=pace, demonstration=demonstration, plan=plan)
-    poses, every = [executor.poses], max(1, round(1.0 / (SETTINGS.states * pace.period)))
+    poses, every = [executor.poses], max(1, round(1.0 / (settings.states * pace.period)))
     executor.step()  # the first plan may take its time
     poses.append(executor.poses)
     observer.go_on(executor.time)
     begun = clock.perf_counter() - executor.time
-    while not stop() and executor.time < SETTINGS.longest and not _arrived(executor):
+    while not stop() and executor.time < settings.longest and not _arrived(executor):
         for obstacle, place in leads().items():
             observer.lead(obstacle, place, executor.time)
         executor.step()
@@ -219,7 +220,7 @@ def run_live(
         if executor.n_steps % every == 0:
             tell(_state(executor, observer))
         late = clock.perf_counter() - begun - executor.time
-        if late > SETTINGS.late:
+        if late > settings.late:
             begun += late
         elif late < 0:
             clock.sleep(-late)

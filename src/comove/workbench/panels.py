@@ -23,8 +23,6 @@ PLOTS = (
     ("acceleration", "acceleration [m/s²]", 1.0),
     ("error", "constraints: share of tolerance", 1.0),
 )
-PLOT_HEIGHT = 118  # pixels
-LONGEST_DURATION, FASTEST, STRONGEST, WIDEST = 3600.0, 1e3, 1e4, 1e2  # of controls: s, m/s, m/s^2, m
 
 
 class Panels:
@@ -49,9 +47,7 @@ class Panels:
     ):
         self.gui, self._told = gui, told
         self.controls: dict[str, Any] = {}
-        self._plots: dict[
-            tuple[str, int], Any
-        ] = {}  # by measure and number of series, as these cannot change
+        self._plots: dict[tuple[str, int], Any] = {}  # by measure and number of series, which cannot change
         self._data: dict[str, list[Array]] = {}
         gui.configure_theme(show_logo=False, show_share_button=False, control_width="large")
         gui.main_panel.dock_right()
@@ -74,25 +70,17 @@ class Panels:
         with tabs.add_tab("Save"):
             self._save()
 
-    def _add(self, name: str, control: Any) -> Any:
+    def _add(self, name: str, control: Any) -> None:
         self.controls[name] = control
 
-        async def updated(event: Any) -> None:
+        async def changed(event: Any) -> None:
             if event.client_id is not None:  # else it was set from here
                 self._told(name, control.value)
 
-        control.on_update(updated)
-        return control
+        (control.on_click if hasattr(control, "on_click") else control.on_update)(changed)
 
     def _button(self, name: str, label: str) -> None:
-        button = self.gui.add_button(label)
-        self.controls[name] = button
-
-        async def clicked(event: Any) -> None:
-            if event.client_id is not None:
-                self._told(name, True)
-
-        button.on_click(clicked)
+        self._add(name, self.gui.add_button(label))
 
     def _play(self) -> None:
         gui = self.gui
@@ -107,11 +95,11 @@ class Panels:
             "Drag an obstacle, or the green and red balls of start and goal. Click one for arrows and rings."
         )
         for name, label, most, step in (
-            ("duration", "duration [s], 0: least", LONGEST_DURATION, 0.1),
-            ("speed", "speed limit [m/s], 0: none", FASTEST, 0.01),
-            ("acceleration", "acceleration [m/s²], 0: none", STRONGEST, 0.01),
-            ("clearance", "clearance [m]", WIDEST, 0.001),
-            ("bar", "length of the bar [m]", WIDEST, 0.005),
+            ("duration", "duration [s], 0: least", 3600.0, 0.1),
+            ("speed", "speed limit [m/s], 0: none", 1e3, 0.01),
+            ("acceleration", "acceleration [m/s²], 0: none", 1e4, 0.01),
+            ("clearance", "clearance [m]", 100.0, 0.001),
+            ("bar", "length of the bar [m]", 100.0, 0.005),
         ):
             self._add(name, gui.add_number(label, 0.0, min=0.0, max=most, step=step))
         self._add("method", gui.add_dropdown("method", METHODS, initial_value=METHODS[0]))
@@ -226,7 +214,7 @@ class Panels:
                 scales=scales_of(reach),
                 axes=({"size": 24, "space": 40}, {"size": 44, "space": 22}),
                 legend={"show": False},
-                height=PLOT_HEIGHT,
+                height=118,
             )
 
     def point(self, index: int) -> None:

@@ -21,10 +21,8 @@ from comove.views.style import COLOURS, GOAL, MOVING, START
 from comove.workbench.bodies import LinkSurface
 from comove.workbench.edits import Grip, contents_of, grips_of, place_of
 from comove.workbench.geometry import (
-    HAND,
-    HEIGHT,
-    MANY,
     Piece,
+    Proportions,
     Surface,
     ball,
     clearance_colours,
@@ -45,13 +43,6 @@ STILL, GREY, PALE = colour_of("#9aa1ab"), colour_of("#b9bec6"), colour_of("#c9cd
 BLOCKS = colour_of("#d7263d")
 ROBOT = "/robot"  # path under which the robot is drawn, whichever the scene
 BESIDE = "/beside"  # path under which a second scene is drawn
-BETWEEN = 0.2  # widths of the wider workspace, from one to the other
-BETWEEN_ARMS = 0.4  # likewise where a robot stands, which is wider than its workspace
-N_GHOSTS = 9
-COMFORT = 0.05  # of the longest side: clearance from which the path is green
-GRIP = 1.9  # times the size of a hand: radius of the balls by which starts and goals are taken
-ROOM_OF_VIEW = 0.95  # of the longest side: how far off the camera stands
-ROOM_OF_ARMS = 0.75  # times that where a robot is seen, which fills more of the picture than the workspace
 
 
 @dataclass(eq=False)
@@ -64,12 +55,14 @@ class Stage:
     scene : what is drawn
     prefix : path under which everything is drawn
     aside : array, shape (3,), by which it is drawn aside of where the scene's coordinates put it [m]
+    sizes : sizes with which things are drawn
     """
 
     api: Any
     scene: Scene
     prefix: str = ""
     aside: Array = field(default_factory=lambda: np.zeros(3))
+    sizes: Proportions = field(default_factory=Proportions)
     recording: RecordedMotion | None = None
     obstacles: list[Any] = field(default_factory=list)
     marks: dict[str, Any] = field(default_factory=dict)
@@ -86,19 +79,20 @@ class Stage:
 
     def __post_init__(self) -> None:
         self.side = longest_side(self.scene)
-        self.lift = 0.5 * HEIGHT * self.side if self.scene.n_dims == 2 else 0.0
+        self.lift = 0.5 * self.sizes.height * self.side if self.scene.n_dims == 2 else 0.0
 
     @classmethod
     def beside(cls, first: Stage, scene: Scene) -> Stage:
         """Return an empty stage for a scene, to the right of another stage as its camera sees it."""
         right = np.array([-np.sin(first.heading), np.cos(first.heading), 0.0])
         halves = [0.5 * float(np.abs(right) @ _size(s)) for s in (first.scene, scene)]
-        between = BETWEEN if scene.file.robot is None else BETWEEN_ARMS
+        sizes = first.sizes
+        between = sizes.between if scene.file.robot is None else sizes.between_arms
         aside = right * (sum(halves) + between * 2.0 * max(halves)) + _middle(first.scene) - _middle(scene)
         aside[2] = 0.0
         first.api.remove_by_name(BESIDE)
         first.api.add_frame(BESIDE, show_axes=False, position=tuple(aside))
-        return cls(first.api, scene, BESIDE, aside)
+        return cls(first.api, scene, BESIDE, aside, sizes)
 
     @property
     def heading(self) -> float:
@@ -134,7 +128,7 @@ class Stage:
         """Draw the obstacles, where they are at 0 s."""
         for handle in self.obstacles:
             handle.remove()
-        moving, few = self.scene.moving, len(self.scene.moving) < MANY
+        moving, few = self.scene.moving, len(self.scene.moving) < self.sizes.many
         self.obstacles = [
             self._mesh(
                 f"{self.prefix}/obstacle_{i}",
@@ -146,7 +140,7 @@ class Stage:
                 receive_shadow=few,
                 position=tuple(self.scene.centers[i]),
             )
-            for i, surface in enumerate(obstacle_surfaces(self.scene))
+            for i, surface in enumerate(obstacle_surfaces(self.scene, self.sizes))
         ]
 
     def draw_robot(self, bodies: Sequence[LinkSurface], home: Array) -> None:
@@ -211,7 +205,7 @@ class Stage:
         place = place_of(contents_of(self.scene), grip) + [0.0, 0.0, self.lift]
         self.marks[grip.name] = self._mesh(
             f"{self.prefix}/{grip.name}",
-            ball(GRIP * HAND * self.side),
+            ball(self.sizes.grip * self.side),
             colour,
             opacity=0.85,
             position=tuple(place),
@@ -240,7 +234,7 @@ class Stage:
         ----------
         pale : whether it is drawn in grey, as one that is not verified on this scene
         """
-        pieces = pieces_of(self.scene, recording.nodes, COLOURS)
+        pieces = pieces_of(self.scene, recording.nodes, self.sizes)
         again = [piece.name for piece in pieces] == [piece.name for piece in self._pieces]
         changed = again and pale == self.pale and len(pieces) > 0 and _same_bodies(pieces, self._pieces)
         self.recording, self._pieces, self.pale = recording, pieces, pale
@@ -251,7 +245,7 @@ class Stage:
         for handle, body in self._links:
             if tuple(handle.color) != (wanted := GREY if pale else body.colour):
                 handle.color = wanted
-        every = np.linspace(0, len(recording.time) - 1, N_GHOSTS).round().astype(int)
+        every = np.linspace(0, len(recording.time) - 1, self.sizes.ghosts).round().astype(int)
         for piece in pieces:
             handle = self._motion[f"ghost {piece.name}"]
             handle.visible = self._ghosts
@@ -278,8 +272,8 @@ class Stage:
                 f"{self.prefix}/ghosts/{piece.name}",
                 piece.surface.vertices.astype(np.float32),
                 piece.surface.faces.astype(np.uint32),
-                batched_positions=np.zeros((N_GHOSTS, 3), dtype=np.float32),
-                batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (N_GHOSTS, 1)).astype(np.float32),
+                batched_positions=np.zeros((self.sizes.ghosts, 3), dtype=np.float32),
+                batched_wxyzs=np.tile([1.0, 0.0, 0.0, 0.0], (self.sizes.ghosts, 1)).astype(np.float32),
                 batched_colors=colour,
                 opacity=0.15 if pale else 0.4,
                 lod="off",
@@ -297,7 +291,7 @@ class Stage:
         colours: Any = PALE
         if not pale:
             tight = np.minimum(recording.clearance[:-1], recording.clearance[1:])
-            colours = clearance_colours(tight, COMFORT * self.side)
+            colours = clearance_colours(tight, self.sizes.comfort * self.side)
         center = segments_of(recording.center + high)
         self._motion["path"] = self._lines("path_load", center, colours, 5.0)
         at = recording.nodes[recording.index_at(float(recording.tightest[0]))]
@@ -340,7 +334,7 @@ class Stage:
         if self.recording is None:
             return
         states = np.stack([self.recording.nodes[0], nodes])  # bodies are drawn as they are in the first
-        for handle, piece in zip(self._moving, pieces_of(self.scene, states, COLOURS), strict=True):
+        for handle, piece in zip(self._moving, pieces_of(self.scene, states, self.sizes), strict=True):
             handle.position, handle.wxyz = tuple(piece.position[1]), tuple(piece.quaternion[1])
         for handle, center in zip(self.obstacles, self.scene.centers + offsets, strict=True):
             handle.position = tuple(center)
@@ -404,13 +398,12 @@ class Stage:
         if beside is not None:
             apart = beside.aside + _middle(beside.scene) - middle
             middle = middle + 0.5 * apart
-            room += 0.5 * float(np.linalg.norm(apart)) / (1.0 + BETWEEN)
-        room *= ROOM_OF_VIEW
+            room += 0.5 * float(np.linalg.norm(apart)) / (1.0 + self.sizes.between)
         if self.scene.n_dims == 2 and (beside is None or beside.scene.n_dims == 2):
-            return middle + np.array([0.0, -0.02, 1.0]) * room, middle, np.array([0.0, 1.0, 0.0])
-        away = np.array([np.cos(self.heading), np.sin(self.heading), 0.65]) * 1.35 * room
-        if self._links:
-            away = away * ROOM_OF_ARMS
+            away = self.sizes.view * room * np.array([0.0, -0.02, 1.0])
+            return middle + away, middle, np.array([0.0, 1.0, 0.0])
+        away = 1.35 * room * np.array([np.cos(self.heading), np.sin(self.heading), 0.65])
+        away *= self.sizes.view_of_arms if self._links else self.sizes.view
         return middle + away, middle, np.array([0.0, 0.0, 1.0])
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +20,27 @@ Array = NDArray[np.float64]
 Taught = tuple[tuple[float, ...], ...]
 """Rows of time [s] and position [m]."""
 
-FEWEST = 8  # points that a movement has
-SHORTEST = 0.02  # of the longest side of the workspace: length below which a stroke is a slip of the hand
-RATE, MOST = 60.0, 600  # Hz, at which strokes are resampled, as a page sends points unevenly; and most points
-RAMP = 0.25  # of the time, over which the speed rises from rest
-STILL = 0.1  # of the mean speed, below which the hand rests
+
+@dataclass(frozen=True)
+class StrokeSettings:
+    """Settings by which a movement is learned from what a person draws.
+
+    Attributes
+    ----------
+    fewest : points that a movement has
+    shortest : length below which a stroke is a slip of the hand, in longest sides of the workspace
+    rate : points a second after resampling, as a page sends points unevenly [Hz]
+    most : points after resampling
+    still : speed below which the hand rests, as a share of the mean one
+    ramp : share of the time over which the speed rises from rest, and falls
+    """
+
+    fewest: int = 8
+    shortest: float = 0.02
+    rate: float = 60.0
+    most: int = 600
+    still: float = 0.1
+    ramp: float = 0.25
 
 
 class Stroke:
@@ -32,10 +49,11 @@ class Stroke:
     Parameters
     ----------
     n_dims : 2 in the plane, 3 in space
+    settings : how a movement is learned from it
     """
 
-    def __init__(self, n_dims: int):
-        self.n_dims = n_dims
+    def __init__(self, n_dims: int, settings: StrokeSettings = StrokeSettings()):
+        self.n_dims, self.settings = n_dims, settings
         self.rows: list[tuple[float, ...]] = []
 
     def add(self, time: float, point: Array) -> None:
@@ -56,32 +74,36 @@ class Stroke:
         DemonstrationError
             If it is too short.
         """
-        table = np.array(self.rows)
-        if len(table) < FEWEST or np.linalg.norm(np.ptp(table[:, 1:], axis=0)) < SHORTEST * side:
+        table, settings = np.array(self.rows), self.settings
+        few = len(table) < settings.fewest
+        if few or np.linalg.norm(np.ptp(table[:, 1:], axis=0)) < settings.shortest * side:
             raise DemonstrationError("the stroke is too short", way_out="draw a longer one, in one go")
         raw = Demonstration(table[:, 0], table[:, 1:], name="drawn")
-        even = raw.resampled(int(np.clip(round(raw.duration * RATE), 2 * FEWEST, MOST)))
+        n_even = np.clip(round(raw.duration * settings.rate), 2 * settings.fewest, settings.most)
+        even = raw.resampled(int(n_even))
         speed = np.linalg.norm(np.diff(even.position, axis=0), axis=1).sum() / even.duration
-        clean = even.trimmed(STILL * speed)  # pauses within one stroke belong to it
+        clean = even.trimmed(settings.still * speed)  # pauses within one stroke belong to it
         cutoff = cutoff_of_noise(clean.time, clean.position)
         if cutoff is not None:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", ComoveWarning)
                 clean = clean.smoothed(cutoff)
-        return tuple(map(tuple, np.column_stack([at_rest(clean.time), clean.position]).tolist()))
+        return tuple(
+            map(tuple, np.column_stack([at_rest(clean.time, settings.ramp), clean.position]).tolist())
+        )
 
 
-def at_rest(time: Array) -> Array:
+def at_rest(time: Array, share: float) -> Array:
     """Return the times of a movement that starts and stops gently, on the same path and as quick in between.
 
     A pointer is caught in full motion, and let go in full motion; hands that carry begin and end at rest. The speed
-    rises from 0 over a `RAMP` of the time, and falls likewise.
+    rises from 0 over a share of the time, and falls likewise.
 
     Parameters
     ----------
     time : array, shape (n_steps,), from 0 on [s]
     """
-    end, ramp = float(time[-1]), RAMP * float(time[-1])
+    end, ramp = float(time[-1]), share * float(time[-1])
 
     def later(since: Array) -> Array:
         return np.where(since < 0.5 * ramp, np.sqrt(2.0 * ramp * since), since + 0.5 * ramp)

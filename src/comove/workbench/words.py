@@ -36,27 +36,20 @@ def verdict_words(
     verdict : what is known of something stored
     """
     after = "" if seconds is None else f" {1e3 * seconds:.0f} ms after the change"
-    if kind == "solved":
-        return f"**Verified**{after}. The search is done; this is the best it found."
-    if kind == "found":
-        return f"**Verified**{after}. Searching for a better one ..."
-    if kind == "stored":
-        return f"**{verdict[:1].upper()}{verdict[1:]}**, anew from the result's files."
-    if kind == "ran":
-        listed = "".join(f"\n- {plain_text(reason)}" for reason in reasons)
-        return f"**{verdict[:1].upper()}{verdict[1:]}**. This is what happened.{listed}"
-    if kind == "running":
-        return "**Running.** Drag an obstacle into the way of the load."
-    if kind == "kept":
-        return f"**Verified**{after}: the motion shown still holds."
-    if kind == "waiting":
-        return "**Not verified yet** for the scene as it is now; the grey motion belongs to the one before."
-    if kind == "compiling":
-        return "**Compiling**, once after installation: one to three minutes."
-    if kind == "ended":
-        return "**The planner has ended.** Load the page again."
+    told = f"**{verdict[:1].upper()}{verdict[1:]}**"
     listed = "".join(f"\n- {plain_text(reason)}" for reason in reasons)
-    return f"**No verified motion found.**{listed}"
+    return {
+        "solved": f"**Verified**{after}. The search is done; this is the best it found.",
+        "found": f"**Verified**{after}. Searching for a better one ...",
+        "kept": f"**Verified**{after}: the motion shown still holds.",
+        "stored": f"{told}, anew from the result's files.",
+        "ran": f"{told}. This is what happened.{listed}",
+        "running": "**Running.** Drag an obstacle into the way of the load.",
+        "waiting": "**Not verified yet** for the scene as it is now; the grey motion belongs to the one before.",
+        "compiling": "**Compiling**, once after installation: one to three minutes.",
+        "ended": "**The planner has ended.** Load the page again.",
+        "failed": f"**No verified motion found.**{listed}",
+    }[kind]
 
 
 def named_in(scene: Scene, reasons: Sequence[str]) -> tuple[int, ...]:
