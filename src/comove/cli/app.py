@@ -8,8 +8,10 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from functools import wraps
-from typing import Any
+from inspect import Parameter, Signature, signature
+from typing import Any, get_type_hints
 
 import typer
 
@@ -40,23 +42,46 @@ def sub_application(name: str, about: str, **options: Any) -> typer.Typer:
 
 
 def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Command], Callable[..., None]]:
-    """Return a decorator that registers a command, which returns its exit code and may raise `ComoveError`."""
+    """Return a decorator that registers a command, which returns its exit code and may raise `ComoveError`.
+
+    A parameter whose type is a dataclass stands for the options that are the fields of that, which several commands
+    may share.
+    """
 
     def register(function: Command) -> Callable[..., None]:
+        options, groups = _options_of(function)
+
         @wraps(function)
-        def command(*args: Any, **options: Any) -> None:
+        def command(**given: Any) -> None:
             warnings.showwarning = _tell_warning  # type: ignore[assignment]  # mypy wants parameters by name
             warnings.simplefilter("always", ComoveWarning)
+            for name, kind in groups.items():
+                given[name] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
             try:
-                code = function(*args, **options)
+                code = function(**given)
             except (ComoveError, OSError, KeyboardInterrupt) as error:
                 code = _told(error)
             raise typer.Exit(code or VERIFIED)
 
+        command.__signature__ = Signature(options)  # type: ignore[attr-defined]  # typing knows none of functions
+        command.__annotations__ = {option.name: option.annotation for option in options}
         application.command(name)(command)
         return command
 
     return register
+
+
+def _options_of(function: Any) -> tuple[list[Parameter], dict[str, Any]]:
+    """Return the options of a command, or of a dataclass, and apart its parameters that are groups of options."""
+    types = get_type_hints(function, include_extras=True)
+    options, groups = list[Parameter](), dict[str, Any]()
+    for name, parameter in signature(function).parameters.items():
+        if is_dataclass(types[name]):
+            groups[name] = types[name]
+            options += _options_of(types[name])[0]
+        else:
+            options.append(parameter.replace(kind=Parameter.KEYWORD_ONLY, annotation=types[name]))
+    return options, groups
 
 
 verb = verb_of(app)

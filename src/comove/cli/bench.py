@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from comove.cli.app import INTERRUPTED, sub_application, verb_of
+from comove.cli.app import sub_application, verb_of
 from comove.cli.studies import telling_progress
 
 group = sub_application(
@@ -81,11 +81,8 @@ def run(
     named = names_of(sets if sets is not None else [] if own else SETS)
     chosen = [scene for name in named for scene in scenes_of(name, scenes)] + own_scenes(own or [])
     jobs = jobs_of(chosen, systems_named(names_of(systems)), seeds, budget)
-    try:
-        with telling_progress(out, len(jobs)) as tell:
-            run_all(out, jobs, workers, tell)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    with telling_progress(out, len(jobs)) as tell:
+        run_all(out, jobs, workers, tell)
     print(f"{out} holds all {len(jobs)} runs; see: comove bench report {out} --out FOLDER")
     return 0
 
@@ -165,11 +162,8 @@ def ablation(
 
     jobs, store = jobs_of(scenes_of(scenes), systems(), seeds, budget), out / "runs.sqlite"
     out.mkdir(parents=True, exist_ok=True)
-    try:
-        with telling_progress(store, len(jobs)) as tell:
-            run_all(store, jobs, workers, tell)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    with telling_progress(store, len(jobs)) as tell:
+        run_all(store, jobs, workers, tell)
     wanted = {job.configuration.key for job in jobs}
     runs = [run for run in RunStore.open(store).runs() if run.configuration.key in wanted]
     with whole_file(out / "ablation.md", ResultError) as file:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import studies as s
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
 from comove.cli.options import require_one_of
 from comove.errors import SceneError, near_name
 
@@ -23,17 +23,14 @@ NO_FORMATS: list[str] = []
 def generate(
     study: s.StudyPath,
     out: s.OutFolder,
+    *,
     episodes: Annotated[
         int | None, typer.Option(metavar="N", help="Number of episodes; that of STUDY unless given.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(metavar="N", help="Seed of all episodes; that of STUDY unless given.")
     ] = None,
-    workers: s.Workers = 2,
-    shard: s.ShardOption = s.WHOLE,
-    slurm: s.Slurm = None,
-    shards: s.Shards = 1,
-    dask: s.Dask = None,
+    running: s.Running,
     formats: Annotated[
         list[str],
         typer.Option(
@@ -53,26 +50,23 @@ def generate(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
-    from comove.studies import Shard, Study, report_of, write_report
+    from comove.studies import Study, report_of, write_report
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
     from comove.studies.datasets.samples import chosen_rate
 
-    s.require_alone(shard, slurm)
-    part, run = Shard.parse(shard), s.runs_of(workers, dask)
+    part, run = running.part, running.run
     loaded = Study.load(study, episodes=episodes, seed=seed)
-    wanted = _formats(formats, loaded, shard)
+    wanted = _formats(formats, loaded, running.shard)
     chosen_rate(rate, loaded.described.get("cameras"))
     for name in wanted:
         check_export(out, FORMATS[name])
-    if slurm is not None:
+    if running.slurm is not None:
         given = {"--episodes": episodes, "--seed": seed}
         words = [word for name, value in given.items() if value is not None for word in (name, str(value))]
-        s.write_slurm(
-            ["generate", *words], slurm, study, out, shards=shards, workers=workers, name=loaded.name
-        )
+        running.write_slurm(["generate", *words], running.slurm, study, out, loaded.name)
         return VERIFIED
-    if dask is None:
+    if running.dask is None:
         loaded.require()
     probe = loaded.probe()
     print(
@@ -80,10 +74,7 @@ def generate(
         + (f"; the last: {probe.reason}" if probe.rejected else ""),
         file=sys.stderr,
     )
-    try:
-        s.run_with_progress(loaded, out, run, part)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    s.run_with_progress(loaded, out, run, part)
     report = report_of(out)
     path = write_report(report, out)
     if json:

@@ -36,21 +36,9 @@ def add(
         str | None, typer.Option(help="Name in the library, of one movement; the file's unless given.")
     ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace primitives of the same name.")] = False,
-    n_basis: r.NBasis = 20,
-    variant: r.VariantName = "closed-form",
-    phase: r.PhaseOption = None,
-    period: r.Period = None,
-    poses: r.Poses = False,
-    in_motion: r.InMotion = False,
-    manipulator: r.Manipulator = None,
-    episode: r.Episode = None,
-    topic: r.Topic = None,
-    unit: r.Unit = None,
-    columns: r.Columns = None,
-    delimiter: r.Delimiter = None,
-    time: r.Time = None,
-    rate: r.Rate = None,
-    clean: r.Clean = False,
+    *,
+    learning: r.Learning,
+    reading: r.Reading,
 ) -> int:
     """Learn movements from recordings, or take primitives, and keep them in the library."""
     from comove.cli.texts import learned_text
@@ -60,20 +48,18 @@ def add(
 
     library, primitives = Library(folder), []
     library.require_room()
-    options = r.learning_options(
-        phase, n_basis=n_basis, variant=variant, period=period, poses=poses, at_rest=not in_motion
-    )
-    reading = r.reading_options(columns, clean, unit=unit, delimiter=delimiter, time=time, rate=rate)
     for demo in demos:
         if demo.endswith(".json"):
             primitive = read_primitive(demo)
             primitives.append(renamed(primitive, name or primitive.name))
             continue
-        for recording in read_recordings(demo, manipulator, episode, topic, **reading):
-            if unit is None:
+        for recording in read_recordings(demo, **reading.arguments):
+            if reading.unit is None:
                 require_metres(recording.demonstration, demo)
-            called = name or recording.name
-            primitives.append(learn(recording.demonstration, name=called, source=recording.source, **options))
+            called, source = name or recording.name, recording.source
+            primitives.append(
+                learn(recording.demonstration, name=called, source=source, **learning.arguments)
+            )
     names = [primitive.name for primitive in primitives]
     if name is not None and len(names) > 1:
         raise OptionError(

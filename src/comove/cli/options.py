@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -33,20 +33,34 @@ Budget = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")]
-Duration = Annotated[float | None, typer.Option(help=f"Duration of the movement [s], {INSTEAD}.")]
-Speed = Annotated[float | None, typer.Option(help=f"Limit of the hands' speed [m/s], {INSTEAD}.")]
-Acceleration = Annotated[
-    float | None, typer.Option(help=f"Limit of the hands' acceleration [m/s^2], {INSTEAD}.")
-]
-Jerk = Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")]
-Clearance = Annotated[float | None, typer.Option(help=f"Distance to keep from everything [m], {INSTEAD}.")]
 
 
-def changes_of(duration: float | None, **limits: float | None) -> dict[str, Any]:
-    """Return the options that were given as the argument `changes` of `Scene.load`."""
-    given = {key: value for key, value in limits.items() if value is not None}
-    changes: dict[str, Any] = {} if duration is None else {"duration": duration}
-    return changes | ({"limits": given} if given else {})
+@dataclass(frozen=True)
+class RunLimits:
+    """Options that change what a scene asks of an execution."""
+
+    duration: Annotated[float | None, typer.Option(help=f"Duration of the movement [s], {INSTEAD}.")] = None
+    speed: Annotated[float | None, typer.Option(help=f"Limit of the hands' speed [m/s], {INSTEAD}.")] = None
+    acceleration: Annotated[
+        float | None, typer.Option(help=f"Limit of the hands' acceleration [m/s^2], {INSTEAD}.")
+    ] = None
+    clearance: Annotated[
+        float | None, typer.Option(help=f"Distance to keep from everything [m], {INSTEAD}.")
+    ] = None
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Return the options that were given, as the argument `changes` of `Scene.load`."""
+        given = {key: value for key, value in vars(self).items() if value is not None}
+        changes = {"duration": given.pop("duration")} if "duration" in given else {}
+        return changes | ({"limits": given} if given else {})
+
+
+@dataclass(frozen=True)
+class Limits(RunLimits):
+    """Options that change what a scene asks of a motion."""
+
+    jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None
 
 
 def require_one_of(name: str, known: Sequence[str], what: str) -> None:

@@ -56,11 +56,8 @@ def solve(
             "the method 'paper' combines several for one hand."
         ),
     ] = None,
-    duration: o.Duration = None,
-    speed: o.Speed = None,
-    acceleration: o.Acceleration = None,
-    jerk: o.Jerk = None,
-    clearance: o.Clearance = None,
+    *,
+    limits: o.Limits,
     json: o.AsJson = False,
 ) -> int:
     """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
@@ -80,10 +77,7 @@ def solve(
     o.check_budget(budget)
     check_target(out, RESULT)
     with progress_bar(budget) as progress:
-        changes = o.changes_of(
-            duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance
-        )
-        loaded = Scene.load(scene, changes)
+        loaded = Scene.load(scene, limits.changes)
         load_robot_kernels(SceneKind.of(loaded), beside=load_views)
         wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
         carrier, named = robot_named(robot, loaded, scene)

@@ -35,10 +35,8 @@ def run(
             "--compare", help="Do it with every other method too, draw all side by side and judge them alike."
         ),
     ] = False,
-    duration: o.Duration = None,
-    speed: o.Speed = None,
-    acceleration: o.Acceleration = None,
-    clearance: o.Clearance = None,
+    *,
+    limits: o.RunLimits,
     json: Annotated[bool, typer.Option("--json", help="Print run.json and nothing else.")] = False,
 ) -> int:
     """Execute SCENE step by step among its moving obstacles, record and draw it."""
@@ -60,8 +58,7 @@ def run(
     if budget is not None:
         o.check_budget(budget)
     check_target(out, RESULT)
-    changes = o.changes_of(duration, speed=speed, acceleration=acceleration, clearance=clearance)
-    loaded = Scene.load(scene, changes)
+    loaded = Scene.load(scene, limits.changes)
     if loaded.is_timed or budget is not None:
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():

@@ -74,11 +74,8 @@ def solve(
             "what SCENE says. Of several recordings the motion keeps to what they agree in."
         ),
     ] = None,
-    duration: o.Duration = None,
-    speed: o.Speed = None,
-    acceleration: o.Acceleration = None,
-    jerk: o.Jerk = None,
-    clearance: o.Clearance = None,
+    *,
+    limits: o.Limits,
     json: o.AsJson = False,
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
@@ -93,7 +90,7 @@ def solve(
     chosen = o.method_named(method)
     o.check_budget(budget)
     smooth = method == "comove" and not no_planner and obstacles is ObstacleMode.constraint
-    if duration is not None and objective == "least-time":
+    if limits.duration is not None and objective == "least-time":
         raise OptionError(
             "a duration, and the least one",
             key="--duration",
@@ -105,10 +102,7 @@ def solve(
         )
     check_target(out, RESULT)
     with progress_bar(budget) as progress:
-        changes = o.changes_of(
-            duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance
-        )
-        loaded = Scene.load(scene, changes)
+        loaded = Scene.load(scene, limits.changes)
         load_kernels(SceneKind.of(loaded), beside=load_views)
         wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
         source = None

@@ -5,11 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from comove.cli.app import INTERRUPTED
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
@@ -20,58 +22,74 @@ StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (YA
 OutFolder = Annotated[
     Path, typer.Option("--out", help="Folder for the runs; one that is there is gone on with.")
 ]
-Workers = Annotated[int, typer.Option(metavar="N", help="Runs at a time, each in a process of its own.")]
-ShardOption = Annotated[
-    str, typer.Option(metavar="I/N", help="Run only the I-th of N parts, into a folder of its own.")
-]
-Slurm = Annotated[
-    Path | None,
-    typer.Option(metavar="FILE", help="Run nothing: write a script for Slurm that runs --shards parts."),
-]
-Shards = Annotated[int, typer.Option(metavar="N", help="Parts of --slurm.")]
-Dask = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS", help="Run on the workers of this Dask scheduler; 'local' starts one here."
-    ),
-]
 WHOLE = "1/1"
 
 
-def write_slurm(
-    command: Sequence[str], file: Path, study: Path, out: Path, *, shards: int, workers: int, name: str
-) -> None:
-    """Write the script for Slurm, which runs a verb with its options."""
-    from comove.errors import ResultError
-    from comove.io.files import whole_file
-    from comove.studies.merging import slurm_script
+@dataclass(frozen=True)
+class Running:
+    """Options of where the runs of a study are done."""
 
-    script = slurm_script(command, study, out, shards, workers, name)
-    with whole_file(file, ResultError) as draft:
-        draft.write(script.encode())
-    print(f"script: {file}; send it: sbatch {file}")
+    workers: Annotated[
+        int, typer.Option(metavar="N", help="Runs at a time, each in a process of its own.")
+    ] = 2
+    shard: Annotated[
+        str, typer.Option(metavar="I/N", help="Run only the I-th of N parts, into a folder of its own.")
+    ] = WHOLE
+    slurm: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Run nothing: write a script for Slurm that runs --shards parts."),
+    ] = None
+    shards: Annotated[int, typer.Option(metavar="N", help="Parts of --slurm.")] = 1
+    dask: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS", help="Run on the workers of this Dask scheduler; 'local' starts one here."
+        ),
+    ] = None
 
+    @property
+    def part(self) -> Shard:
+        """Return the part of the runs that is done.
 
-def runs_of(workers: int, dask: str | None) -> Run:
-    """Return what does the runs: processes of this machine, or the workers of a Dask scheduler."""
-    from comove.studies import on_processes
+        Raises
+        ------
+        OptionError
+            If there is no such part, or a script for all parts is wanted as well.
+        """
+        from comove.studies import Shard
 
-    on_this = on_processes(workers)
-    if dask is None:
-        return on_this
-    from comove.studies.on_dask import on_dask
+        if self.slurm is not None and self.shard != WHOLE:
+            raise OptionError(
+                "a part, and a script for all parts", key="--shard", way_out="leave one of the two out"
+            )
+        return Shard.parse(self.shard)
 
-    return on_dask(dask, workers)
+    @property
+    def run(self) -> Run:
+        """Return what does the runs: processes of this machine, or the workers of a Dask scheduler."""
+        from comove.studies import on_processes
+
+        on_this = on_processes(self.workers)
+        if self.dask is None:
+            return on_this
+        from comove.studies.on_dask import on_dask
+
+        return on_dask(self.dask, self.workers)
+
+    def write_slurm(self, command: Sequence[str], file: Path, study: Path, out: Path, name: str) -> None:
+        """Write the script for Slurm, which runs a verb with its options."""
+        from comove.errors import ResultError
+        from comove.io.files import whole_file
+        from comove.studies.merging import slurm_script
+
+        script = slurm_script(command, study, out, self.shards, self.workers, name)
+        with whole_file(file, ResultError) as draft:
+            draft.write(script.encode())
+        print(f"script: {file}; send it: sbatch {file}")
 
 
 def run_with_progress(study: RunSource, out: Path, run: Run, shard: Shard) -> StudyProgress:
-    """Do the runs that are missing, and show how far they are; after Ctrl-C, say how to go on.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        After an interruption, which has been told.
-    """
+    """Do the runs that are missing, and show how far they are; after Ctrl-C, say how to go on, and end."""
     from comove.studies import run_study
 
     with telling_progress(out, len(shard.numbers(study.total))) as tell:
@@ -80,13 +98,7 @@ def run_with_progress(study: RunSource, out: Path, run: Run, shard: Shard) -> St
 
 @contextmanager
 def telling_progress(out: Path, total: int) -> Iterator[Callable[[StudyProgress], None]]:
-    """Lend a function that shows how many runs are in `out`; after Ctrl-C, say how to go on.
-
-    Raises
-    ------
-    KeyboardInterrupt
-        After an interruption, which has been told.
-    """
+    """Lend a function that shows how many runs are in `out`; after Ctrl-C, say how to go on, and end the command."""
     done = 0
 
     def tell(progress: StudyProgress) -> None:
@@ -104,7 +116,7 @@ def telling_progress(out: Path, total: int) -> Iterator[Callable[[StudyProgress]
                 f"\ninterrupted: {done} of {total} runs are in {out}; the same command goes on",
                 file=sys.stderr,
             )
-            raise
+            raise typer.Exit(INTERRUPTED) from None
 
 
 @contextmanager
@@ -142,11 +154,3 @@ def statuses_text(report: StudyReport) -> str:
 def reason_lines(report: StudyReport) -> list[str]:
     """Return the most frequent reasons of runs that were not verified, with their numbers, a line each."""
     return [f"  {count:5d} x        {reason}" for reason, count in report.reasons.items()]
-
-
-def require_alone(shard: str, slurm: Path | None) -> None:
-    """Refuse options that contradict each other."""
-    if slurm is not None and shard != WHOLE:
-        raise OptionError(
-            "a part, and a script for all parts", key="--shard", way_out="leave one of the two out"
-        )

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from comove.cli import studies as s
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
 
 
 class _RunByDefault(TyperGroup):
@@ -31,28 +31,21 @@ group = sub_application(
 def run(
     study: s.StudyPath,
     out: s.OutFolder,
-    workers: s.Workers = 2,
-    shard: s.ShardOption = s.WHOLE,
-    slurm: s.Slurm = None,
-    shards: s.Shards = 1,
-    dask: s.Dask = None,
+    running: s.Running,
+    *,
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Run every scene of STUDY with every method, seed and setting, and compare them."""
     from json import loads
 
     from comove.cli.texts import as_table
-    from comove.studies import Shard, Sweep, groups_of, report_of, write_report
+    from comove.studies import Sweep, groups_of, report_of, write_report
 
-    s.require_alone(shard, slurm)
-    part, loaded, runs = Shard.parse(shard), Sweep.load(study), s.runs_of(workers, dask)
-    if slurm is not None:
-        s.write_slurm(("sweep",), slurm, study, out, shards=shards, workers=workers, name=loaded.name)
+    part, loaded, run = running.part, Sweep.load(study), running.run
+    if running.slurm is not None:
+        running.write_slurm(("sweep",), running.slurm, study, out, loaded.name)
         return VERIFIED
-    try:
-        s.run_with_progress(loaded, out, runs, part)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+    s.run_with_progress(loaded, out, run, part)
     report = report_of(out)
     path = write_report(report, out)
     if json:

@@ -28,11 +28,8 @@ def verify(
             "unless given."
         ),
     ] = None,
-    duration: o.Duration = None,
-    speed: o.Speed = None,
-    acceleration: o.Acceleration = None,
-    jerk: o.Jerk = None,
-    clearance: o.Clearance = None,
+    *,
+    limits: o.Limits,
 ) -> int:
     """Judge a saved result anew, from the files alone."""
     from comove.cli.progress import progress_bar
@@ -41,10 +38,9 @@ def verify(
     from comove.results.words import motion_rows
     from comove.scenes import Scene
 
-    changes = o.changes_of(duration, speed=speed, acceleration=acceleration, jerk=jerk, clearance=clearance)
     with progress_bar():
         stored = read_result(folder)
-        loaded = filled_in(Scene.load(scene, changes), stored)
+        loaded = filled_in(Scene.load(scene, limits.changes), stored)
         verdict = verify_result(stored, loaded)
         joints = _joints_verdict(folder, loaded, scene, robot)
     reasons = (*verdict.reasons, *(joints.reasons if joints is not None else ()))
