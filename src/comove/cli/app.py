@@ -130,7 +130,6 @@ def whole_application() -> typer.Typer:
         reproduce,
         robot,
         robot_files,
-        robot_run,
         run,
         show,
         solve,

@@ -157,8 +157,7 @@ def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = N
     import numpy as np
 
     from comove.cli.texts import in_rows
-    from comove.views import save
-    from comove.views.robot import draw_robot
+    from comove.views import draw_robot, save
 
     print(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
     rows = [

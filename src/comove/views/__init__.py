@@ -1,6 +1,5 @@
 """Pictures of primitives, motions and executions."""
 
-from comove.views.joints import draw_joints
 from comove.views.measures import Panel, draw_measures
 from comove.views.motion import (
     draw_failures,
@@ -13,6 +12,7 @@ from comove.views.motion import (
 from comove.views.pipeline import draw_pipeline
 from comove.views.primitives import draw_library, draw_primitive
 from comove.views.results import save_result
+from comove.views.robots import draw_joints, draw_robot
 from comove.views.run import animate_run, draw_run
 from comove.views.style import save, save_picture
 
@@ -28,6 +28,7 @@ __all__ = [
     "draw_primitive",
     "draw_progress",
     "draw_progress_side_by_side",
+    "draw_robot",
     "draw_run",
     "draw_scene",
     "draw_side_by_side",

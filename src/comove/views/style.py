@@ -1,13 +1,17 @@
-"""Colours, figures without a window, and their files."""
+"""Colours, figures without a window, and their files: pictures, and films."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
 from comove.errors import OptionError
 from comove.io.files import whole_path
@@ -17,6 +21,8 @@ COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a", "#8
 START, GOAL, MOVING = "#2ca02c", "#d62728", "#8c564b"
 """Colours of starts, goals and moving obstacles."""
 DPI = 110  # of pictures
+Mover = Callable[[float], list[Artist]]
+"""A function that brings artists, which are animated, to a time [s] and returns them in the order of drawing."""
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -55,3 +61,46 @@ def draw_way(axes: Axes, path: NDArray, goal: NDArray, hand: int, label: str) ->
     axes.plot(*path.T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, label=label)
     axes.plot(*path[:1].T, "o", color=START, markersize=7, zorder=5)
     axes.plot(*goal[:, None], "s", color=GOAL, markersize=7, zorder=5)
+
+
+def write_gif(
+    figure: Figure,
+    movers: Sequence[Mover],
+    times: NDArray,
+    path: Path,
+    durations: Sequence[int],
+    dpi: int,
+    *,
+    n_tones: int = 128,
+) -> None:
+    """Write an animated GIF that repeats itself; what stands is drawn once, and what moves for every frame.
+
+    Parameters
+    ----------
+    times : array, shape (n_frames,) [s]
+    durations : how long each frame is shown [ms]
+    n_tones : colours of the whole film
+    """
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    background, images = canvas.copy_from_bbox(figure.bbox), []
+    for time in times:
+        canvas.restore_region(background)
+        for mover in movers:
+            for artist in mover(float(time)):
+                artist.axes.draw_artist(artist)  # type: ignore[union-attr]  # all have axes
+        images.append(np.asarray(canvas.buffer_rgba())[:, :, :3].copy())
+    # One palette for all frames: what does not change costs nothing. An octree keeps the colours of thin lines.
+    some = np.concatenate([images[0], images[len(images) // 2], images[-1]])
+    tones = Image.fromarray(some).quantize(n_tones, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    frames = [Image.fromarray(image).quantize(palette=tones, dither=Image.Dither.NONE) for image in images]
+    frames[0].save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=list(durations),
+        loop=0,
+        optimize=True,
+    )

@@ -16,10 +16,9 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from comove.experiments.modulation.comparison import Compared
-from comove.views.films import Mover, write_gif
 from comove.views.motion import FINE, OFF, TOUCHES, MovingBorders, draw_frame, draw_standing, views_of
 from comove.views.run import load_lines, moving_scene
-from comove.views.style import COLOURS, MOVING, new_figure
+from comove.views.style import COLOURS, MOVING, Mover, new_figure, write_gif
 
 Array = NDArray[np.float64]
 

@@ -1,31 +1,70 @@
-"""A picture of a robot at home from three sides: links, grasp frames, and the places that its hands reach."""
+"""Pictures of robots: one at home from three sides, with what its hands reach; and the joints along its motion."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from comove.views.style import new_figure
+from comove.views.style import COLOURS, new_figure
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # robots are an extra
     from comove.robots.model import Robot
+    from comove.robots.motion import JointMotion
     from comove.robots.proposal import Examination
 
 Array = NDArray[np.float64]
 
 VIEWS = (("from above", 0, 1), ("from the front", 1, 2), ("from the side", 0, 2))
-AXIS = 0.1  # m, length of the axes of a grasp frame that are drawn
 AXES = (("#c0392b", "x"), ("#27ae60", "y: fingers open"), ("#2c5fb3", "z: approach"))
 OF_ARMS = ("#8e44ad", "#d68910", "#16a085", "#7f8c8d")  # none of them the colour of an axis
-SHOWN = 600  # places of each hand
 
 
-def draw_robot(robot: Robot, found: Examination) -> Figure:
-    """Draw a robot at home in three views, with the places that its hands reach."""
+def draw_joints(robot: Robot, joints: JointMotion, *, title: str = "") -> Figure:
+    """Draw positions (between the limits), speeds and accelerations (as shares of theirs) of every arm's joints."""
+    rows = (
+        ("position in its range", 2 * (joints.position - robot.lower) / (robot.upper - robot.lower) - 1),
+        ("share of speed", joints.velocity / robot.velocity),
+        ("share of acceleration", joints.acceleration / robot.acceleration),
+    )
+    figure = new_figure(5.4 * len(robot.arms) + 1.2, 7.2)
+    figure.suptitle(title or robot.name)
+    axes = np.atleast_2d(figure.subplots(len(rows), len(robot.arms), sharex=True, sharey=True, squeeze=False))
+    for column, arm in enumerate(robot.arms):
+        for row, (name, values) in enumerate(rows):
+            panel: Axes = axes[row, column]
+            for i, joint in enumerate(arm.columns):
+                panel.plot(
+                    joints.time,
+                    values[:, joint],
+                    color=COLOURS[i % len(COLOURS)],
+                    linewidth=1.3,
+                    label=robot.joint_names[joint],
+                )
+            for limit in (-1.0, 1.0):
+                panel.axhline(limit, color="#b03030", linewidth=1.0, linestyle="--")
+            panel.set_ylim(-1.12, 1.12)
+            panel.grid(alpha=0.25)
+            if column == 0:
+                panel.set_ylabel(name)
+        axes[0, column].set_title(arm.name)
+        axes[0, column].legend(fontsize=7, ncols=2, loc="upper right")
+        axes[-1, column].set_xlabel("time [s]")
+    return figure
+
+
+def draw_robot(robot: Robot, found: Examination, *, most_places: int = 600, axis: float = 0.1) -> Figure:
+    """Draw a robot at home in three views: links, grasp frames, and the places that its hands reach.
+
+    Parameters
+    ----------
+    most_places : places of each hand that are drawn
+    axis : length of the axes of a grasp frame [m]
+    """
     figure = new_figure(15.0, 5.6)
     figure.suptitle(f"{robot.name} at home")
     panels = figure.subplots(1, len(VIEWS))
@@ -33,17 +72,20 @@ def draw_robot(robot: Robot, found: Examination) -> Figure:
     for panel, (title, i, j) in zip(panels, VIEWS, strict=True):
         for k, of_arm in enumerate(found.arms):
             colour = OF_ARMS[k % len(OF_ARMS)]
-            places = of_arm.places[:SHOWN]
+            places = of_arm.places[:most_places]
             panel.scatter(places[:, i], places[:, j], s=5, color=colour, alpha=0.4, linewidths=0)
             panel.plot([], [], "o", color=colour, label=f"{of_arm.name}: reach {of_arm.reach:.2f} m")
         for center, radius in bodies:
-            panel.add_patch(_circle(center[[i, j]], radius))
+            place = float(center[i]), float(center[j])
+            panel.add_patch(
+                Circle(place, radius, facecolor="#909090", edgecolor="none", alpha=0.16, zorder=2)
+            )
         for line in lines:
             panel.plot(line[:, i], line[:, j], color="#303030", linewidth=2.2, zorder=3)
         for arm in robot.arms:
             pose = robot.tool_pose(robot.home, arm)
             for column, (colour, _) in enumerate(AXES):
-                ends = np.stack([pose[:3, 3], pose[:3, 3] + AXIS * pose[:3, column]])
+                ends = np.stack([pose[:3, 3], pose[:3, 3] + axis * pose[:3, column]])
                 panel.plot(ends[:, i], ends[:, j], color=colour, linewidth=2.5, zorder=4)
         panel.set_aspect("equal")
         panel.set_title(title)
@@ -56,14 +98,10 @@ def draw_robot(robot: Robot, found: Examination) -> Figure:
     return figure
 
 
-def _circle(center: Array, radius: float):  # type: ignore[no-untyped-def]  # matplotlib's patches are untyped
-    from matplotlib.patches import Circle
-
-    return Circle((center[0], center[1]), radius, facecolor="#909090", edgecolor="none", alpha=0.16, zorder=2)
-
-
 def _skeleton(robot: Robot) -> list[Array]:
     """Return, for every arm, its joints and its grasp frame; arrays, shape (n, 3) [m]."""
+    import pinocchio as pin
+
     data = robot.model.createData()
     pin.forwardKinematics(robot.model, data, robot.home)
     return [
@@ -77,6 +115,8 @@ def _skeleton(robot: Robot) -> list[Array]:
 
 def _bodies(robot: Robot) -> list[tuple[Array, float]]:
     """Return centre and radius [m] of a ball around every collision body."""
+    import pinocchio as pin
+
     geometry = robot.collision
     data, of_geometry = robot.model.createData(), geometry.createData()
     pin.updateGeometryPlacements(robot.model, data, geometry, of_geometry, robot.home)
