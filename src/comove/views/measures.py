@@ -15,8 +15,6 @@ from comove.views.style import COLOURS, new_figure
 Array = NDArray[np.float64]
 
 MARKERS = "osD^v"
-SPREAD = 0.24  # rows between the marks of two groups
-COLUMNS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +35,19 @@ class Panel:
     floor: float | None = None
 
 
-def draw_measures(panels: Sequence[Panel], series: Sequence[str], groups: Sequence[str]) -> Figure:
+def draw_measures(
+    panels: Sequence[Panel], series: Sequence[str], groups: Sequence[str], *, columns: int = 4
+) -> Figure:
     """Draw one panel for each measure, with a row for each series and a colour for each group; bars are intervals.
 
     Parameters
     ----------
     series, groups : names of the series and of the groups
+    columns : panels in a row
     """
-    rows = -(-len(panels) // COLUMNS)
+    rows = -(-len(panels) // columns)
     figure = new_figure(13.2, rows * (0.34 * len(series) + 1.2) + 0.4)
-    grid = figure.subplots(rows, COLUMNS, squeeze=False, sharey=True)
+    grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for axes, panel in zip(grid.flat, panels, strict=False):
         _draw_panel(axes, panel, len(groups))
     for axes in grid.flat[len(panels) :]:
@@ -62,7 +63,8 @@ def draw_measures(panels: Sequence[Panel], series: Sequence[str], groups: Sequen
     return figure
 
 
-def _draw_panel(axes: Axes, panel: Panel, n_groups: int) -> None:
+def _draw_panel(axes: Axes, panel: Panel, n_groups: int, spread: float = 0.24) -> None:
+    """Draw a measure; the marks of two groups are `spread` rows apart."""
     axes.set_title(panel.title, fontsize=10)
     if panel.floor is not None:
         axes.set_xscale("log")
@@ -74,7 +76,7 @@ def _draw_panel(axes: Axes, panel: Panel, n_groups: int) -> None:
     for row in rows:
         axes.axhspan(row - 0.5, row + 0.5, color="0.95" if row % 2 else "1.0", zorder=0, linewidth=0)
     for g in range(n_groups):
-        at = rows + SPREAD * (g - (n_groups - 1) / 2)
+        at = rows + spread * (g - (n_groups - 1) / 2)
         colour = COLOURS[g % len(COLOURS)]
         axes.hlines(at, low[:, g], high[:, g], linewidth=2.2, alpha=0.5, color=colour)
         axes.plot(value[:, g], at, MARKERS[g % len(MARKERS)], markersize=4.5, color=colour)

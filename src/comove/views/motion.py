@@ -23,17 +23,18 @@ Array = NDArray[np.float64]
 
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
-NOMINAL = 5.0  # s, for which moving obstacles are drawn in a scene without duration
-N_FINE = 801  # among which the worst state is found
-FAILURES = 4  # in a row at most
 SMALL, HEADED = 2.2, 0.8  # size of a panel among many, and its room for titles and labels [inches]
-WIDER = 0.5  # of the workspace, by which axes show at most what is beyond it
 BROKEN = 1e-12  # m, above rounding
 
 
-def draw_scene(scene: Scene) -> Figure:
-    """Draw a scene that nobody has solved yet: obstacles, and the load at the start and at the goal."""
-    scene = scene if scene.is_timed else scene.timed(NOMINAL)
+def draw_scene(scene: Scene, *, duration: float = 5.0) -> Figure:
+    """Draw a scene that nobody has solved yet: obstacles, and the load at the start and at the goal.
+
+    Parameters
+    ----------
+    duration : time for which moving obstacles are drawn where the scene leaves its own open [s]
+    """
+    scene = scene if scene.is_timed else scene.timed(duration)
     views = views_of(scene)
     figure = new_figure(5.5 * len(views), 6.0)
     figure.suptitle(scene.name)
@@ -121,12 +122,14 @@ def draw_side_by_side(
     return figure
 
 
-def draw_failures(motions: Sequence[CoordinatedMotion], titles: Sequence[str]) -> Figure:
+def draw_failures(
+    motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, most_columns: int = 4
+) -> Figure:
     """Draw motions that break something next to each other, each with the load where that is worst.
 
     Of a spatial scene the first two axes are shown.
     """
-    columns = min(FAILURES, len(motions))
+    columns = min(most_columns, len(motions))
     rows = -(-len(motions) // columns)
     figure = new_figure(SMALL * columns + 0.4, (SMALL + HEADED) * rows + 0.8)
     for i, (motion, title) in enumerate(zip(motions, titles, strict=True)):
@@ -344,9 +347,9 @@ def _excess(scene: Scene, state: Array) -> float:
     )
 
 
-def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int]) -> None:
-    """Draw the load thick where it is deepest in something, and where a distance is most off."""
-    scene, s = motion.scene, np.linspace(0.0, 1.0, N_FINE)
+def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int], n_states: int = 801) -> None:
+    """Draw the load thick where it is deepest in something, and where a distance is most off, of so many states."""
+    scene, s = motion.scene, np.linspace(0.0, 1.0, n_states)
     nodes = motion.coordinates.motion(motion.at(s))[0]
     depths = -scene.clearances(nodes, s * scene.duration)
     excesses = [_excess(scene, state) for state in nodes]
@@ -364,14 +367,19 @@ def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int]) ->
             axes.plot(*state[[first, second]].T, color=tone, linewidth=3.5, zorder=6, label=label)
 
 
-def _show_whole(axes: Axes, ways: Array) -> None:
-    """Widen the axes where hands leave the workspace, up to `WIDER`; ways of shape (n_steps, n_hands, 2) [m]."""
+def _show_whole(axes: Axes, ways: Array, wider: float = 0.5) -> None:
+    """Widen the axes where hands leave the workspace; ways of shape (n_steps, n_hands, 2) [m].
+
+    Parameters
+    ----------
+    wider : by how much on a side at most, as a share of the workspace
+    """
     for limits, place, least, most in (
         (axes.get_xlim(), axes.set_xlim, ways[..., 0].min(), ways[..., 0].max()),
         (axes.get_ylim(), axes.set_ylim, ways[..., 1].min(), ways[..., 1].max()),
     ):
         size = limits[1] - limits[0]
-        pad, reach = 0.02 * size, WIDER * size
+        pad, reach = 0.02 * size, wider * size
         low, high = min(limits[0], least - pad), max(limits[1], most + pad)
         place(max(low, limits[0] - reach), min(high, limits[1] + reach))
 

@@ -13,8 +13,6 @@ from comove.verification.verify import verify
 from comove.views.motion import draw_legend, draw_panel
 from comove.views.style import COLOURS, GOAL, START, new_figure
 
-N_POINTS = 60  # of the recording
-
 
 def draw_pipeline(
     demonstration: Demonstration, dmp: DMP, coordinated: CoordinatedMotion, optimised: CoordinatedMotion
@@ -59,8 +57,8 @@ def draw_pipeline(
     return figure
 
 
-def _draw_recording(axes: Axes, demonstration: Demonstration) -> None:
-    points = demonstration.position[:: max(1, demonstration.n_steps // N_POINTS)]
+def _draw_recording(axes: Axes, demonstration: Demonstration, n_points: int = 60) -> None:
+    points = demonstration.position[:: max(1, demonstration.n_steps // n_points)]
     axes.plot(*points.T, ".", color="0.35", markersize=5, label="samples")
     _draw_ends(axes, demonstration)
 

@@ -26,8 +26,6 @@ COLOURS = ("#2456a4", "#b5541c", "#0f7c80", "#7a3e9d", "#8a6d1a", "#2a7f3f", "#3
 RECORDED: dict[str, Any] = {"color": "0.62", "linewidth": 4.0, "solid_capstyle": "round"}
 CURVE: dict[str, Any] = {"linewidth": 1.6}
 N_STEPS = 401
-SHOWN = 120  # thumbnails of one sheet
-NAMED = 7  # coordinates with a legend
 
 
 def draw_primitive(
@@ -76,14 +74,14 @@ def draw_primitive(
     return figure
 
 
-def draw_library(primitives: Iterable[Primitive], *, title: str = "library") -> Figure:
-    """Draw a contact sheet: every movement small, with its duration and the error of its fit."""
+def draw_library(primitives: Iterable[Primitive], *, title: str = "library", most: int = 120) -> Figure:
+    """Draw a contact sheet: every movement small, with its duration and the error of its fit; the first `most`."""
     primitives = list(primitives)
-    shown = primitives[:SHOWN]
+    shown = primitives[:most]
     rows = max(1, ceil(len(shown) / min(max(1, ceil(sqrt(1.5 * len(shown)))), 8)))
     columns = max(1, ceil(len(shown) / rows))  # the fewest, so that rows are full
     figure = new_figure(max(4.5, 1.75 * columns), 2.3 * rows + 0.8)
-    more = f", the first {SHOWN} are shown" if len(primitives) > SHOWN else ""
+    more = f", the first {most} are shown" if len(primitives) > most else ""
     count = f"{len(primitives)} movement{'s' if len(primitives) != 1 else ''}"
     figure.suptitle(f"{title}: {count}{more}")
     cells = figure.subplots(rows, columns, squeeze=False).ravel()
@@ -161,9 +159,10 @@ def _draw_coordinates(
             axes.plot(demonstration.time, demonstration.position[:, i], **RECORDED)
         axes.plot(played.time, column, color=COLOURS[i % len(COLOURS)], label=_axis(i, dmp.n_dims), **CURVE)
     axes.set(xlabel="time [s]", ylabel=f"position [{unit}]")
-    if dmp.n_dims <= 3 or dmp.n_dims > NAMED:
+    named = 1 < dmp.n_dims <= 7  # a legend of more would have no room
+    if dmp.n_dims <= 3 or not named:
         axes.set_title("coordinates", loc="left" if dmp.n_dims in (2, 3) else "center")
-    if 1 < dmp.n_dims <= NAMED:
+    if named:
         _name_curves(axes, dmp.n_dims)
 
 

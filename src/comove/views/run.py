@@ -21,12 +21,8 @@ from comove.views.style import COLOURS, GOAL, Mover, draw_way, new_figure, write
 
 Array = NDArray[np.float64]
 
-N_STATES, FRAME_RATE, MAX_FRAMES = 13, 15, 240
-TRAIL = 1.0  # s, of the way that an animation shows behind the hands
-FILM_DPI = 70
 
-
-def draw_run(record: Record) -> Figure:
+def draw_run(record: Record, *, n_states: int = 13) -> Figure:
     """Draw an execution: paths of the hands, the load and the obstacles at equal steps, later ones darker."""
     scene, views = record.scene, views_of(record.scene)
     figure = new_figure(5.4 * len(views) + 0.4, 6.2)
@@ -36,8 +32,8 @@ def draw_run(record: Record) -> Figure:
         draw_frame(axes, scene, view)
         draw_standing(axes, scene, view)
         borders = MovingBorders(scene, view)
-        for k, step in enumerate(np.linspace(0, len(record.time) - 1, N_STATES).astype(int)):
-            share = (k + 1) / N_STATES
+        for k, step in enumerate(np.linspace(0, len(record.time) - 1, n_states).astype(int)):
+            share = (k + 1) / n_states
             borders.draw(axes, record.obstacles[step], 0.1 + 0.35 * share)
             _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
         for hand, name in enumerate(scene.manipulators):
@@ -46,10 +42,24 @@ def draw_run(record: Record) -> Figure:
     return figure
 
 
-def animate_run(record: Record, path: Path) -> None:
-    """Write an execution as an animated GIF in real time, or faster where it is long."""
+def animate_run(
+    record: Record,
+    path: Path,
+    *,
+    rate: float = 15.0,
+    most_frames: int = 240,
+    trail: float = 1.0,
+    dpi: int = 70,
+) -> None:
+    """Write an execution as an animated GIF in real time, or faster where it is long.
+
+    Parameters
+    ----------
+    rate, most_frames : frames a second [Hz], and all of them
+    trail : how much of the ways is drawn behind the hands [s]
+    """
     scene, views = record.scene, views_of(record.scene)
-    n_frames = int(np.clip(record.time[-1] * FRAME_RATE, 2, MAX_FRAMES))
+    n_frames = int(np.clip(record.time[-1] * rate, 2, most_frames))
     figure = new_figure(4.4 * len(views) + 0.2, 4.8)
     movers: list[Mover] = []
     for i, view in enumerate(views):
@@ -59,11 +69,11 @@ def animate_run(record: Record, path: Path) -> None:
         for hand in range(len(scene.manipulators)):
             place = scene.goal[hand][list(view)]
             axes.plot(*place, "s", color=GOAL, markersize=6, alpha=0.6)
-        movers += [moving_scene(axes, record, view, trail=TRAIL), _moving_title(axes, record)]
-    shown = np.linspace(0.0, min(record.time[-1], n_frames / FRAME_RATE), n_frames + 1)
+        movers += [moving_scene(axes, record, view, trail=trail), _moving_title(axes, record)]
+    shown = np.linspace(0.0, min(record.time[-1], n_frames / rate), n_frames + 1)
     durations = 10 * np.diff(np.round(100 * shown).astype(int))  # ms; a GIF counts in hundredths of a second
     times = np.linspace(0.0, record.time[-1], n_frames)
-    write_gif(figure, movers, times, path, durations.tolist(), FILM_DPI)
+    write_gif(figure, movers, times, path, durations.tolist(), dpi)
 
 
 def moving_scene(

@@ -20,7 +20,6 @@ COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a", "#8
 """Colours of hands, coordinates, joints and series, in their order."""
 START, GOAL, MOVING = "#2ca02c", "#d62728", "#8c564b"
 """Colours of starts, goals and moving obstacles."""
-DPI = 110  # of pictures
 Mover = Callable[[float], list[Artist]]
 """A function that brings artists, which are animated, to a time [s] and returns them in the order of drawing."""
 
@@ -32,12 +31,12 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def save(figure: Figure, path: str | Path) -> None:
+def save(figure: Figure, path: str | Path, *, dpi: int = 110) -> None:
     """Write a figure as the suffix of `path` says, PNG at once: `savefig` would draw it once more, to lay it out."""
     if Path(path).suffix != ".png":
-        figure.savefig(path, dpi=DPI)
+        figure.savefig(path, dpi=dpi)
         return
-    figure.set_dpi(DPI)
+    figure.set_dpi(dpi)
     if layout := figure.get_layout_engine():
         layout.execute(figure)
         figure.set_layout_engine("none")
