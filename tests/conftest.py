@@ -8,7 +8,7 @@ import signal
 import pytest
 from hypothesis import settings
 
-from comove.processes.processors import ALONE
+from comove.processes import ALONE
 from tests.cases import OFTEN, leave_few
 
 MANY = 1000

@@ -75,7 +75,7 @@ def check_budget(budget: float) -> None:
         raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
 
 
-def budget_left(budget: float, saving: float, scene: Scene) -> float:
+def budget_left(budget: float, scene: Scene, saving: float = 1.2) -> float:
     """Return the part of a budget that is left for the search [s], at least half of it.
 
     The time `saving` for files and pictures [s] is kept back; it is longer if there is much to draw, or if others use

@@ -25,7 +25,7 @@ def reproduce(
     from comove.experiments.paper.page import reproduce as reproduce_all
     from comove.io.folders import whole_folder
     from comove.primitives.arguments import require_count
-    from comove.processes.processors import n_processors
+    from comove.processes import n_processors
 
     processes = n_processors() if processes is None else processes
     require_count("--seeds", seeds)

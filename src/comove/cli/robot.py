@@ -24,7 +24,6 @@ RobotName = Annotated[
     typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
 ]
 GraspName = Annotated[str, typer.Option(help="How the hands hold the load: weld, connect, friction.")]
-SAVING = 2.0  # s, kept back from the budget for the files and pictures
 RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
 METHODS = ("comove", "paper", "task-priority")
 FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
@@ -94,7 +93,7 @@ def solve(
                 demonstration=movements,
                 seed=seed,
                 method=None if smooth else chosen,
-                budget=o.budget_left(budget, SAVING, loaded),
+                budget=o.budget_left(budget, loaded, saving=2.0),
                 progress=progress,
                 objective=wanted,
             )

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from comove.robots import Robot
     from comove.robots.proposal import Examination
 
-MOST_MODELS = 4
 Described = Annotated[
     str, typer.Argument(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
 ]
@@ -62,8 +61,8 @@ def new(
     from comove.io.files import require_target, whole_file
     from comove.robots.proposal import examine, propose
 
-    if len(urdfs) > MOST_MODELS:
-        raise OptionError(f"{len(urdfs)} models are given", key="URDF", way_out=f"give 1 to {MOST_MODELS}")
+    if len(urdfs) > 4:
+        raise OptionError(f"{len(urdfs)} models are given", key="URDF", way_out="give 1 to 4")
     if not 0 < apart < 100:
         raise OptionError(f"apart = {apart:g}", key="--apart", way_out="give metres above 0")
     _require_new(out)

@@ -13,7 +13,6 @@ from comove.errors import OptionError
 
 SHORTEST = 1e-4  # s, of control periods: ten times what the fastest controllers of arms take
 MAX_STEPS = 2_000_000  # that a run may take
-PLANNING = 10.0  # s, for the duration of a scene that leaves it out
 LONGEST = 3.0  # times the scene's duration, that a run may last unless it is said
 
 
@@ -64,7 +63,7 @@ def run(
     with progress_bar():
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
-            planned = solve(loaded, demonstration=demonstration_of(loaded), seed=seed, budget=PLANNING)
+            planned = solve(loaded, demonstration=demonstration_of(loaded), seed=seed, budget=10.0)
             if planned.interrupted:
                 return INTERRUPTED
             loaded = planned.scene

@@ -15,8 +15,6 @@ from comove.errors import OptionError
 if TYPE_CHECKING:
     from comove.planning import Solution
 
-SAVING = 1.2  # s, kept back from the budget for files and pictures
-
 
 class ObstacleMode(StrEnum):
     """The ways in which obstacles enter: as hard constraints, or as a term of the objective (4)."""
@@ -123,7 +121,7 @@ def solve(
             seed=seed,
             method=chosen,
             planner=not no_planner,
-            budget=o.budget_left(budget, SAVING, loaded),
+            budget=o.budget_left(budget, loaded),
             objective=wanted,
             obstacles=obstacles.value,
             progress=progress,

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from comove.primitives import Primitive
 
-N_SPREAD = 50  # parts of a movement between which its spread is told
 PICTURES = ("motion.png", "progress.png")
 
 
@@ -179,8 +178,7 @@ def learned_text(primitive: Primitive) -> str:
     lines = [f"{primitive.name}: {what}, {dmp.duration:.4g} s"]
     spreading = primitive.followed
     if isinstance(spreading, ProMP):
-        shares = [i / N_SPREAD for i in range(N_SPREAD + 1)]
-        spread = spreading.std_at([share * dmp.duration for share in shares]).max(axis=1)
+        spread = spreading.std_at([0.02 * i * dmp.duration for i in range(51)]).max(axis=1)
         lines.append(
             f"  spread         {spread.min():.3g} to {spread.max():.3g} {unit} (standard deviation, over the course)"
         )

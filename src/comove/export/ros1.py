@@ -27,8 +27,6 @@ from comove.export.send import ArmState, RobotState, Status
 
 BRIDGE = Path(__file__).with_name("ros1_bridge.py")
 PYTHON = "COMOVE_ROS_PYTHON"
-ANSWER = 0.5  # s, in which a bridge says that it has cancelled
-STARTING = 15.0  # s, for a Python to load ROS beyond what the robot is given
 
 
 @dataclass(frozen=True)
@@ -46,10 +44,20 @@ class Ros1Client:
     ----------
     names : names of the robot's action servers and topic
     python : path of a Python with rospy; searched for unless given (`COMOVE_ROS_PYTHON`, /usr/bin/python3, ...)
+    answer : time in which a bridge says that it has cancelled [s]
+    starting : time for a Python to load ROS, beyond what the robot is given [s]
     """
 
-    def __init__(self, names: Names = Names(), python: str | None = None):
+    def __init__(
+        self,
+        names: Names = Names(),
+        python: str | None = None,
+        *,
+        answer: float = 0.5,
+        starting: float = 15.0,
+    ):
         self._names, self._python = names, python
+        self._within, self._starting = answer, starting
         self._process: subprocess.Popen[str] | None = None
         self._again: tuple[str, dict[str, Any]] | None = None
         self._errors: IO[bytes] | None = None
@@ -121,7 +129,7 @@ class Ros1Client:
 
     def _has_cancelled(self) -> bool:
         """Return whether the bridge confirms that it cancelled; it may hang, or end meanwhile."""
-        until = time.monotonic() + ANSWER
+        until = time.monotonic() + self._within
         while (left := until - time.monotonic()) > 0:
             for event in self._news(left):
                 if event["event"] == "cancelled":
@@ -179,7 +187,7 @@ class Ros1Client:
         listener = threading.Thread(target=_listen, args=(self._process.stdout, self._events), daemon=True)
         listener.start()
         self._tell(command)
-        return self._answer(command["timeout"] + STARTING)
+        return self._answer(command["timeout"] + self._starting)
 
     def _tell(self, command: Mapping[str, Any]) -> None:
         stream = None if self._process is None else self._process.stdin

@@ -21,8 +21,6 @@ from comove.ties import first_largest
 
 Clock = Callable[[], float]
 
-PATIENCE = 0.02  # s, that one look at the state waits for news
-
 
 class Status(Enum):
     """Status of an arm's goal, by the names of ROS."""
@@ -116,6 +114,7 @@ class Tolerances:
     late : largest time from the end of the motion until it is reported as done [s]
     silence : largest time without reports of the joints [s]
     clock : largest difference of the robot's clock from this one [s]
+    look : time that one look at the state waits for news [s]
     """
 
     start: float = 0.01
@@ -125,6 +124,7 @@ class Tolerances:
     late: float = 3.0
     silence: float = 0.5
     clock: float = 0.1
+    look: float = 0.02
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -209,9 +209,9 @@ def _require_start(client: TrajectoryClient, part: MotionPart, tolerances: Toler
     """Refuse to move a robot that does not report its joints, or is not at the motion's start."""
     wanted = part.joints.joint_names
     until = clock() + tolerances.connect
-    state = client.state(PATIENCE)
+    state = client.state(tolerances.look)
     while clock() < until and not (set(wanted) <= set(state.position) and abs(state.age) <= tolerances.clock):
-        state = client.state(PATIENCE)
+        state = client.state(tolerances.look)
     if not state.position:
         raise SendError(
             f"the robot's joints have said nothing for {tolerances.connect:g} s",
@@ -250,7 +250,7 @@ def _watched(
     """Wait until all arms are done, or stop them when one does not follow."""
     began, worst = clock(), 0.0
     while True:
-        state = client.state(PATIENCE)
+        state = client.state(tolerances.look)
         off, joint = _deviation(state, part)
         worst = max(worst, off)
         reason = _failure(state, tolerances) or _astray(off, joint, tolerances)
@@ -268,7 +268,7 @@ def _watched(
             error = SendError(
                 reason, way_out="all arms were told to stop; look at the robot before anything else"
             )
-            error.outcome = SendOutcome(_stopped(client, clock).arms, worst, reason)
+            error.outcome = SendOutcome(_stopped(client, tolerances, clock).arms, worst, reason)
             raise error
 
 
@@ -303,10 +303,10 @@ def _astray(off: float, joint: str, tolerances: Tolerances) -> str:
     return f"the joint '{joint}' is {off:.3g} rad off the motion ({tolerances.path:g} allowed)"
 
 
-def _stopped(client: TrajectoryClient, clock: Clock) -> RobotState:
+def _stopped(client: TrajectoryClient, tolerances: Tolerances, clock: Clock) -> RobotState:
     """Wait until no arm moves any more, for at most a second, and return the state."""
     until = clock() + 1.0
-    state = client.state(PATIENCE)
+    state = client.state(tolerances.look)
     while any(arm.status.moves for arm in state.arms.values()) and clock() < until:
-        state = client.state(PATIENCE)
+        state = client.state(tolerances.look)
     return state

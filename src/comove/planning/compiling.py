@@ -15,7 +15,7 @@ from numba.core import event
 from numba.core.dispatcher import LiftedCode
 
 from comove.planning.clock import now
-from comove.processes.processors import ALONE, n_processors
+from comove.processes import ALONE, n_processors
 
 PACKAGE = "comove."
 KernelCallback = Callable[[str], None]

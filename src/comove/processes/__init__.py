@@ -1,5 +1,21 @@
 """Processes that work on tasks: a pool that knows at which task a process was when it was killed."""
 
-from comove.processes.pool import ONE_THREAD, TaskResult, run_tasks
+from comove.processes.pool import (
+    ALONE,
+    ONE_THREAD,
+    PoolSettings,
+    TaskResult,
+    end_process,
+    n_processors,
+    run_tasks,
+)
 
-__all__ = ["ONE_THREAD", "TaskResult", "run_tasks"]
+__all__ = [
+    "ALONE",
+    "ONE_THREAD",
+    "PoolSettings",
+    "TaskResult",
+    "end_process",
+    "n_processors",
+    "run_tasks",
+]

@@ -21,10 +21,9 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, Pipe, wait
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from comove.errors import OptionError
-from comove.processes.processors import ALONE
 
 Task = TypeVar("Task")
 Made = TypeVar("Made")
@@ -33,9 +32,40 @@ ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
 )
 """The environment of processes whose numerical libraries keep to one thread."""
-POLL = 1.0  # s, between looks at tasks that take too long
-STARTS = 5  # processes in a row that may die before they are ready
-LEAVE = 1.0  # s, that a process has to end by itself
+ALONE = "COMOVE_COMPILE_ALONE"
+"""Environment variable: where it is set, no other process helps this one to compile kernels."""
+
+
+def n_processors() -> int:
+    """Return the number of cores that this process may use; those of the machine where the system does not tell."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def end_process(process: subprocess.Popen[Any], leave: float = 1.0) -> None:
+    """End a process and wait for it; it is killed unless it ends by itself within `leave` [s]."""
+    with suppress(OSError, ValueError):
+        process.terminate()
+    try:
+        process.wait(leave)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+@dataclass(frozen=True)
+class PoolSettings:
+    """Settings of a pool.
+
+    Attributes
+    ----------
+    poll : time between looks at tasks that take too long [s]
+    starts : processes in a row that may die before they are ready
+    """
+
+    poll: float = 1.0
+    starts: int = 5
 
 
 @dataclass(frozen=True)
@@ -68,6 +98,7 @@ def run_tasks(
     *,
     workers: int,
     allowed: float = math.inf,
+    settings: PoolSettings = PoolSettings(),
 ) -> Iterator[TaskResult[Task, Made]]:
     """Yield tasks as they end, in any order.
 
@@ -84,7 +115,7 @@ def run_tasks(
     """
     if workers < 1:
         raise OptionError(f"workers = {workers}", key="workers", way_out="give 1 or more")
-    crew: _Crew[Task, Made] = _Crew(_packed(work), workers, allowed)
+    crew: _Crew[Task, Made] = _Crew(_packed(work), workers, allowed, settings)
     try:
         while crew.employ(next_task):
             yield from crew.ended()
@@ -141,19 +172,14 @@ class _Process(Generic[Task]):
     def close(self) -> None:
         """End the process."""
         self.connection.close()
-        self.process.terminate()
-        try:
-            self.process.wait(LEAVE)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        end_process(self.process)
 
 
 class _Crew(Generic[Task, Made]):
     """The processes of a pool."""
 
-    def __init__(self, work: bytes, workers: int, allowed: float):
-        self.work, self.workers, self.allowed = work, workers, allowed
+    def __init__(self, work: bytes, workers: int, allowed: float, settings: PoolSettings):
+        self.work, self.workers, self.allowed, self.settings = work, workers, allowed, settings
         self.processes: dict[Connection, _Process[Task]] = {}
         self.back: deque[Task] = deque()
         self.died = 0
@@ -174,7 +200,8 @@ class _Crew(Generic[Task, Made]):
 
     def ended(self) -> Iterator[TaskResult[Task, Made]]:
         """Yield the tasks that have ended, as soon as there is one, or after a while none."""
-        for connection in wait(list(self.processes), None if math.isinf(self.allowed) else POLL):
+        poll = None if math.isinf(self.allowed) else self.settings.poll
+        for connection in wait(list(self.processes), poll):
             process = self.processes[connection]  # type: ignore[index]
             try:
                 kind, told = process.connection.recv()
@@ -208,9 +235,9 @@ class _Crew(Generic[Task, Made]):
             yield TaskResult(process.task, killed=int(not process.late), late=process.late, seconds=seconds)
             return
         self.died += 1
-        if self.died >= STARTS:
+        if self.died >= self.settings.starts:
             raise OptionError(
-                f"{STARTS} processes in a row ended before they were ready, the last with code "
+                f"{self.died} processes in a row ended before they were ready, the last with code "
                 f"{process.process.returncode}",
                 key="workers",
                 way_out="see what they say above; more memory, or fewer workers, may help",

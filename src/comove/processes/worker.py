@@ -19,8 +19,6 @@ from typing import Any
 
 from comove.errors import ComoveWarning, InputError
 
-LOOK = 0.5  # s, between looks at whether the starter is still there
-
 
 def main(number: int) -> None:
     """Work on the tasks that come through a socket."""
@@ -58,10 +56,10 @@ def told(error: BaseException) -> str:
     return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
 
 
-def _end_with(starter: int) -> None:
-    """End this process when the one that started it is gone."""
+def _end_with(starter: int, look: float = 0.5) -> None:
+    """End this process when the one that started it is gone, for which it looks every so many seconds."""
     while os.getppid() == starter:
-        time.sleep(LOOK)
+        time.sleep(look)
     os._exit(1)
 
 

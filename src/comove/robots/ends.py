@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comove.errors import SceneError
-from comove.processes.processors import n_processors
+from comove.processes import n_processors
 from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import Chains, chains_of, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds

@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 Contents = dict[str, Any]
 
 DIGITS = 6  # of metres that are written: a micrometre
-MOST_KEPT = 200  # steps that can be undone
 METHODS = ("comove", "projection", "paper", "printed")
 OBJECTIVES = ("as the scene says", "least_jerk", "least_time", "paper")
 
@@ -84,11 +83,11 @@ class History:
         """Return the draft that is shown."""
         return self.drafts[self.at]
 
-    def then(self, draft: Draft) -> History:
-        """Return the history after a change."""
+    def then(self, draft: Draft, most: int = 200) -> History:
+        """Return the history after a change, with so many drafts at most."""
         if draft == self.now:
             return self
-        kept = (*self.drafts[: self.at + 1], draft)[-MOST_KEPT:]
+        kept = (*self.drafts[: self.at + 1], draft)[-most:]
         return History(kept, len(kept) - 1)
 
     def undone(self) -> History:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from comove.processes import end_process
 from comove.workbench.edits import Draft
 from comove.workbench.protocol import Mailbox, Message, read_message, write_message
 from comove.workbench.shelf import Item
@@ -127,17 +128,7 @@ class Link:
     def close(self) -> None:
         """End the process."""
         self._mailbox.close()
-        threading.Thread(target=self._end, daemon=True).start()
-
-    def _end(self) -> None:
-        leave = 1.0  # s, that the process has to end by itself
-        with suppress(OSError, ValueError):
-            self._process.terminate()
-        try:
-            self._process.wait(leave)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        threading.Thread(target=end_process, args=[self._process], daemon=True).start()
 
     def _write(self) -> None:
         stream = self._process.stdin

@@ -22,7 +22,6 @@ from comove.workbench.words import plain_text
 
 LARGEST_MESSAGE = 2**20  # bytes, of one message from a page
 LONGEST_TEXT = 10_000  # characters, of what is typed into a control
-PORT, MORE_PORTS = 8050, 50  # the first that is tried unless one is asked for, and how many after it
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +69,7 @@ def start(host: str = "127.0.0.1", port: int | None = None) -> Guarded:
     host
         Address to listen at; others than those of this machine need the token.
     port
-        Port to listen at; the first free one from `PORT` on unless given.
+        Port to listen at; the first free one from 8050 on unless given.
 
     Raises
     ------
@@ -132,10 +131,10 @@ def serve(
     return guarded
 
 
-def _free_port(host: str, port: int | None) -> int:
-    """Return a port that is free: the one asked for, or else one of the next."""
+def _free_port(host: str, port: int | None, usual: range = range(8050, 8100)) -> int:
+    """Return a port that is free: the one asked for, or else one of the usual."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for candidate in [port] if port is not None else range(PORT, PORT + MORE_PORTS):
+    for candidate in [port] if port is not None else usual:
         try:
             with socket.socket(family, socket.SOCK_STREAM) as trial:
                 trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
