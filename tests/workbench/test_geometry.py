@@ -15,7 +15,7 @@ from comove.workbench.geometry import (
     segments_of,
     workspace_lines,
 )
-from comove.workbench.recording import RecordedMotion
+from comove.workbench.playback import RecordedMotion
 
 SHAPES = [
     {"shape": "box", "size": [0.1, 0.2, 0.3]},

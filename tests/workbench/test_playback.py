@@ -13,8 +13,7 @@ from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.results.solution import SCENE
 from comove.verification.record import verify_execution
-from comove.workbench.playback import playback_of, playback_of_item
-from comove.workbench.recording import RecordedMotion
+from comove.workbench.playback import RecordedMotion, playback_of, playback_of_item
 from comove.workbench.shelf import Item, PlayedPart, shelf_of
 from comove.workbench.words import measures_words
 

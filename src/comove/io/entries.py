@@ -27,17 +27,6 @@ def agrees(stated: object, right: float, within: float) -> bool:
     return found is not None and abs(found - right) <= within
 
 
-def require_unedited(summary: Mapping[str, Any], right: str, file: Path) -> None:
-    """Refuse a summary whose own checksum does not fit."""
-    if summary.get("summary_sha256") != right:
-        raise ResultError(
-            "it was edited: its own checksum does not fit",
-            file=file,
-            key="summary_sha256",
-            way_out="put the file back, or solve the scene again",
-        )
-
-
 @dataclass(frozen=True)
 class Type:
     """A type of an entry of a JSON file: its name, and the test for it."""

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from comove.errors import DemonstrationError, ResultError, shortened
 from comove.io.arrays import read_arrays
 from comove.io.drafts import steadily
-from comove.io.entries import agrees, require_unedited
+from comove.io.entries import agrees
 from comove.io.files import telling, whole_file
 from comove.io.folders import require_folder
 
@@ -140,15 +140,10 @@ class ResultKind:
         """
         summary, arrays = steadily(Path(folder), lambda: self._read(require_folder(folder, self.made_by)))
         if whole:
-            file = Path(folder) / self.summary
-            if summary.get(self.checksum) != checksum(arrays):
-                raise ResultError(
-                    f"its checksum is not the one in {self.summary}",
-                    file=Path(folder) / self.arrays,
-                    way_out=self.hint,
-                )
-            require_unedited(summary, self.seal(summary), file)
-            self.require_entries(summary, file)
+            for name, key, why in self._broken(summary, arrays):
+                way_out = f"put the file back, or {self.hint}"
+                raise ResultError(why, file=Path(folder) / name, key=key, way_out=way_out)
+            self.require_entries(summary, Path(folder) / self.summary)
         return summary, arrays
 
     def _read(self, folder: Path) -> tuple[Summary, Arrays]:
@@ -167,12 +162,16 @@ class ResultKind:
 
     def broken_seals(self, summary: Mapping[str, Any], arrays: Mapping[str, Any]) -> list[str]:
         """List the checksums that do not fit, in words."""
-        reasons = []
+        return [f"{name} was edited: {why}" for name, _, why in self._broken(summary, arrays)]
+
+    def _broken(
+        self, summary: Mapping[str, Any], arrays: Mapping[str, Any]
+    ) -> Iterator[tuple[str, str | None, str]]:
+        """Yield the files whose checksums do not fit, with the key that holds it, and why."""
         if summary.get(self.checksum) != checksum(arrays):
-            reasons.append(f"{self.arrays} was edited: its checksum is not the one in {self.summary}")
+            yield self.arrays, None, f"its checksum is not the one in {self.summary}"
         if summary.get(SEAL) != self.seal(summary):
-            reasons.append(f"{self.summary} was edited: its own checksum does not fit")
-        return reasons
+            yield self.summary, SEAL, "its own checksum does not fit"
 
     def mistyped(self, summary: Summary) -> list[str]:
         """List the first entry of another type, in words."""

@@ -12,9 +12,8 @@ from comove.workbench.bodies import unpacked
 from comove.workbench.edits import METHODS, Draft, contents_of
 from comove.workbench.link import Link, SearchTimes, on_loop
 from comove.workbench.panels import Panels
-from comove.workbench.playback import Touch
+from comove.workbench.playback import RecordedMotion, Touch
 from comove.workbench.protocol import Message
-from comove.workbench.recording import RecordedMotion
 from comove.workbench.shelf import Item, read_scene
 from comove.workbench.stage import BESIDE, Stage
 from comove.workbench.words import measures_words, named_in, plain_text, verdict_words

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from comove.scenes.scene import Scene
 from comove.views.style import COLOURS
 from comove.workbench.edits import METHODS, OBJECTIVES, Draft
-from comove.workbench.recording import RecordedMotion
+from comove.workbench.playback import RecordedMotion
 
 Array = NDArray[np.float64]
 Told = Callable[[str, Any], None]

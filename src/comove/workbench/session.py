@@ -36,9 +36,8 @@ from comove.workbench.edits import (
 )
 from comove.workbench.link import Link, SearchTimes, on_loop
 from comove.workbench.panels import Panels
-from comove.workbench.playback import Touch
+from comove.workbench.playback import RecordedMotion, Touch
 from comove.workbench.protocol import Message
-from comove.workbench.recording import RecordedMotion
 from comove.workbench.saving import save_scene, target_in
 from comove.workbench.shelf import Item, Shelf, read_scene
 from comove.workbench.stage import ROBOT, Stage, clear, demonstrated

@@ -33,8 +33,7 @@ from comove.workbench.geometry import (
     segments_of,
     workspace_lines,
 )
-from comove.workbench.playback import Touch
-from comove.workbench.recording import RecordedMotion
+from comove.workbench.playback import RecordedMotion, Touch
 from comove.workbench.teaching import Taught, demonstration_from
 
 Array = NDArray[np.float64]
