@@ -15,9 +15,7 @@ from comove.workbench.edits import (
     grips_of,
     moved,
     place_of,
-    with_bar,
-    with_duration,
-    with_limit,
+    with_value,
 )
 
 QUARTER = exponential(np.array([0.0, 0.0, np.pi / 2]))
@@ -99,7 +97,7 @@ def test_what_is_no_place_is_refused(to):
 
 def test_undo_and_redo_lead_back_and_forth():
     contents = contents_of(example("narrow"))
-    drafts = [Draft(with_duration(contents, 3.0 + i)) for i in range(3)]
+    drafts = [Draft(with_value(contents, "duration", 3.0 + i)) for i in range(3)]
     history = History((Draft(contents),))
     for draft in drafts:
         history = history.then(draft)
@@ -115,21 +113,21 @@ def test_undo_and_redo_lead_back_and_forth():
 
 def test_limits_and_durations():
     contents = contents_of(example("narrow"))
-    assert with_limit(contents, "speed", 0.0)["limits"]["speed"] is None
-    assert with_limit(contents, "clearance", 0.0)["limits"]["clearance"] == 0.0
-    assert with_duration(contents, 0.0)["duration"] is None
+    assert with_value(contents, "speed", 0.0)["limits"]["speed"] is None
+    assert with_value(contents, "clearance", 0.0)["limits"]["clearance"] == 0.0
+    assert with_value(contents, "duration", 0.0)["duration"] is None
     for value in (-1.0, np.nan, np.inf, "3", True, None):
         with pytest.raises(OptionError):
-            with_limit(contents, "speed", value)
+            with_value(contents, "speed", value)
 
 
 def test_a_longer_bar_moves_the_hands_apart():
     scene = example("narrow")
-    again = comove.Scene.from_dict(with_bar(contents_of(scene), 0.3))
+    again = comove.Scene.from_dict(with_value(contents_of(scene), "bar", 0.3))
     assert np.linalg.norm(again.start[0] - again.start[1]) == pytest.approx(0.3, abs=1e-9)
     np.testing.assert_allclose(again.start.mean(axis=0), scene.start.mean(axis=0), atol=1e-9)
     with pytest.raises(OptionError, match="only a bar"):
-        with_bar(contents_of(example("triangle")), 0.3)
+        with_value(contents_of(example("triangle")), "bar", 0.3)
 
 
 @pytest.mark.parametrize("keys", [{"method": "magic"}, {"objective": "rm -rf"}, {"resemblance": 2.0}])

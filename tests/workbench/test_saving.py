@@ -5,7 +5,7 @@ import pytest
 import comove
 from comove.errors import OptionError, ResultError
 from comove.experiments.examples import example, example_path
-from comove.workbench.edits import contents_of, with_limit
+from comove.workbench.edits import contents_of, with_value
 from comove.workbench.saving import save_scene, target_in
 
 
@@ -59,7 +59,7 @@ def test_nothing_is_replaced_and_nothing_wrong_is_written(tmp_path):
     save_scene(contents, path, tmp_path)
     before = path.read_bytes()
     with pytest.raises(ResultError, match="there already"):
-        save_scene(with_limit(contents, "speed", 0.5), path, tmp_path)
+        save_scene(with_value(contents, "speed", 0.5), path, tmp_path)
     assert path.read_bytes() == before
     wrong = contents | {"duration": -3.0}
     with pytest.raises(comove.errors.SceneError):

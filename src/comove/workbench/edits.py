@@ -230,40 +230,33 @@ def _written(values: Array, digits: int = DIGITS) -> list[float]:
     return [round(float(value), digits) for value in values]
 
 
-def with_limit(contents: Contents, key: str, value: float) -> Contents:
-    """Return the contents with another limit; 0 takes the limit away, but for the clearance.
+VALUES = ("duration", "bar", "speed", "acceleration", "clearance")
+"""What `with_value` changes."""
+
+
+def with_value(contents: Contents, key: str, value: float) -> Contents:
+    """Return the contents with another duration [s], limit, or length of the bar [m]; one of `VALUES`.
+
+    0 leaves the duration open, and takes a limit away, but for the clearance. The hands at both ends of a bar are
+    moved along their line.
 
     Raises
     ------
     OptionError
-        If the value is not a number from 0 on.
+        If the value is not a number from 0 on, or the load is no bar, or a bar's length is not positive.
     """
-    _require_number(key, value)
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if not number or not 0 <= float(value) < math.inf:
+        raise OptionError(f"{key} = {value!r}", key=key, way_out="give a number from 0 on")
+    if key == "duration":
+        return contents | {"duration": value if value > 0 else None}
+    if key == "bar":
+        return _with_bar(contents, value)
     limits = dict(contents["limits"]) | {key: value if value > 0 or key == "clearance" else None}
     return contents | {"limits": limits}
 
 
-def with_duration(contents: Contents, value: float) -> Contents:
-    """Return the contents with another duration [s]; 0 leaves it open.
-
-    Raises
-    ------
-    OptionError
-        If the value is not a number from 0 on.
-    """
-    _require_number("duration", value)
-    return contents | {"duration": value if value > 0 else None}
-
-
-def with_bar(contents: Contents, length: float) -> Contents:
-    """Return the contents with another length of the bar, and the hands at both ends moved along their line.
-
-    Raises
-    ------
-    OptionError
-        If the load is no bar, or the length is no positive number.
-    """
-    _require_number("length", length)
+def _with_bar(contents: Contents, length: float) -> Contents:
     load = contents.get("load") or {}
     if load.get("shape") != "bar" or not length > 0:
         raise OptionError("only a bar has a length, and it is positive", way_out="give a positive length")
@@ -279,9 +272,3 @@ def with_bar(contents: Contents, length: float) -> Contents:
         for hand, place in zip(pair, grown, strict=True):
             hand[end] = _written(place, 12)
     return contents
-
-
-def _require_number(key: str, value: object) -> None:
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    if not number or not 0 <= float(value) < math.inf:  # type: ignore[arg-type]  # it is a number
-        raise OptionError(f"{key} = {value!r}", key=key, way_out="give a number from 0 on")

@@ -93,7 +93,7 @@ class Link:
             **vars(times),
             dragging=dragging,
             result=None if item is None or item.result is None else str(item.result.absolute()),
-            part=None if item is None else item.part.value,
+            part=None if item is None else item.part.name,
         )
 
     def _told(self, draft: Draft) -> dict[str, Any]:

@@ -64,19 +64,25 @@ def read_message(stream: IO[bytes]) -> Message | None:
 
 
 class Mailbox:
-    """A mailbox with one slot for drafts, where the newest replaces the one before; other messages queue."""
+    """A mailbox with one slot for drafts, where the newest replaces the one before; other messages queue.
+
+    Attributes
+    ----------
+    draft : draft that waits; None where none does
+    closed : whether nothing comes any more
+    """
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._draft: Message | None = None
+        self.draft: Message | None = None
         self._others: deque[Message] = deque()
-        self._closed = False
+        self.closed = False
 
     def put(self, message: Message) -> None:
         """Add a message."""
         with self._changed:
             if message.header["kind"] == "draft":
-                self._draft = message
+                self.draft = message
             else:
                 self._others.append(message)
             self._changed.notify()
@@ -84,16 +90,16 @@ class Mailbox:
     def close(self) -> None:
         """Note that nothing comes any more."""
         with self._changed:
-            self._closed = True
+            self.closed = True
             self._changed.notify()
 
     def take(self) -> Message | None:
         """Wait for a message and return it, drafts last; None once the mailbox is closed."""
         with self._changed:
-            self._changed.wait_for(lambda: self._closed or self._others or self._draft is not None)
-            if self._closed:
+            self._changed.wait_for(lambda: self.closed or self._others or self.draft is not None)
+            if self.closed:
                 return None
             if self._others:
                 return self._others.popleft()
-            message, self._draft = self._draft, None
+            message, self.draft = self.draft, None
             return message

@@ -24,15 +24,14 @@ from comove.scenes.scene import Scene
 from comove.workbench.bodies import unpacked
 from comove.workbench.comparison import CHOICES, Comparison
 from comove.workbench.edits import (
+    VALUES,
     Draft,
     Grip,
     History,
     contents_of,
     moved,
     place_of,
-    with_bar,
-    with_duration,
-    with_limit,
+    with_value,
 )
 from comove.workbench.link import Link, SearchTimes, on_loop
 from comove.workbench.panels import Panels
@@ -446,18 +445,11 @@ class Session:
 
     def _set(self, name: str, value: Any) -> None:
         """Change a value of the draft."""
-        draft, contents = self.history.now, self.history.now.contents
-        if name == "duration":
-            draft = draft.with_contents(with_duration(contents, value))
-        elif name == "bar":
-            draft = draft.with_contents(with_bar(contents, value))
-        elif name in ("speed", "acceleration", "clearance"):
-            draft = draft.with_contents(with_limit(contents, name, value))
+        draft = self.history.now
+        if name in VALUES:
+            self.commit(draft.with_contents(with_value(draft.contents, name, value)))
         elif name in ("method", "objective", "resemblance"):
-            draft = replace(draft, **{name: value})
-        else:
-            return
-        self.commit(draft)
+            self.commit(replace(draft, **{name: value}))
 
     def _undo(self, _: Any) -> None:
         self.history = self.history.undone()

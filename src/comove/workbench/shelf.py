@@ -17,20 +17,15 @@ from comove.scenes.scene import Scene
 
 
 class PlayedPart(Enum):
-    """A part of a result folder that is played; its value is the name of the file that tells of it."""
+    """A part of a result folder that is played, with the name of the file that tells of it, and what it is called."""
 
-    MOTION = "solution.json"
-    JOINTS = "robot.json"
-    RUN = "run.json"
-    SIMULATION = "simulation.json"
+    MOTION = "solution.json", "the hands"
+    JOINTS = "robot.json", "the robot"
+    RUN = "run.json", "the run"
+    SIMULATION = "simulation.json", "the simulation"
 
-
-WORDS = {
-    PlayedPart.MOTION: "the hands",
-    PlayedPart.JOINTS: "the robot",
-    PlayedPart.RUN: "the run",
-    PlayedPart.SIMULATION: "the simulation",
-}
+    def __init__(self, file: str, words: str):
+        self.file, self.words = file, words
 
 
 @dataclass(frozen=True)
@@ -129,7 +124,7 @@ def _items_in(path: Path) -> dict[str, Item]:
             "the folder does not say which scene was solved", file=path, way_out="name the scene file instead"
         )
     read_scene(scene)
-    return {WORDS[part]: Item(scene, path, part) for part in parts_of(path)}
+    return {part.words: Item(scene, path, part) for part in parts_of(path)}
 
 
 def _names_of(paths: Sequence[Path]) -> list[str]:
@@ -151,10 +146,10 @@ def parts_of(folder: Path) -> tuple[PlayedPart, ...]:
     ResultError
         If it holds nothing of the kind.
     """
-    found = tuple(part for part in reversed(PlayedPart) if (folder / part.value).is_file())
+    found = tuple(part for part in reversed(PlayedPart) if (folder / part.file).is_file())
     if not found:
         raise ResultError(
-            f"it holds no {PlayedPart.MOTION.value} and no {PlayedPart.RUN.value}",
+            f"it holds no {PlayedPart.MOTION.file} and no {PlayedPart.RUN.file}",
             file=folder,
             way_out="name a folder of comove solve, robot solve or run",
         )

@@ -94,23 +94,13 @@ class RunMailbox(Mailbox):
     @property
     def halted(self) -> bool:
         """Return whether a run shall end: it was stopped, or something else waits."""
-        return self._halted or self._closed or self._draft is not None
-
-    @property
-    def waiting(self) -> bool:
-        """Return whether a newer draft waits."""
-        return self._draft is not None
+        return self._halted or self.closed or self.draft is not None
 
     @property
     def let_go(self) -> bool:
         """Return whether a newer draft waits after which none follows at once, so that it need not be put off."""
-        draft = self._draft
+        draft = self.draft
         return draft is not None and not draft.header["dragging"]
-
-    @property
-    def closed(self) -> bool:
-        """Return whether nothing comes any more."""
-        return self._closed
 
 
 class Worker:
@@ -185,7 +175,7 @@ class Worker:
             If the folder does not hold it.
         """
         folder = Path(header["result"])
-        playback = playback_of_item(Item(folder / SCENE, folder, PlayedPart(header["part"])))
+        playback = playback_of_item(Item(folder / SCENE, folder, PlayedPart[header["part"]]))
         touches = [asdict(touch) for touch in playback.touches]
         self._played(playback, header, "stored" if playback.holds else "failed", touches=touches)
 
@@ -227,10 +217,10 @@ class Worker:
         def stop() -> bool:
             early = time.perf_counter() - self._begun < header["patience"]
             patient = not told and not self.mailbox.let_go and early
-            return self.mailbox.closed or (self.mailbox.waiting and not patient)
+            return self.mailbox.closed or (self.mailbox.draft is not None and not patient)
 
         solution = self._solved(scene, header, progress, stop)
-        if self.mailbox.waiting:  # which nobody waits for any more
+        if self.mailbox.draft is not None:  # which nobody waits for any more
             return
         hands = solution if isinstance(solution, Solution) else solution.solution
         self.solution = header["id"], solution
