@@ -207,17 +207,13 @@ def require_target(path: Path, error: type[InputError] = DemonstrationError) -> 
             raise error("it names no file", file=path, way_out="give the file a name")
         if path.exists() and not path.is_file():
             raise error("it is there already and is no file", file=path, way_out="choose another name")
-        _require_folder(path, error)
+        if not path.parent.is_dir():
+            raise error(
+                f"it cannot be written: there is no folder {path.parent}",
+                file=path,
+                way_out="check the path, or make the folder",
+            )
     require_room(path, error)
-
-
-def _require_folder(path: Path, error: type[InputError]) -> None:
-    if not path.parent.is_dir():
-        raise error(
-            f"it cannot be written: there is no folder {path.parent}",
-            file=path,
-            way_out="check the path, or make the folder",
-        )
 
 
 def _claim(draft: Path, path: Path, error: type[InputError]) -> None:

@@ -182,13 +182,9 @@ def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
 def _unknown_keys(unknown: _Keys, data: Any, contract: Contract) -> Iterator[Flaw]:
     for path, keys in unknown.items():
         for key in keys:
-            yield Flaw((*path, key), *_unknown_key(key, path, data, contract))
-
-
-def _unknown_key(key: str, path: KeyPath, data: Any, contract: Contract) -> tuple[str, str]:
-    if key.isdigit():
-        return f"unknown key {show(key)}", "write decimals with a point, and lists in brackets"
-    return f"unknown key {show(key)}", near_name(key, _keys(path, data, contract))
+            digits = "write decimals with a point, and lists in brackets" if key.isdigit() else None
+            way_out = digits or near_name(key, _keys(path, data, contract))
+            yield Flaw((*path, key), f"unknown key {show(key)}", way_out)
 
 
 def _missing_keys(missing: _Keys, unknown: _Keys, data: Any, contract: Contract) -> Iterator[Flaw]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import quaternion_of_rotation
+from comove.geometry.rotations import fit_quaternion
 from comove.scenes.scene import Scene
 from comove.views.shapes import all_around, hull_faces, outline, support_points
 from comove.views.style import COLOURS
@@ -173,7 +173,9 @@ def pieces_of(scene: Scene, nodes: Array, sizes: Proportions = Proportions()) ->
         own = raised[:, list(dict.fromkeys(corners.tolist()))]
         middle = own.mean(axis=1)
         surface = Surface.of(hull_faces(own[0] - middle[0]))
-        found.append(Piece(f"solid_{number}", surface, colour_of("#8a8f98"), middle, _fitted(own)))
+        found.append(
+            Piece(f"solid_{number}", surface, colour_of("#8a8f98"), middle, fit_quaternion(own[0], own))
+        )
     return tuple(found)
 
 
@@ -186,14 +188,6 @@ def _turned_to(way: Array, length: Array) -> Array:
     turns = np.stack([w, -y / divisor, x / divisor, np.zeros_like(w)], axis=1)
     turns[upside_down] = [0.0, 1.0, 0.0, 0.0]
     return turns / np.linalg.norm(turns, axis=1, keepdims=True)
-
-
-def _fitted(points: Array) -> Array:
-    """Return the turns of a rigid body from its first state; points of shape (n_steps, n_points, 3)."""
-    about = points - points.mean(axis=1, keepdims=True)
-    u, _, vt = np.linalg.svd(np.einsum("tni,nj->tij", about, about[0]))
-    u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
-    return np.array([quaternion_of_rotation(turn) for turn in u @ vt])
 
 
 def workspace_lines(scene: Scene) -> Array:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -18,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import ComoveError, ComoveWarning
+from comove.errors import ComoveError
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.scenes.scene import Scene
 from comove.workbench.bodies import unpacked
@@ -130,8 +129,10 @@ class Session:
 
     # --- scenes ---
 
-    def open(self, name: str) -> None:
+    def _open(self, name: Any) -> None:
         """Show something else of the shelf, and ask for its motion."""
+        if name not in self.shelf.items:
+            return
         item = self.shelf.items[name]
         scene = read_scene(item.scene)
         self.link.close()
@@ -413,9 +414,7 @@ class Session:
     def _renew(self) -> None:
         """Draw the scene of the history, if it is one, and ask for its motion."""
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ComoveWarning)
-                scene = Scene.from_dict(self.history.now.contents, folder=self.link.folder)
+            scene = read_scene(self.history.now.contents, self.link.folder)
         except ComoveError as error:
             self.stage.fade()
             self.stage.blame(*named_in(self.scene, [str(error)]))
@@ -458,10 +457,6 @@ class Session:
     def _redo(self, _: Any) -> None:
         self.history = self.history.redone()
         self._renew()
-
-    def _open(self, name: Any) -> None:
-        if name in self.shelf.items:
-            self.open(name)
 
     def _toggle(self, _: Any) -> None:
         self.playing = not self.playing

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 from comove.errors import ComoveWarning, OptionError, ResultError
 from comove.io.folders import require_folder
@@ -156,8 +157,12 @@ def parts_of(folder: Path) -> tuple[PlayedPart, ...]:
     return found
 
 
-def read_scene(path: Path) -> Scene:
+def read_scene(source: Path | dict[str, Any], folder: str | Path | None = None) -> Scene:
     """Read a scene, without the warnings that who wrote it has seen.
+
+    Parameters
+    ----------
+    source : file of the scene, or contents of such a file, whose paths are relative to `folder`
 
     Raises
     ------
@@ -166,4 +171,4 @@ def read_scene(path: Path) -> Scene:
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ComoveWarning)
-        return Scene.load(path)
+        return Scene.load(source) if isinstance(source, Path) else Scene.from_dict(source, folder=folder)

@@ -110,7 +110,7 @@ class Stage:
         """
         self._lines("workspace", workspace_lines(self.scene), colour_of("#777d87"), 1.5)
         self._floor()
-        self.draw_obstacles()
+        self._draw_obstacles()
         for grip in grips_of(self.scene):
             if grip.kind != "obstacle":
                 self._draw_mark(grip)
@@ -123,10 +123,8 @@ class Stage:
                 path = demonstration[:, hand] + [0.0, 0.0, 1.1 * self.lift]
                 self._lines(f"demonstration_{hand}", segments_of(path)[::2], colour_of("#6b7280"), 1.5)
 
-    def draw_obstacles(self) -> None:
+    def _draw_obstacles(self) -> None:
         """Draw the obstacles, where they are at 0 s."""
-        for handle in self.obstacles:
-            handle.remove()
         moving, few = self.scene.moving, len(self.scene.moving) < self.sizes.many
         self.obstacles = [
             self._mesh(

@@ -15,7 +15,6 @@ import os
 import sys
 import threading
 import time
-import warnings
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import asdict
@@ -23,7 +22,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import ComoveError, ComoveWarning, ExtraError, OptionError
+from comove.errors import ComoveError, ExtraError, OptionError
 from comove.planning import (
     Comove,
     LeastJerk,
@@ -52,7 +51,7 @@ from comove.workbench.bodies import bodies_of, packed, poses_of, robot_of
 from comove.workbench.live import LiveRun, State, run_live, save_run
 from comove.workbench.playback import Playback, playback_of, playback_of_item, playback_of_run
 from comove.workbench.protocol import Mailbox, Message, read_message, write_message
-from comove.workbench.shelf import Item, PlayedPart
+from comove.workbench.shelf import Item, PlayedPart, read_scene
 from comove.workbench.teaching import demonstration_from
 
 if TYPE_CHECKING:
@@ -141,7 +140,7 @@ class Worker:
         SceneError
             If the draft is no scene.
         """
-        scene = _scene_of(header)
+        scene = read_scene(header["contents"], header["folder"])
         self._meet_robot(scene)
         if header["result"] is not None:
             self._stored(header)
@@ -275,7 +274,7 @@ class Worker:
         OptionError
             If it has no duration, or arms carry.
         """
-        scene = _scene_of(header)
+        scene = read_scene(header["contents"], header["folder"])
         if scene.file.robot is not None:
             raise OptionError("arms are not led live", way_out="take a scene without a robot")
         if not scene.is_timed:
@@ -357,13 +356,6 @@ class Worker:
 
     def _say_compiling(self, kernel: str) -> None:
         self.tell(Message({"kind": "compiling", "id": -1, "kernel": kernel}))
-
-
-def _scene_of(header: Mapping[str, Any]) -> Scene:
-    """Return the scene of a draft."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ComoveWarning)
-        return Scene.from_dict(header["contents"], folder=header["folder"])
 
 
 def _aim_of(scene: Scene, header: Mapping[str, Any]) -> Any:
