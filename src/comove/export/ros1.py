@@ -129,16 +129,12 @@ class Ros1Client:
 
     def _has_cancelled(self) -> bool:
         """Return whether the bridge confirms that it cancelled; it may hang, or end meanwhile."""
-        until = time.monotonic() + self._within
-        while (left := until - time.monotonic()) > 0:
-            for event in self._news(left):
-                if event["event"] == "cancelled":
-                    return True
-                self._take(event)
-                if event["event"] == "ended":
-                    return False
-        self._lose("did not answer")
-        return False
+        event = self._awaited(("cancelled",), self._within)
+        if event is None:
+            self._lose("did not answer")
+            return False
+        self._take(event)
+        return event["event"] == "cancelled"
 
     def state(self, wait: float) -> RobotState:
         """Return the known state, after waiting for news for at most `wait` [s]."""
@@ -198,15 +194,21 @@ class Ros1Client:
 
     def _answer(self, timeout: float) -> dict[str, Any]:
         """Wait for the first event that says whether the robot is connected."""
+        event = self._awaited(("connected", "refused"), timeout)
+        if event is None or event["event"] == "ended":
+            what = "it did not answer" if event is None else self._last_words()
+            return {"event": "refused", "reason": "ended", "what": what}
+        return event
+
+    def _awaited(self, kinds: tuple[str, ...], timeout: float) -> dict[str, Any] | None:
+        """Return the first event of some kinds, or of the end; None if none comes. Those before update the state."""
         until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0:
             for event in self._news(left):
-                if event["event"] in ("connected", "refused"):
+                if event["event"] in (*kinds, "ended"):
                     return event
-                if event["event"] == "ended":
-                    return {"event": "refused", "reason": "ended", "what": self._last_words()}
                 self._take(event)
-        return {"event": "refused", "reason": "ended", "what": "it did not answer"}
+        return None
 
     def _news(self, wait: float) -> Iterator[dict[str, Any]]:
         try:

@@ -16,7 +16,6 @@ from comove.workbench.playback import playback_of_item
 from comove.workbench.recorded import POLICY, page_of
 from comove.workbench.shelf import Item, PlayedPart, Shelf, parts_of, read_scene
 
-PICTURES = (("motion.png", "The scene, the hands' paths and the load at equal steps."),)
 STYLE = (
     "body{font:15px/1.55 system-ui,sans-serif;color:#1a1a1a;max-width:62em;margin:2em auto;padding:0 1em}"
     "table{border-collapse:collapse}td,th{padding:.25em .9em .25em 0;text-align:left;border-bottom:1px solid #ddd}"
@@ -61,7 +60,7 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
         f"<p>{html.escape(MEANING)}</p>",
         "<h2>The scene</h2>",
         _table(("what", "how many or how much"), _facts(scene, motion)),
-        *_figures(folder),
+        _figure(folder),
         "<h2>How it was made, and how to repeat it</h2>",
         _table(("what", ""), _origin(stored.summary)),
         f"<pre>{html.escape(_commands(folder, stored.summary))}</pre>",
@@ -107,13 +106,13 @@ def _facts(scene: Scene, motion: CoordinatedMotion) -> list[tuple[str, str]]:
     ]
 
 
-def _figures(folder: Path) -> list[str]:
-    found = []
-    for name, caption in PICTURES:
-        if (folder / name).is_file():
-            data = base64.b64encode((folder / name).read_bytes()).decode("ascii")
-            found.append(f'<p><img alt="{caption}" src="data:image/png;base64,{data}"><br>{caption}</p>')
-    return found
+def _figure(folder: Path) -> str:
+    """Return the picture of a motion; nothing where the folder holds none."""
+    picture, caption = folder / "motion.png", "The scene, the hands' paths and the load at equal steps."
+    if not picture.is_file():
+        return ""
+    data = base64.b64encode(picture.read_bytes()).decode("ascii")
+    return f'<p><img alt="{caption}" src="data:image/png;base64,{data}"><br>{caption}</p>'
 
 
 def _origin(summary: dict[str, Any]) -> list[tuple[str, str]]:
