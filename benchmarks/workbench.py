@@ -42,9 +42,9 @@ def answer_to(number, answers, kinds=("kept", "found", "solved", "failed")):
     """Wait for the first answer of some kinds to one draft; return its kind, and when it came [s]."""
     until = time.perf_counter() + ENOUGH
     while True:
-        header = answers.get(timeout=max(until - time.perf_counter(), 0.01)).header
-        if header["id"] == number and header["kind"] in kinds:
-            return header["kind"], time.perf_counter()
+        answer = answers.get(timeout=max(until - time.perf_counter(), 0.01))
+        if answer["id"] == number and answer["kind"] in kinds:
+            return answer["kind"], time.perf_counter()
 
 
 def dragged(scene, link, answers, rng):

@@ -1,7 +1,5 @@
 """A robot is drawn where its joints put it, with few triangles that stay near the many of its meshes."""
 
-import io
-
 import numpy as np
 import pytest
 
@@ -11,9 +9,8 @@ import pinocchio as pin
 
 from comove.geometry.rotations import matrices
 from comove.robots import Robot
-from comove.workbench.bodies import bodies_of, packed, poses_of, simplified, unpacked
+from comove.workbench.bodies import bodies_of, poses_of, simplified
 from comove.workbench.geometry import ball
-from comove.workbench.protocol import Message, read_message, write_message
 from tests.robots.small_robots import robot, urdf, written
 
 CRANE = """
@@ -83,22 +80,3 @@ def test_a_simplified_ball_stays_a_ball_seen_from_outside(cell):
     volume = np.einsum("ni,ni->n", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])).sum() / 6
     assert len(np.unique(simple.faces)) == len(simple.vertices)
     assert volume == pytest.approx(4 / 3 * np.pi * 1e-3, rel=0.25), "no face is turned inside out or lost"
-
-
-def test_bodies_travel_through_messages():
-    bodies, stream = bodies_of(robot("two_pandas")), io.BytesIO()
-    write_message(stream, Message({"kind": "robot"}, packed(bodies)))
-    stream.seek(0)
-    again = unpacked(read_message(stream).arrays)
-    assert [(b.joint, b.colour) for b in again] == [(b.joint, b.colour) for b in bodies]
-    for one, other in zip(again, bodies, strict=True):
-        np.testing.assert_allclose(one.surface.vertices, other.surface.vertices, atol=1e-6)
-        assert np.array_equal(one.surface.faces, other.surface.faces)
-
-
-def test_messages_ask_nothing_of_numpy_but_to_write_the_arrays(monkeypatch):
-    """The oldest numpy takes every keyword for an array."""
-    asked = []
-    monkeypatch.setattr(np, "savez", lambda _file, **arrays: asked.extend(arrays))
-    write_message(io.BytesIO(), Message({}, {"center": np.zeros(3)}))
-    assert asked == ["center"]

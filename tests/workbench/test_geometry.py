@@ -113,8 +113,6 @@ def test_a_recording_agrees_with_the_certificate():
     assert recording.speed.max() <= solution.report.speed_max
     assert recording.acceleration.max() <= solution.report.acceleration_max
     assert (recording.error <= 1.0).all(), "no constraint uses more than its tolerance"
-    again = RecordedMotion(**recording.arrays())
-    assert np.array_equal(again.nodes, recording.nodes)
 
 
 def test_colours_tell_contact_from_room():

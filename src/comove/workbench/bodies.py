@@ -138,26 +138,6 @@ def _keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
     return (rows[:, 0] * high + rows[:, 1]) * highest + rows[:, 2]
 
 
-def packed(bodies: Iterable[LinkSurface]) -> dict[str, NDArray[Any]]:
-    """Return bodies as arrays by name, as messages carry them."""
-    arrays: dict[str, NDArray[Any]] = {}
-    for number, body in enumerate(bodies):
-        arrays[f"vertices_{number}"] = body.surface.vertices.astype(np.float32)
-        arrays[f"faces_{number}"] = body.surface.faces.astype(np.uint32)
-        arrays[f"of_{number}"] = np.array([body.joint, *body.colour])
-    return arrays
-
-
-def unpacked(arrays: Mapping[str, NDArray[Any]]) -> tuple[LinkSurface, ...]:
-    """Return the bodies that `packed` wrote."""
-    found = []
-    for number in range(sum(name.startswith("of_") for name in arrays)):
-        joint, red, green, blue = arrays[f"of_{number}"].tolist()
-        surface = Surface(arrays[f"vertices_{number}"], arrays[f"faces_{number}"])
-        found.append(LinkSurface(joint, (red, green, blue), surface))
-    return tuple(found)
-
-
 def _visible(robot: Robot) -> Iterator[tuple[int, Colour, Array]]:
     """Yield the joint, the colour and the triangles, in the joint's frame, of all that is visible of a robot."""
     import pinocchio as pin

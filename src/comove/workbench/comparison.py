@@ -8,11 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from comove.workbench.bodies import unpacked
 from comove.workbench.edits import METHODS, Draft, contents_of
 from comove.workbench.link import Link, SearchTimes, on_loop
 from comove.workbench.panels import Panels
-from comove.workbench.playback import RecordedMotion, Touch
 from comove.workbench.protocol import Message
 from comove.workbench.shelf import Item, read_scene
 from comove.workbench.stage import BESIDE, Stage
@@ -106,25 +104,22 @@ class Comparison:
         self.panels.beside.content = f"**{plain_text(self.chosen)}** {doing} ..."
 
     def _answered(self, link: Link, message: Message) -> None:
-        header, stage = message.header, self.stage
+        kind, stage = message["kind"], self.stage
         if self._closed or link is not self._link or stage is None:
             return
-        if header["kind"] == "robot" and stage.robot is None and stage.scene.file.robot is not None:
-            arrays = dict(message.arrays)
-            stage.draw_robot(unpacked(arrays), arrays["home"])
-        if header["id"] != self._asked:
+        if kind == "robot" and stage.robot is None and stage.scene.file.robot is not None:
+            stage.draw_robot(message["bodies"], message["home"])
+        if message["id"] != self._asked:
             return
-        failed, reasons = header["kind"] == "failed", header.get("reasons", ())
-        words = verdict_words(
-            header["kind"], reasons, header.get("verified_after"), header.get("verdict", "")
-        )
-        if message.arrays:
-            stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
-            stage.draw_motion(RecordedMotion(**message.arrays), pale=failed)
+        failed, reasons = kind == "failed", message.get("reasons", ())
+        words = verdict_words(kind, reasons, message.get("verified_after"), message.get("verdict", ""))
+        if recording := message.get("recording"):
+            stage.touches = message.get("touches", ())
+            stage.draw_motion(recording, pale=failed)
         if failed:
             stage.blame(*named_in(stage.scene, reasons))
-        if header.get("rows"):
-            words += "\n\n" + measures_words(header["rows"], header["proved"])
+        if message.get("rows"):
+            words += "\n\n" + measures_words(message["rows"], message["proved"])
         self.panels.beside.content = f"**{plain_text(self.chosen)}**: {words}"
         self._drawn()
 

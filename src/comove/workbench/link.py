@@ -10,12 +10,13 @@ import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing.connection import Pipe
 from pathlib import Path
 from typing import Any
 
 from comove.processes import end_process
 from comove.workbench.edits import Draft
-from comove.workbench.protocol import Mailbox, Message, read_message, write_message
+from comove.workbench.protocol import Mailbox, Message
 from comove.workbench.shelf import Item
 
 
@@ -62,13 +63,15 @@ class Link:
         self.folder, self._answered = folder, answered
         self._numbers = itertools.count()
         self._mailbox = Mailbox()
-        # -P: a folder called comove where the page was started from must not be taken for the package
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "comove.workbench.worker"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C ends the page, which ends this
-        )
+        self._connection, theirs = Pipe()
+        with theirs:
+            # -P: a folder called comove where the page was started from must not be taken for the package
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "comove.workbench.worker", str(theirs.fileno())],
+                pass_fds=[theirs.fileno()],
+                stdin=subprocess.DEVNULL,
+                start_new_session=True,  # Ctrl-C ends the page, which ends this
+            )
         for work in (self._write, self._read):
             threading.Thread(target=work, daemon=True).start()
 
@@ -88,20 +91,12 @@ class Link:
         item : what of a result folder is wanted instead of a search
         """
         return self._put(
-            "draft",
-            **self._told(draft),
-            **vars(times),
-            dragging=dragging,
-            result=None if item is None or item.result is None else str(item.result.absolute()),
-            part=None if item is None else item.part.name,
+            "draft", folder=self.folder.absolute(), draft=draft, times=times, dragging=dragging, item=item
         )
-
-    def _told(self, draft: Draft) -> dict[str, Any]:
-        return {"folder": str(self.folder.absolute()), **vars(draft)}
 
     def run(self, draft: Draft) -> int:
         """Ask for a draft to be executed step by step; return the number by which answers name it."""
-        return self._put("run", **self._told(draft))
+        return self._put("run", folder=self.folder.absolute(), draft=draft)
 
     def lead(self, obstacle: int, place: Sequence[float]) -> None:
         """Tell the run where an obstacle is led [m]."""
@@ -117,12 +112,12 @@ class Link:
 
     def save(self, of: int, target: Path, seed: int = 0) -> int:
         """Ask for the result of a draft to be written into a folder; return the number of the answer."""
-        return self._put("save", of=of, target=str(target), seed=seed)
+        return self._put("save", of=of, target=target, seed=seed)
 
     def _put(self, kind: str, **told: Any) -> int:
         """Send a message; return its number."""
         number = next(self._numbers)
-        self._mailbox.put(Message({"kind": kind, "id": number, **told}))
+        self._mailbox.put({"kind": kind, "id": number, **told})
         return number
 
     def close(self) -> None:
@@ -131,18 +126,13 @@ class Link:
         threading.Thread(target=end_process, args=[self._process], daemon=True).start()
 
     def _write(self) -> None:
-        stream = self._process.stdin
-        while stream is not None and (message := self._mailbox.take()) is not None:
-            with suppress(OSError, ValueError):
-                write_message(stream, message)
+        while (message := self._mailbox.take()) is not None:
+            with suppress(OSError):  # it has ended, which reading will tell
+                self._connection.send(message)
 
     def _read(self) -> None:
-        stream = self._process.stdout
-        while stream is not None:
-            message = None
-            with suppress(OSError, ValueError):
-                message = read_message(stream)
-            if message is None:
-                break
-            self._answered(self, message)
-        self._answered(self, Message({"kind": "ended", "id": -1}))
+        with suppress(EOFError, OSError):
+            while True:
+                self._answered(self, self._connection.recv())
+        self._connection.close()
+        self._answered(self, {"kind": "ended", "id": -1})

@@ -7,7 +7,7 @@ the workbench show alike. Whatever comes from a folder is judged anew from its f
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -136,10 +136,6 @@ class RecordedMotion:
             links=np.zeros((len(time), 0, 7)) if links is None else links,
             tightest=np.array(tightest, dtype=float),
         )
-
-    def arrays(self) -> dict[str, Array]:
-        """Return all arrays by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     def index_at(self, time: float) -> int:
         """Return the number of the state that is nearest to an instant [s]."""

@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from numpy.typing import NDArray
 from comove.errors import ComoveError
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.scenes.scene import Scene
-from comove.workbench.bodies import unpacked
 from comove.workbench.comparison import CHOICES, Comparison
 from comove.workbench.edits import (
     VALUES,
@@ -33,8 +31,9 @@ from comove.workbench.edits import (
     with_value,
 )
 from comove.workbench.link import Link, SearchTimes, on_loop
+from comove.workbench.live import State
 from comove.workbench.panels import Panels
-from comove.workbench.playback import RecordedMotion, Touch
+from comove.workbench.playback import RecordedMotion
 from comove.workbench.protocol import Message
 from comove.workbench.saving import save_scene, target_in
 from comove.workbench.shelf import Item, Shelf, read_scene
@@ -321,12 +320,13 @@ class Session:
 
     def _go(self, message: Message) -> None:
         """Show a state of the run."""
-        if not self.live or message.header["id"] != self.asked:
+        if not self.live or message["id"] != self.asked:
             return
+        state: State = message["state"]
         with self.client.atomic():
-            self.stage.show_state(message.arrays["nodes"], message.arrays["offsets"])
-        plan = "follows a plan" if message.header["planned"] else "has no plan, and goes where it is clear"
-        self.panels.ran.content = f"{message.header['time']:.1f} s: the load {plan}."
+            self.stage.show_state(state.nodes, state.offsets)
+        plan = "follows a plan" if state.planned else "has no plan, and goes where it is clear"
+        self.panels.ran.content = f"{state.time:.1f} s: the load {plan}."
 
     def _end_run(self) -> None:
         self.live, self.held = False, None
@@ -509,23 +509,22 @@ class Session:
     # --- answers ---
 
     def _answered(self, link: Link, message: Message) -> None:
-        header, kind = message.header, message.header["kind"]
+        kind = message["kind"]
         if self.closed or link is not self.link:
             return
         if kind in ("compiling", "ended"):
-            if kind == "ended" or header["kernel"]:
+            if kind == "ended" or message["kernel"]:
                 self.panels.say(verdict_words(kind))
         elif kind == "robot":
-            arrays = dict(message.arrays)
-            self.stage.draw_robot(unpacked(arrays), arrays["home"])
+            self.stage.draw_robot(message["bodies"], message["home"])
             self._look()
         elif kind == "armless":
-            reasons = plain_text(" ".join(header["reasons"]))
+            reasons = plain_text(" ".join(message["reasons"]))
             self.note = f"\n\n{reasons}. This is the motion of the hands alone."
         elif kind == "saved":
-            self.panels.saved.content = f"Saved: {plain_text(Path(header['target']).name)}"
+            self.panels.saved.content = f"Saved: {plain_text(message['target'].name)}"
         elif kind == "unsaved":
-            self.panels.saved.content = f"**Not saved.** {plain_text(' '.join(header['reasons']))}"
+            self.panels.saved.content = f"**Not saved.** {plain_text(' '.join(message['reasons']))}"
         elif kind == "state":
             self._go(message)
         else:
@@ -533,57 +532,52 @@ class Session:
 
     def _answered_draft(self, message: Message) -> None:
         """Show what the planner says of a draft, unless it has said something of a newer one."""
-        header, kind = message.header, message.header["kind"]
-        if header["id"] < self.answered:
+        number, kind = message["id"], message["kind"]
+        if number < self.answered or (kind == "ran" and number != self.asked):
             return
-        if kind == "ran" and header["id"] != self.asked:
-            return
-        if self.live and header["id"] == self.asked:
+        newest = number == self.asked
+        if self.live and newest:
             self._end_run()
-        self.answered, newest = header["id"], header["id"] == self.asked
+        self.answered = number
         if kind in VERIFIED:
-            self._take(RecordedMotion(**message.arrays), header, newest)
+            self._take(message, newest)
         elif newest:
             self._fail(message)
-            self.panels.say(verdict_words("failed", header["reasons"]))
+            self.panels.say(verdict_words("failed", message["reasons"]))
 
     def _fail(self, message: Message) -> None:
         """Show in grey what is not verified: what a folder holds, or else the motion before."""
-        if message.arrays and self.stage.recording is None:
-            recording = RecordedMotion(**message.arrays)
+        recording = message.get("recording")
+        if recording is not None and self.stage.recording is None:
             self.stage.draw_motion(recording, pale=True)
-            self._measure(recording, message.header)
+            self._measure(message)
         self.stage.fade()
-        if not self.stage.touches:
-            self.stage.blame(*self._blamed(message))
+        if not self.stage.touches:  # what the reasons name is in the way, or else what is nearest
+            named = named_in(self.scene, message["reasons"])
+            nearest = () if recording is None else (int(recording.tightest[1]),)
+            self.stage.blame(*(named or nearest))
 
-    def _blamed(self, message: Message) -> tuple[int, ...]:
-        """Return the obstacles that are in the way: those that the reasons name, or else the nearest one."""
-        named = named_in(self.scene, message.header["reasons"])
-        if named or not message.arrays:
-            return named
-        return (int(message.arrays["tightest"][1]),)
-
-    def _take(self, recording: RecordedMotion, header: Mapping[str, Any], newest: bool) -> None:
+    def _take(self, message: Message, newest: bool) -> None:
         """Show a verified motion: in colours if it is that of the scene as it is now, else in grey."""
         with self.client.atomic():
-            self.stage.draw_motion(recording, pale=not newest or not header.get("holds", True))
+            self.stage.draw_motion(message["recording"], pale=not newest or not message.get("holds", True))
             self._show(min(self.time, self.end))
         if not newest:
             return
-        self.solved = header["id"] if header["kind"] in FINAL else self.solved
+        kind = message["kind"]
+        self.solved = message["id"] if kind in FINAL else self.solved
         first = self.history.at == 0 and self.held is None  # which includes the loading of kernels
-        seconds = None if first else header.get("verified_after")
-        said = header["kind"], header["reasons"], seconds, header["verdict"]
-        self.panels.say(verdict_words(*said))
-        self._measure(recording, header)
+        seconds = None if first else message.get("verified_after")
+        self.panels.say(verdict_words(kind, message["reasons"], seconds, message["verdict"]))
+        self._measure(message)
 
-    def _measure(self, recording: RecordedMotion, header: Mapping[str, Any]) -> None:
-        """Show the measures of a recording, and what touched in it."""
-        self.stage.touches = tuple(Touch(**touch) for touch in header.get("touches", ()))
+    def _measure(self, message: Message) -> None:
+        """Show the measures of what was recorded, and what touched in it."""
+        recording = message["recording"]
+        self.stage.touches = message.get("touches", ())
         self.panels.plot(recording, self.scene.manipulators)
         self._stretch()
-        words = measures_words(header["rows"], header["proved"]) if header["rows"] else ""
+        words = measures_words(message["rows"], message["proved"]) if message["rows"] else ""
         self.panels.measures.content = words + self._tightest_words(recording) + self.note
 
     def _tightest_words(self, recording: RecordedMotion) -> str:

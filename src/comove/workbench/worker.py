@@ -1,7 +1,7 @@
 """The planner of one page, in a process of its own: it solves the newest draft, drops those before, and runs.
 
-`python -m comove.workbench.worker` reads messages from standard input and answers on standard output, as
-`comove.workbench.protocol` writes them. It ends when the other end closes.
+`python -m comove.workbench.worker SOCKET` answers the messages that come through a socket (see
+`comove.workbench.protocol`). It ends when the other end closes.
 
 A draft is answered in steps. First the motion that is shown is judged on the new scene: where it is still verified,
 it stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
@@ -15,11 +15,10 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict
-from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from multiprocessing.connection import Connection
+from typing import TYPE_CHECKING, Any
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveError, ExtraError, OptionError
@@ -42,16 +41,16 @@ from comove.planning.compiling import IN_ALL, compiling
 from comove.planning.objectives import OBJECTIVES, objective_of_scene
 from comove.planning.pace import with_limits
 from comove.planning.solution import ProgressCallback
-from comove.results.solution import SCENE
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion, verify
 from comove.workbench.arms import PlannedArms
-from comove.workbench.bodies import bodies_of, packed, poses_of, robot_of
-from comove.workbench.live import LiveRun, State, run_live, save_run
+from comove.workbench.bodies import bodies_of, poses_of, robot_of
+from comove.workbench.edits import Draft
+from comove.workbench.live import LiveRun, run_live, save_run
 from comove.workbench.playback import Playback, playback_of, playback_of_item, playback_of_run
-from comove.workbench.protocol import Mailbox, Message, read_message, write_message
-from comove.workbench.shelf import Item, PlayedPart, read_scene
+from comove.workbench.protocol import Mailbox, Message
+from comove.workbench.shelf import read_scene
 from comove.workbench.teaching import demonstration_from
 
 if TYPE_CHECKING:
@@ -72,15 +71,14 @@ class RunMailbox(Mailbox):
 
     def put(self, message: Message) -> None:
         """Add a message; of the places to which an obstacle is led, the newest is kept."""
-        header = message.header
         with self._changed:
-            if header["kind"] == "lead":
-                self._leads[header["obstacle"]] = header["place"]
+            if message["kind"] == "lead":
+                self._leads[message["obstacle"]] = message["place"]
                 return
-            if header["kind"] == "halt":
+            if message["kind"] == "halt":
                 self._halted = True
                 return
-            if header["kind"] == "run":  # what was said before is not meant for it
+            if message["kind"] == "run":  # what was said before is not meant for it
                 self._leads, self._halted = {}, False
         super().put(message)
 
@@ -99,7 +97,7 @@ class RunMailbox(Mailbox):
     def let_go(self) -> bool:
         """Return whether a newer draft waits after which none follows at once, so that it need not be put off."""
         draft = self.draft
-        return draft is not None and not draft.header["dragging"]
+        return draft is not None and not draft["dragging"]
 
 
 class Worker:
@@ -127,25 +125,29 @@ class Worker:
             while (message := self.mailbox.take()) is not None:
                 self._begun, self._verified_after = time.perf_counter(), None
                 try:
-                    answers[message.header["kind"]](message.header)
+                    answers[message["kind"]](message)
                 except (ComoveError, OSError) as error:
-                    kind = "unsaved" if message.header["kind"] == "save" else "failed"
-                    self._send(message.header, kind, reasons=[str(error)])
+                    kind = "unsaved" if message["kind"] == "save" else "failed"
+                    self._send(message, kind, reasons=[str(error)])
 
-    def answer(self, header: Mapping[str, Any]) -> None:
-        """Answer a draft: judge the motion that is shown, then search.
+    def answer(self, asked: Message) -> None:
+        """Answer a draft: judge what a result folder holds, if that is wanted, else the motion shown, and search.
 
         Raises
         ------
         SceneError
             If the draft is no scene.
+        ResultError
+            If the folder does not hold it.
         """
-        scene = read_scene(header["contents"], header["folder"])
+        scene = read_scene(asked["draft"].contents, asked["folder"])
         self._meet_robot(scene)
-        if header["result"] is not None:
-            self._stored(header)
-        elif not self._still_verified(scene, header) or not header["dragging"]:
-            self._search(scene, header)
+        item = asked["item"]
+        if item is not None and item.result is not None:
+            stored = playback_of_item(item)
+            self._played(stored, asked, "stored" if stored.holds else "failed", touches=stored.touches)
+        elif not self._still_verified(scene, asked) or not asked["dragging"]:
+            self._search(scene, asked)
 
     def _meet_robot(self, scene: Scene) -> None:
         """Load the robot of a scene and tell how it looks; without robots the hands are planned alone."""
@@ -158,34 +160,21 @@ class Worker:
         try:
             robot = robot_of(scene)
         except ExtraError as error:
-            self.tell(Message({"kind": "armless", "id": -1, "reasons": [str(error)]}))
+            self.tell({"kind": "armless", "id": -1, "reasons": [str(error)]})
             return
         if robot is not None:
             self.arms = PlannedArms(robot, named)
-            arrays = packed(bodies_of(robot)) | {"home": poses_of(robot, robot.home[None])[0]}
-            self.tell(Message({"kind": "robot", "id": -1}, arrays))
+            home = poses_of(robot, robot.home[None])[0]
+            self.tell({"kind": "robot", "id": -1, "bodies": bodies_of(robot), "home": home})
 
-    def _stored(self, header: Mapping[str, Any]) -> None:
-        """Judge what a result folder holds anew, and tell of it.
-
-        Raises
-        ------
-        ResultError
-            If the folder does not hold it.
-        """
-        folder = Path(header["result"])
-        playback = playback_of_item(Item(folder / SCENE, folder, PlayedPart[header["part"]]))
-        touches = [asdict(touch) for touch in playback.touches]
-        self._played(playback, header, "stored" if playback.holds else "failed", touches=touches)
-
-    def _still_verified(self, scene: Scene, header: Mapping[str, Any]) -> bool:
+    def _still_verified(self, scene: Scene, asked: Message) -> bool:
         """Return whether the motion that is shown is verified on a changed scene as well; it is told if it is."""
         before = self.kept
         if before is None or before.scene.n_dims != scene.n_dims:
             return False
-        asked = scene if scene.is_timed else with_limits(scene).timed(before.scene.duration)
+        timed = scene if scene.is_timed else with_limits(scene).timed(before.scene.duration)
         try:
-            motion = before.on(asked)
+            motion = before.on(timed)
             verdict = verify(motion) if motion.weights.shape == before.weights.shape else None
         except (ComoveError, ValueError, IndexError):  # its coordinates are not those of this scene
             return False
@@ -195,41 +184,41 @@ class Worker:
         if still is None:
             return False
         self.kept = motion
-        self._found(still, header, "kept")
+        self._found(still, asked, "kept")
         return True
 
-    def _search(self, scene: Scene, header: Mapping[str, Any]) -> None:
+    def _search(self, scene: Scene, asked: Message) -> None:
         told: list[tuple[CoordinatedMotion, float]] = []
 
         def progress(state: Progress) -> None:
             now = time.perf_counter()
-            soon = told and (state.motion is told[-1][0] or now - told[-1][1] < header["pause"])
+            soon = told and (state.motion is told[-1][0] or now - told[-1][1] < asked["times"].pause)
             if state.motion is None or soon:
                 return
             told.append((state.motion, now))
             found = self._verified(state.motion)
             if found is not None:
                 self.kept = state.motion
-                self._found(found, header, "found")
+                self._found(found, asked, "found")
             told[-1] = state.motion, time.perf_counter()
 
         def stop() -> bool:
-            early = time.perf_counter() - self._begun < header["patience"]
+            early = time.perf_counter() - self._begun < asked["times"].patience
             patient = not told and not self.mailbox.let_go and early
             return self.mailbox.closed or (self.mailbox.draft is not None and not patient)
 
-        solution = self._solved(scene, header, progress, stop)
+        solution = self._solved(scene, asked, progress, stop)
         if self.mailbox.draft is not None:  # which nobody waits for any more
             return
         hands = solution if isinstance(solution, Solution) else solution.solution
-        self.solution = header["id"], solution
+        self.solution = asked["id"], solution
         if solution.verified:
             self.kept = hands.attempt
             if self.arms is not None and not isinstance(solution, Solution):
                 self.arms.kept = solution.joints
-            self._found(playback_of(solution), header, "solved")
+            self._found(playback_of(solution), asked, "solved")
         else:
-            self._played(playback_of(solution), header, "failed")
+            self._played(playback_of(solution), asked, "failed")
 
     def _verified(self, motion: CoordinatedMotion) -> Playback | None:
         """Return a motion that a search has found, once it is verified."""
@@ -239,23 +228,24 @@ class Worker:
         return None if verified is None else playback_of(verified)
 
     def _solved(
-        self, scene: Scene, header: Mapping[str, Any], progress: ProgressCallback, stop: Callable[[], bool]
+        self, scene: Scene, asked: Message, progress: ProgressCallback, stop: Callable[[], bool]
     ) -> Solution | RobotSolution:
         """Search a motion of the hands, or of a robot."""
-        method, aim = KINDS[header["method"]](), _aim_of(scene, header)
+        draft: Draft = asked["draft"]
+        method, aim = KINDS[draft.method](), _aim_of(scene, draft)
         load_kernels(SceneKind.of(scene))
-        taught = self._movements(scene, method.scene_of(scene), header["taught"])
+        taught = self._movements(scene, method.scene_of(scene), draft.taught)
         wanted: dict[str, Any] = {
             "demonstration": taught,
-            "seed": header["seed"],
+            "seed": draft.seed,
             "objective": aim,
-            "budget": header["budget"],
+            "budget": asked["times"].budget,
             "progress": progress,
             "stop": stop,
         }
         if self.arms is None:
             return solve(scene, method=method, **wanted)
-        return self.arms.solve(scene, None if header["method"] == Comove.name else method, wanted)
+        return self.arms.solve(scene, None if draft.method == Comove.name else method, wanted)
 
     def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
         """Return the movement that was taught, or that a scene names, for every hand; it is read once."""
@@ -264,7 +254,7 @@ class Worker:
             self._taught = key, demonstration_of(scene) if rows is None else demonstration_from(rows)
         return movements_of(self._taught[1], solved)
 
-    def run_live(self, header: Mapping[str, Any]) -> None:
+    def run_live(self, asked: Message) -> None:
         """Execute a draft step by step, tell its states, and judge what happened.
 
         Raises
@@ -274,7 +264,8 @@ class Worker:
         OptionError
             If it has no duration, or arms carry.
         """
-        scene = read_scene(header["contents"], header["folder"])
+        draft: Draft = asked["draft"]
+        scene = read_scene(draft.contents, asked["folder"])
         if scene.file.robot is not None:
             raise OptionError("arms are not led live", way_out="take a scene without a robot")
         if not scene.is_timed:
@@ -283,24 +274,19 @@ class Worker:
             scene = with_limits(scene).timed(self.kept.scene.duration)
         load_kernels(SceneKind.of(scene))
 
-        def tell(state: State) -> None:
-            arrays = {"nodes": state.nodes, "offsets": state.offsets}
-            said = {"kind": "state", "id": header["id"], "time": state.time, "planned": state.planned}
-            self.tell(Message(said, arrays))
-
         run = run_live(
             scene,
-            header["contents"],
-            demonstration=self._movements(scene, scene, header["taught"]),
-            seed=header["seed"],
+            draft.contents,
+            demonstration=self._movements(scene, scene, draft.taught),
+            seed=draft.seed,
             plan=self._plan_on(scene),
             leads=self.mailbox.leads,
-            tell=tell,
+            tell=lambda state: self._send(asked, "state", state=state),
             stop=lambda: self.mailbox.halted,
         )
-        self.solution = header["id"], run
+        self.solution = asked["id"], run
         playback = playback_of_run(run.record, run.blocker)
-        self._played(playback, header, "ran", holds=playback.holds)
+        self._played(playback, asked, "ran", holds=playback.holds)
 
     def _plan_on(self, scene: Scene) -> VerifiedMotion | None:
         """Return the motion that is shown, if it is verified on a scene."""
@@ -309,7 +295,7 @@ class Worker:
         except (ComoveError, ValueError, IndexError):  # its coordinates are not those of this scene
             return None
 
-    def save(self, header: Mapping[str, Any]) -> None:
+    def save(self, asked: Message) -> None:
         """Write the last result into a folder, as `comove solve` and `comove robot solve` do.
 
         Raises
@@ -322,46 +308,42 @@ class Worker:
         from comove.views import save_result
 
         number, solution = self.solution or (-1, None)
-        known = number == header["of"] and (isinstance(solution, LiveRun) or (solution and solution.verified))
+        known = number == asked["of"] and (isinstance(solution, LiveRun) or (solution and solution.verified))
         if solution is None or not known:
-            self._send(header, "unsaved", reasons=["there is no verified motion of this scene to save yet"])
+            self._send(asked, "unsaved", reasons=["there is no verified motion of this scene to save yet"])
             return
-        with whole_folder(header["target"], RESULT) as draft:
+        with whole_folder(asked["target"], RESULT) as draft:
             if isinstance(solution, LiveRun):
-                save_run(solution, draft, seed=header["seed"])
+                save_run(solution, draft, seed=asked["seed"])
             else:
                 hands = solution if isinstance(solution, Solution) else solution.solution
                 save_result(hands, draft, wall_time_s=hands.solve_time_s)
                 if self.arms is not None and not isinstance(solution, Solution):
                     self.arms.save(solution, draft)
-        self._send(header, "saved", target=header["target"])
+        self._send(asked, "saved", target=asked["target"])
 
-    def _found(self, playback: Playback, header: Mapping[str, Any], kind: str) -> None:
+    def _found(self, playback: Playback, asked: Message, kind: str) -> None:
         """Send a verified motion, and how long the first of this draft took."""
         if self._verified_after is None:
             self._verified_after = time.perf_counter() - self._begun
-        self._played(playback, header, kind, verified_after=self._verified_after)
+        self._played(playback, asked, kind, verified_after=self._verified_after)
 
-    def _played(self, playback: Playback, header: Mapping[str, Any], kind: str, **further: Any) -> None:
+    def _played(self, playback: Playback, asked: Message, kind: str, **further: Any) -> None:
         """Send what is to be played, with what is known of it."""
-        said: dict[str, Any] = {"verdict": playback.verdict, "reasons": playback.reasons}
-        said |= {"rows": playback.rows, "proved": playback.proved}
-        arrays = {} if playback.recording is None else playback.recording.arrays()
-        self._send(header, kind, arrays, **said, **further)
+        told = {key: getattr(playback, key) for key in ("recording", "verdict", "reasons", "rows", "proved")}
+        self._send(asked, kind, **told, **further)
 
-    def _send(
-        self, header: Mapping[str, Any], kind: str, arrays: Mapping[str, Any] | None = None, **told: Any
-    ) -> None:
-        self.tell(Message({"kind": kind, "id": header["id"], **told}, arrays or {}))
+    def _send(self, asked: Message, kind: str, **told: Any) -> None:
+        self.tell({"kind": kind, "id": asked["id"], **told})
 
     def _say_compiling(self, kernel: str) -> None:
-        self.tell(Message({"kind": "compiling", "id": -1, "kernel": kernel}))
+        self.tell({"kind": "compiling", "id": -1, "kernel": kernel})
 
 
-def _aim_of(scene: Scene, header: Mapping[str, Any]) -> Any:
+def _aim_of(scene: Scene, draft: Draft) -> Any:
     """Return the objective that a draft asks for; None leaves it to `solve`."""
-    name, resemblance = header["objective"], header["resemblance"]
-    if header["method"] != Comove.name:
+    name, resemblance = draft.objective, draft.resemblance
+    if draft.method != Comove.name:
         return None if name not in OBJECTIVES else PaperCost()
     aim = OBJECTIVES[name]() if name in OBJECTIVES else objective_of_scene(scene.file.objective)
     if resemblance is None or isinstance(aim, LeastTime):
@@ -369,26 +351,25 @@ def _aim_of(scene: Scene, header: Mapping[str, Any]) -> Any:
     return LeastJerk(resemblance=resemblance) if aim is None else type(aim)(resemblance=resemblance)
 
 
-def main() -> None:
-    """Answer drafts from standard input on standard output until it is closed."""
-    answers: IO[bytes] = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever is printed must not come between the answers
-    mailbox, writing = RunMailbox(), threading.Lock()
+def main(number: int) -> None:
+    """Answer what comes through a socket until the other end is closed."""
+    connection, mailbox, sending = Connection(number), RunMailbox(), threading.Lock()
 
     def read() -> None:
-        while (message := read_message(sys.stdin.buffer)) is not None:
-            mailbox.put(message)
+        with suppress(EOFError, OSError):
+            while True:
+                mailbox.put(connection.recv())
         mailbox.close()
 
     def tell(message: Message) -> None:
-        with writing:
-            write_message(answers, message)
+        with sending:
+            connection.send(message)
 
     threading.Thread(target=read, daemon=True).start()
-    with suppress(BrokenPipeError, KeyboardInterrupt):
+    with suppress(BrokenPipeError, ConnectionError, KeyboardInterrupt):
         Worker(mailbox, tell).run()
     os._exit(0)  # the thread that reads still waits
 
 
 if __name__ == "__main__":
-    main()
+    main(int(sys.argv[1]))
