@@ -8,6 +8,7 @@ from comove.processes.pool import (
     end_process,
     n_processors,
     run_tasks,
+    start_process,
 )
 
 __all__ = [
@@ -18,4 +19,5 @@ __all__ = [
     "end_process",
     "n_processors",
     "run_tasks",
+    "start_process",
 ]

@@ -43,6 +43,21 @@ def n_processors() -> int:
     return os.cpu_count() or 1
 
 
+def start_process(module: str, **options: Any) -> tuple[subprocess.Popen[bytes], Connection]:
+    """Start a module as a process of its own; return it, and a connection to it, which it knows by its argument.
+
+    Parameters
+    ----------
+    options : further arguments of `subprocess.Popen`
+    """
+    connection, theirs = Pipe()
+    with theirs:
+        # -P: a folder called comove where the program was started from must not be taken for the package
+        command = [sys.executable, "-P", "-m", module, str(theirs.fileno())]
+        process = subprocess.Popen(command, pass_fds=[theirs.fileno()], stdin=subprocess.DEVNULL, **options)
+    return process, connection
+
+
 def end_process(process: subprocess.Popen[Any], leave: float = 1.0) -> None:
     """End a process and wait for it; it is killed unless it ends by itself within `leave` [s]."""
     with suppress(OSError, ValueError):
@@ -140,16 +155,11 @@ class _Process(Generic[Task]):
     """A process, the task that it is at, and since when."""
 
     def __init__(self, work: bytes):
-        self.connection, theirs = Pipe()
-        with theirs:
-            # -P: a folder called comove where the program was started from must not be taken for the package
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "comove.processes.worker", str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                process_group=0,  # Ctrl-C ends this process, which ends that one
-                env={**os.environ, **ONE_THREAD, ALONE: "1"},
-            )
+        self.process, self.connection = start_process(
+            "comove.processes.worker",
+            process_group=0,  # Ctrl-C ends this process, which ends that one
+            env={**os.environ, **ONE_THREAD, ALONE: "1"},
+        )
         self.ready = self.late = False
         self.task: Task | None = None
         self.since = math.inf

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.planning.method import Method
-from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion
 from comove.workbench.playback import Playback, playback_of_joints
 
@@ -51,13 +49,8 @@ class PlannedArms:
         self.kept = verified.joints
         return playback_of_joints(self.robot, verified.motion.motion, verified.joints, verified.report)
 
-    def solve(self, scene: Scene, method: Method | None, wanted: dict[str, Any]) -> RobotSolution:
-        """Search a motion that the arms can carry out; `wanted` are further arguments of `comove.robots.carry`."""
-        from comove.robots import carry
-
-        return carry(scene, self.robot, method=method, found=self._find, **wanted)
-
-    def _find(self, found: VerifiedJointMotion) -> None:
+    def find(self, found: VerifiedJointMotion) -> None:
+        """Note a joint motion that a search has just verified."""
         self._found = found
 
     def save(self, solution: RobotSolution, folder: Path) -> None:

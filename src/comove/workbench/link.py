@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing.connection import Pipe
 from pathlib import Path
 from typing import Any
 
-from comove.processes import end_process
+from comove.processes import end_process, start_process
 from comove.workbench.edits import Draft
 from comove.workbench.protocol import Mailbox, Message
 from comove.workbench.shelf import Item
@@ -63,15 +60,10 @@ class Link:
         self.folder, self._answered = folder, answered
         self._numbers = itertools.count()
         self._mailbox = Mailbox()
-        self._connection, theirs = Pipe()
-        with theirs:
-            # -P: a folder called comove where the page was started from must not be taken for the package
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "comove.workbench.worker", str(theirs.fileno())],
-                pass_fds=[theirs.fileno()],
-                stdin=subprocess.DEVNULL,
-                start_new_session=True,  # Ctrl-C ends the page, which ends this
-            )
+        self._process, self._connection = start_process(
+            "comove.workbench.worker",
+            start_new_session=True,  # Ctrl-C ends the page, which ends this
+        )
         for work in (self._write, self._read):
             threading.Thread(target=work, daemon=True).start()
 

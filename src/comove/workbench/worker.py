@@ -245,7 +245,10 @@ class Worker:
         }
         if self.arms is None:
             return solve(scene, method=method, **wanted)
-        return self.arms.solve(scene, None if draft.method == Comove.name else method, wanted)
+        from comove.robots import carry
+
+        own = None if draft.method == Comove.name else method
+        return carry(scene, self.arms.robot, method=own, found=self.arms.find, **wanted)
 
     def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
         """Return the movement that was taught, or that a scene names, for every hand; it is read once."""
