@@ -316,33 +316,24 @@ def filled_in(scene: Scene, stored: StoredResult) -> Scene:
     ResultError
         If the result does not state them.
     """
-    scene, solved = _timed_as(scene, stored), stored.summary.get("scene_sha256")
-    return next((choice for choice in scene.alternatives if choice.sha256 == solved), scene)
-
-
-def _timed_as(scene: Scene, stored: StoredResult) -> Scene:
-    """Return the scene with its open duration and limits taken from the result's own scene.
-
-    Raises
-    ------
-    ResultError
-        If the result does not state them.
-    """
     hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
-    if scene.is_timed and not hasty:
-        return scene
-    path = stored.folder / SCENE
-    try:
-        said = read_json(path, AGAIN, SCENE_BYTES)
-        limits = {key: _positive(said["limits"][key]) for key, value in scene.file.limits if value is None}
-        return scene.timed(_positive(said["duration"])).limited(**limits)
-    except (ValueError, TypeError, KeyError, ResultError) as error:
-        why = error.message if isinstance(error, ResultError) else str(error)
-        raise ResultError(
-            f"the scene leaves its duration open, and the result does not say it: {why}",
-            file=path,
-            way_out=AGAIN,
-        ) from error
+    if hasty or not scene.is_timed:
+        path = stored.folder / SCENE
+        try:
+            said = read_json(path, AGAIN, SCENE_BYTES)
+            limits = {
+                key: _positive(said["limits"][key]) for key, value in scene.file.limits if value is None
+            }
+            scene = scene.timed(_positive(said["duration"])).limited(**limits)
+        except (ValueError, TypeError, KeyError, ResultError) as error:
+            why = error.message if isinstance(error, ResultError) else str(error)
+            raise ResultError(
+                f"the scene leaves its duration open, and the result does not say it: {why}",
+                file=path,
+                way_out=AGAIN,
+            ) from error
+    solved = stored.summary.get("scene_sha256")
+    return next((choice for choice in scene.alternatives if choice.sha256 == solved), scene)
 
 
 def changes_to(scene: Scene, stored: StoredResult, file: Path) -> dict[str, float]:

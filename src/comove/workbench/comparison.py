@@ -45,7 +45,6 @@ class Comparison:
         self.stage: Stage | None = None
         self._link: Link | None = None
         self._asked = -1
-        self._closed = False
 
     def choose(self, choice: Any, first: Stage, draft: Draft, folder: Path) -> None:
         """Show another method's motion, the one that is shown now, a stored one, or nothing.
@@ -57,7 +56,7 @@ class Comparison:
         """
         if choice not in CHOICES and choice not in self.items:
             return
-        self._end()
+        self.close()
         self.chosen, self.stage, self._asked = choice, None, -1
         first.api.remove_by_name(BESIDE)
         self.panels.beside.content = ""
@@ -97,7 +96,7 @@ class Comparison:
 
     def _ask(self, draft: Draft, folder: Path, item: Item | None = None) -> None:
         if self._link is None or self._link.folder != folder:
-            self._end()
+            self.close()
             self._link = Link(folder, on_loop(self.loop, self._answered))
         self._asked = self._link.submit(draft, self.times, item=item)
         doing = "is searching" if item is None or item.result is None else "is judged"
@@ -105,7 +104,7 @@ class Comparison:
 
     def _answered(self, link: Link, message: Message) -> None:
         kind, stage = message["kind"], self.stage
-        if self._closed or link is not self._link or stage is None:
+        if link is not self._link or stage is None:
             return
         if kind == "robot" and stage.robot is None and stage.scene.file.robot is not None:
             stage.draw_robot(message["bodies"], message["home"])
@@ -134,12 +133,8 @@ class Comparison:
         recording = None if self.stage is None else self.stage.recording
         return 0.0 if recording is None else float(recording.time[-1])
 
-    def _end(self) -> None:
+    def close(self) -> None:
+        """Free the planner, whose further answers are not heard."""
         if self._link is not None:
             self._link.close()
             self._link = None
-
-    def close(self) -> None:
-        """Free the planner."""
-        self._closed = True
-        self._end()
