@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from comove.errors import ExtraError
 from comove.export.parts import NANO, JointSamples, MotionPart
+from comove.io.files import installed
 
 START = NANO  # ns, stamp of time zero
 CALLER = "/comove"
@@ -41,10 +41,7 @@ Message = tuple[str, str, int, Any]
 
 def require_rosbags(part: MotionPart) -> None:
     """Raise an error, before anything is written, if the library rosbags is missing."""
-    try:
-        import rosbags  # noqa: F401
-    except ImportError as error:
-        raise ExtraError("a bag of ROS", "data") from error
+    installed("rosbags", "a bag of ROS", "data")
 
 
 def write_rosbag1(path: Path, part: MotionPart, rate: float) -> None:

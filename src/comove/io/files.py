@@ -13,7 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
 
-from comove.errors import DemonstrationError, InputError
+from comove.errors import DemonstrationError, ExtraError, InputError
 from comove.io import drafts
 
 ROOM = 100_000
@@ -151,6 +151,24 @@ def extra(module: str, file: object) -> ModuleType:
             file=file,
             way_out="run: pip install 'comove[data]'",
         ) from error
+
+
+def installed(module: str, what: str, extra: str) -> Any:
+    """Import and return a module of an extra of this package.
+
+    Parameters
+    ----------
+    what : what needs it, in words
+
+    Raises
+    ------
+    ExtraError
+        If it is not installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ExtraError(what, extra) from error
 
 
 @contextlib.contextmanager

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from comove.errors import ExtraError, ResultError
-from comove.io.files import whole_path
+from comove.errors import ResultError
+from comove.io.files import installed, whole_path
 
 
 def write_parquet(path: str | Path, columns: Mapping[str, Sequence[Any]], kinds: Mapping[str, str]) -> None:
@@ -25,11 +25,7 @@ def write_parquet(path: str | Path, columns: Mapping[str, Sequence[Any]], kinds:
     ResultError
         If the file cannot be written.
     """
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise ExtraError("a Parquet file", "data") from error
+    pyarrow, parquet = (installed(name, "a Parquet file", "data") for name in ("pyarrow", "pyarrow.parquet"))
     table = {name: pyarrow.array(values, type=kinds[name]) for name, values in columns.items()}
     with whole_path(path, ResultError) as draft:
-        pyarrow.parquet.write_table(pyarrow.table(table), draft)
+        parquet.write_table(pyarrow.table(table), draft)

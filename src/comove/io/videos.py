@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from fractions import Fraction
-from types import ModuleType
 from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import ExtraError
+from comove.io.files import installed
 
 Picture = NDArray[np.uint8]
 
 PIXELS = "yuv420p"
 
 
-def require_videos() -> ModuleType:
+def require_videos() -> Any:
     """Import and return PyAV.
 
     Raises
@@ -26,11 +25,7 @@ def require_videos() -> ModuleType:
     ExtraError
         If it is not installed.
     """
-    try:
-        import av
-    except ImportError as error:
-        raise ExtraError("video of cameras", "video") from error
-    return av
+    return installed("av", "video of cameras", "video")
 
 
 def encode(

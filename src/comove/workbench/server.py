@@ -14,7 +14,10 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
+from rich import get_console
+
 from comove.errors import ExtraError, OptionError
+from comove.io.files import installed
 from comove.workbench.gate import Gate, page_headers
 from comove.workbench.session import PageSettings, Session
 from comove.workbench.shelf import Shelf
@@ -52,12 +55,8 @@ def viewer() -> Any:
     ExtraError
         If it is not installed.
     """
-    try:
-        import rich
-        import viser
-    except ImportError as error:
-        raise ExtraError("the workbench in the browser", "view") from error
-    rich.get_console().quiet = True  # the viewer would print its own address, without the token
+    viser = installed("viser", "the workbench in the browser", "view")
+    get_console().quiet = True  # the viewer would print its own address, without the token
     return viser
 
 
