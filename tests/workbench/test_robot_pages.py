@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio", reason="robots are not installed: pip install '
 
 from comove.robots import verify_stored
 from comove.workbench.edits import grips_of, place_of
-from comove.workbench.link import SearchTimes
+from comove.workbench.protocol import SearchTimes
 from comove.workbench.server import serve
 from comove.workbench.session import PageSettings, Session
 from comove.workbench.shelf import shelf_of

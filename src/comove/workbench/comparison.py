@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from comove.workbench.edits import METHODS, Draft, contents_of
-from comove.workbench.link import Link, SearchTimes, on_loop
+from comove.workbench.link import Link, on_loop
 from comove.workbench.panels import Panels
-from comove.workbench.protocol import Message
+from comove.workbench.protocol import Message, SearchTimes
 from comove.workbench.shelf import Item, read_scene
 from comove.workbench.stage import BESIDE, Stage
 from comove.workbench.words import measures_words, named_in, plain_text, verdict_words

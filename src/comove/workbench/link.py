@@ -7,31 +7,13 @@ import itertools
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from comove.processes import end_process, start_process
 from comove.workbench.edits import Draft
-from comove.workbench.protocol import Mailbox, Message
+from comove.workbench.protocol import Mailbox, Message, SearchTimes
 from comove.workbench.shelf import Item
-
-
-@dataclass(frozen=True)
-class SearchTimes:
-    """Times that the planner of a page keeps to, so that a person who drags sees at once what comes of it.
-
-    Attributes
-    ----------
-    budget : after which a search takes the best motion so far [s]
-    patience : that a search has to find its first motion although a newer draft waits [s]
-    pause : between better motions that are sent [s]
-    """
-
-    budget: float = 5.0
-    patience: float = 0.25
-    pause: float = 0.4
-
 
 Answered = Callable[["Link", Message], None]
 

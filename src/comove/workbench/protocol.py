@@ -8,10 +8,27 @@ from __future__ import annotations
 
 import threading
 from collections import deque
+from dataclasses import dataclass
 from typing import Any
 
 Message = dict[str, Any]
 """A message: its "kind", the number "id" of the draft that it is about, and whatever belongs to the kind."""
+
+
+@dataclass(frozen=True)
+class SearchTimes:
+    """Times that the planner of a page keeps to, so that a person who drags sees at once what comes of it.
+
+    Attributes
+    ----------
+    budget : after which a search takes the best motion so far [s]
+    patience : that a search has to find its first motion although a newer draft waits [s]
+    pause : between better motions that are sent [s]
+    """
+
+    budget: float = 5.0
+    patience: float = 0.25
+    pause: float = 0.4
 
 
 class Mailbox:

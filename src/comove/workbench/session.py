@@ -30,11 +30,11 @@ from comove.workbench.edits import (
     place_of,
     with_value,
 )
-from comove.workbench.link import Link, SearchTimes, on_loop
+from comove.workbench.link import Link, on_loop
 from comove.workbench.live import State
 from comove.workbench.panels import Panels
 from comove.workbench.playback import RecordedMotion
-from comove.workbench.protocol import Message
+from comove.workbench.protocol import Message, SearchTimes
 from comove.workbench.saving import save_scene, target_in
 from comove.workbench.shelf import Item, Shelf, read_scene
 from comove.workbench.stage import ROBOT, Stage, clear, demonstrated
