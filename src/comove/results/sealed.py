@@ -142,7 +142,8 @@ class ResultKind:
         if whole:
             for name, key, why in self._broken(summary, arrays):
                 way_out = f"put the file back, or {self.hint}"
-                raise ResultError(why, file=Path(folder) / name, key=key, way_out=way_out)
+                told = why if key is None else f"it was edited: {why}"
+                raise ResultError(told, file=Path(folder) / name, key=key, way_out=way_out)
             self.require_entries(summary, Path(folder) / self.summary)
         return summary, arrays
 
