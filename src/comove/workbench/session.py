@@ -115,7 +115,6 @@ class Session:
         self.gizmo: Any = None
         self.tool: Any = None
         self.selected: Grip | None = None
-        self.grips: dict[Grip, Any] = {}
         self.held: Hold | None = None
         self.playing, self.live, self.pace, self.time = True, False, 1.0, 0.0
         self.closed = False
@@ -166,11 +165,11 @@ class Session:
         if before is not None:
             self.stage.adopt_robot(before)
         self.stage.draw_scene(demonstrated(scene, self.history.now.taught))
-        self.grips = self.stage.grips()
-        for grip, handle in self.grips.items():
+        grips = self.stage.grips()
+        for grip, handle in grips.items():
             self._make_draggable(grip, handle)
-        if selected is not None and selected in self.grips:
-            self._show_gizmo(selected, self.grips[selected])
+        if selected is not None and selected in grips:
+            self._show_gizmo(selected, grips[selected])
         self.panels.fill(self.history.now, scene)
         alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
         if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
@@ -229,13 +228,12 @@ class Session:
 
     def _pointed(self, held: Hold, event: Any) -> Array | None:
         """Return where the pointer leads what is held; None where it points nowhere."""
-        pointer: Array | None = np.array(event.end_position, dtype=float)
-        if self.scene.n_dims == 2 and pointer is not None:
-            pointer = _on_plane(np.array(self.client.camera.position), pointer, held.taken[2])
-        if pointer is None or not np.isfinite(pointer).all():
+        planar, pointer = self.scene.n_dims == 2, np.array(event.end_position, dtype=float)
+        through = _on_plane(self.client.camera.position, pointer, held.taken[2]) if planar else pointer
+        if through is None or not np.isfinite(through).all():
             return None
-        to = held.place + pointer - held.taken
-        if self.scene.n_dims == 2:
+        to = held.place + through - held.taken
+        if planar:
             to[2] = 0.0
         return to
 
@@ -265,24 +263,22 @@ class Session:
             self.gizmo.remove()
         self.selected = grip
         planar = self.scene.n_dims == 2
-        place = np.array(handle.position, dtype=float)
         self.gizmo = self.client.scene.add_transform_controls(
             "/gizmo",
             scale=0.16 * self.stage.side,
             active_axes=(True, True, not planar),
             disable_rotations=not grip.turns,
             depth_test=False,
-            position=tuple(place),
+            position=tuple(handle.position),
         )
         self.panels.taken.content = f"**{self._name(grip)}** is taken: arrows move it, rings turn it."
-        start = place.copy()
 
         async def updated(event: Any) -> None:
-            self._turned(grip, handle, event, start)
+            self._turned(grip, handle, event)
 
         self.gizmo.on_update(updated)
 
-    def _turned(self, grip: Grip, handle: Any, event: Any, start: Array) -> None:
+    def _turned(self, grip: Grip, handle: Any, event: Any) -> None:
         if self.live:
             return
         place = np.array(event.target.position, dtype=float)
@@ -343,8 +339,8 @@ class Session:
             self.tool = self.stage.sheet()
 
             async def drawn(event: Any) -> None:
-                camera = np.array(self.client.camera.position)
-                point = _on_plane(camera, np.array(event.end_position, dtype=float), event.start_position[2])
+                end = np.array(event.end_position, dtype=float)
+                point = _on_plane(self.client.camera.position, end, event.start_position[2])
                 self._drawn(stroke, point, last=event.phase == "end")
 
             self.tool.on_drag(drawn)
@@ -408,8 +404,7 @@ class Session:
 
     def commit(self, draft: Draft) -> None:
         """Take a changed draft into the history, draw its scene and ask for its motion."""
-        self.history = self.history.then(draft)
-        self._renew()
+        self._go_to(self.history.then(draft))
 
     def _renew(self) -> None:
         """Draw the scene of the history, if it is one, and ask for its motion."""
@@ -450,12 +445,9 @@ class Session:
         elif name in ("method", "objective", "resemblance"):
             self.commit(replace(draft, **{name: value}))
 
-    def _undo(self, _: Any) -> None:
-        self.history = self.history.undone()
-        self._renew()
-
-    def _redo(self, _: Any) -> None:
-        self.history = self.history.redone()
+    def _go_to(self, history: History) -> None:
+        """Go back or forth in the history."""
+        self.history = history
         self._renew()
 
     def _toggle(self, _: Any) -> None:
@@ -472,9 +464,6 @@ class Session:
                 self._toggle(True)
             self._show(float(value))
 
-    def _set_ghosts(self, value: Any) -> None:
-        self.stage.show_ghosts(bool(value))
-
     def _save_scene(self, _: Any) -> None:
         path = target_in(self.shelf.folder, self.panels.controls["name"].value, ".yaml")
         save_scene(self.history.now.contents, path, self.link.folder)
@@ -490,13 +479,13 @@ class Session:
         self.link.save(self.solved, path, self.history.now.seed)
 
     _controls: Mapping[str, Callable[[Session, Any], None]] = {
-        "undo": _undo,
-        "redo": _redo,
+        "undo": lambda self, _: self._go_to(self.history.undone()),
+        "redo": lambda self, _: self._go_to(self.history.redone()),
         "shown": _open,
         "play": _toggle,
         "pace": _set_pace,
         "time": _scrub,
-        "ghosts": _set_ghosts,
+        "ghosts": lambda self, value: self.stage.show_ghosts(bool(value)),
         "beside": _compare,
         "run": _run,
         "draw": _draw,
