@@ -19,8 +19,7 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")] = 0,
 ) -> int:
     """Solve the examples from a person's recorded movement and draw the paper's Figures 3 to 5."""
-    from comove.cli.progress import progress_bar
-    from comove.cli.solve import write_result
+    from comove.cli.progress import progress_bar, time_spent
     from comove.experiments.examples import EXAMPLES, copy_examples, example
     from comove.experiments.paper.figures import draw_demo
     from comove.io.folders import check_target, whole_folder
@@ -28,6 +27,7 @@ def demo(
     from comove.primitives import DMP
     from comove.results import RESULT
     from comove.scenes import recording_of
+    from comove.views import save_result
 
     jobs = [(name, name, LeastJerk()) for name in EXAMPLES]
     jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))
@@ -45,7 +45,8 @@ def demo(
         with progress_bar(30.0) as progress:
             solution = solve(scene, demonstration=taught, seed=seed, objective=objective, progress=progress)
         with whole_folder(out / folder, RESULT) as draft:
-            summary = write_result(solution, draft, None if solution.followed is None else dmp)
+            drawn = None if solution.followed is None else dmp
+            summary = save_result(solution, draft, wall_time_s=time_spent(), demonstration=drawn)
         solutions[folder] = solution
         verdict = "verified" if solution.verified else "NOT VERIFIED"
         first = summary["time_to_first_verified_s"]

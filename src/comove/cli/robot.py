@@ -61,14 +61,14 @@ def solve(
     json: o.AsJson = False,
 ) -> int:
     """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
-    from comove.cli.progress import progress_bar
-    from comove.cli.solve import exit_code, load_views, write_result
+    from comove.cli.progress import progress_bar, time_spent
+    from comove.cli.solve import exit_code, load_views
     from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind, movements_of
     from comove.primitives import Library
     from comove.results import RESULT
-    from comove.robots import carry, write_joints
+    from comove.robots import carry
     from comove.robots.kernels import load_robot_kernels
     from comove.scenes import Scene, demonstration_of
 
@@ -100,14 +100,13 @@ def solve(
         except InputError as error:
             error.file = error.file or scene
             raise
-    from comove.views import draw_joints, save
+    from comove.views import save_robot_result
 
     solution = found.solution
     with whole_folder(out, RESULT) as draft:
-        summary = write_result(solution, draft, movements)
-        write_joints(draft, found.joints, found.verdict, carrier, solution.attempt, source=named)
-        title = f"{loaded.name}, {carrier.name}" + ("" if solution.verified else " (not verified)")
-        save(draw_joints(carrier, found.joints, title=title), draft / "joints.png")
+        summary = save_robot_result(
+            found, draft, wall_time_s=time_spent(), demonstration=movements, source=named
+        )
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
         return exit_code(solution)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -77,7 +77,7 @@ def solve(
     json: o.AsJson = False,
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""
-    from comove.cli.progress import progress_bar
+    from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import in_rows, summary_text
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind, load_kernels, movements_of, solve
@@ -126,8 +126,11 @@ def solve(
             obstacles=obstacles.value,
             progress=progress,
         )
+    from comove.views import save_result
+
     with whole_folder(out, RESULT) as draft:
-        summary = write_result(solution, draft, None if smooth and solution.followed is None else movements)
+        drawn = None if smooth and solution.followed is None else movements
+        summary = save_result(solution, draft, wall_time_s=time_spent(), demonstration=drawn)
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
@@ -147,11 +150,3 @@ def exit_code(solution: Solution) -> int:
     if solution.interrupted:
         return INTERRUPTED
     return VERIFIED if solution.verified else NOT_VERIFIED
-
-
-def write_result(solution: Solution, folder: Path, demonstration: Any = None) -> dict[str, Any]:
-    """Write the files and pictures of a solution; return the contents of solution.json."""
-    from comove.cli.progress import time_spent
-    from comove.views import save_result
-
-    return save_result(solution, folder, wall_time_s=time_spent(), demonstration=demonstration)

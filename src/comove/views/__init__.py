@@ -11,7 +11,7 @@ from comove.views.motion import (
 )
 from comove.views.pipeline import draw_pipeline
 from comove.views.primitives import draw_library, draw_primitive
-from comove.views.results import save_result
+from comove.views.results import save_result, save_robot_result
 from comove.views.robots import draw_joints, draw_robot
 from comove.views.run import animate_run, draw_run
 from comove.views.style import save, save_picture
@@ -35,4 +35,5 @@ __all__ = [
     "save",
     "save_picture",
     "save_result",
+    "save_robot_result",
 ]

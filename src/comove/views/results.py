@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from comove.planning import Solution, carried_demonstration
 from comove.results import write_solution
 from comove.results.solution import SCENE
 from comove.scenes.model import canonical
 from comove.views.motion import draw_motion, draw_progress
+from comove.views.robots import draw_joints
 from comove.views.style import save
+
+if TYPE_CHECKING:  # robots are an extra
+    from comove.robots import RobotSolution
 
 
 def save_result(
@@ -34,3 +38,27 @@ def save_result(
     save(draw_progress(motion), folder / "progress.png")
     (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
     return write_solution(solution, folder, wall_time_s)
+
+
+def save_robot_result(
+    found: RobotSolution,
+    folder: Path,
+    *,
+    wall_time_s: float,
+    demonstration: Any = None,
+    source: str | Path | None = None,
+) -> dict[str, Any]:
+    """Write a robot's solution as `save_result` does, and the files and the picture of its joints' motion.
+
+    Parameters
+    ----------
+    source : name or path of the robot's description; what the scene says unless given
+    """
+    from comove.robots import write_joints
+
+    solution = found.solution
+    summary = save_result(solution, folder, wall_time_s=wall_time_s, demonstration=demonstration)
+    write_joints(folder, found.joints, found.verdict, found.robot, solution.attempt, source=source)
+    title = f"{solution.scene.name}, {found.robot.name}" + ("" if solution.verified else " (not verified)")
+    save(draw_joints(found.robot, found.joints, title=title), folder / "joints.png")
+    return summary

@@ -44,17 +44,22 @@ from comove.planning.solution import ProgressCallback
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion, verify
-from comove.workbench.arms import PlannedArms
 from comove.workbench.bodies import bodies_of, poses_of, robot_of
 from comove.workbench.edits import Draft
 from comove.workbench.live import LiveRun, run_live, save_run
-from comove.workbench.playback import Playback, playback_of, playback_of_item, playback_of_run
+from comove.workbench.playback import (
+    Playback,
+    playback_of,
+    playback_of_item,
+    playback_of_joints,
+    playback_of_run,
+)
 from comove.workbench.protocol import Mailbox, Message
 from comove.workbench.shelf import read_scene
 from comove.workbench.teaching import demonstration_from
 
 if TYPE_CHECKING:
-    from comove.robots import RobotSolution
+    from comove.robots import JointMotion, Robot, RobotSolution, VerifiedJointMotion
 
 KINDS = {kind.name: kind for kind in (Comove, Projection, Paper, Printed)}
 
@@ -98,6 +103,47 @@ class RunMailbox(Mailbox):
         """Return whether a newer draft waits after which none follows at once, so that it need not be put off."""
         draft = self.draft
         return draft is not None and not draft["dragging"]
+
+
+class PlannedArms:
+    """The arms of a robot, with the joint motion that is shown.
+
+    Parameters
+    ----------
+    robot : the robot
+    named : name or path of its description, as the scene has it
+    """
+
+    def __init__(self, robot: Robot, named: str):
+        self.robot, self.named = robot, named
+        self.kept: JointMotion | None = None
+        self._found: VerifiedJointMotion | None = None
+
+    def still(self, motion: VerifiedMotion) -> Playback | None:
+        """Return the joint motion that is shown, if it carries out a motion of the hands on a changed scene too."""
+        from comove.robots import verify_joints
+
+        if self.kept is None:
+            return None
+        duration, joints = motion.motion.scene.duration, self.kept
+        if abs(joints.duration - duration) > 1e-9:
+            joints = joints.stretched(duration)
+        return self._shown(verify_joints(self.robot, motion, joints).verified)
+
+    def carried(self, motion: CoordinatedMotion) -> Playback | None:
+        """Return the joint motion that a search has just verified for a motion of the hands; None for another."""
+        found = self._found
+        return self._shown(found) if found is not None and found.motion.motion is motion else None
+
+    def _shown(self, verified: VerifiedJointMotion | None) -> Playback | None:
+        if verified is None:
+            return None
+        self.kept = verified.joints
+        return playback_of_joints(self.robot, verified.motion.motion, verified.joints, verified.report)
+
+    def find(self, found: VerifiedJointMotion) -> None:
+        """Note a joint motion that a search has just verified."""
+        self._found = found
 
 
 class Worker:
@@ -308,7 +354,7 @@ class Worker:
         """
         from comove.io.folders import whole_folder
         from comove.results import RESULT
-        from comove.views import save_result
+        from comove.views import save_result, save_robot_result
 
         number, solution = self.solution or (-1, None)
         known = number == asked["of"] and (isinstance(solution, LiveRun) or (solution and solution.verified))
@@ -318,11 +364,10 @@ class Worker:
         with whole_folder(asked["target"], RESULT) as draft:
             if isinstance(solution, LiveRun):
                 save_run(solution, draft, seed=asked["seed"])
+            elif isinstance(solution, Solution):
+                save_result(solution, draft, wall_time_s=solution.solve_time_s)
             else:
-                hands = solution if isinstance(solution, Solution) else solution.solution
-                save_result(hands, draft, wall_time_s=hands.solve_time_s)
-                if self.arms is not None and not isinstance(solution, Solution):
-                    self.arms.save(solution, draft)
+                save_robot_result(solution, draft, wall_time_s=solution.solution.solve_time_s)
         self._send(asked, "saved", target=asked["target"])
 
     def _found(self, playback: Playback, asked: Message, kind: str) -> None:
