@@ -329,22 +329,14 @@ def _tones(scene: Scene, nodes: Array, time: Array) -> list[str]:
     nodes : array, shape (n_states, n_nodes, 3), positions of the nodes [m]
     time : array, shape (n_states,), times of the states [s]
     """
-    tones = []
-    for state, instant in zip(nodes, time, strict=True):
-        touches = scene.clearance_at(state, float(instant))[0] < 0.0
-        tones.append(TOUCHES if touches else OFF if _excess(scene, state) > BROKEN else FINE)
-    return tones
+    touches, off = scene.clearances(nodes, time) < 0.0, _excesses(scene, nodes) > BROKEN
+    return [TOUCHES if t else OFF if o else FINE for t, o in zip(touches, off, strict=True)]
 
 
-def _excess(scene: Scene, state: Array) -> float:
-    """Return by how much a distance exceeds its tolerance at most in one state [m]; negative where none does."""
-    return max(
-        (
-            abs(float(np.linalg.norm(state[c.first] - state[c.second])) - c.distance) - c.tolerance
-            for c in scene.distances
-        ),
-        default=0.0,
-    )
+def _excesses(scene: Scene, nodes: Array) -> Array:
+    """Return by how much a distance exceeds its tolerance at most in every state [m]; negative where none does."""
+    found = [c.error(nodes, scene.n_dims) - c.tolerance for c in scene.distances]
+    return np.max(found, axis=0) if found else np.zeros(len(nodes))
 
 
 def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int], n_states: int = 801) -> None:
@@ -352,7 +344,7 @@ def _draw_worst(axes: Axes, motion: CoordinatedMotion, view: tuple[int, int], n_
     scene, s = motion.scene, np.linspace(0.0, 1.0, n_states)
     nodes = motion.coordinates.motion(motion.at(s))[0]
     depths = -scene.clearances(nodes, s * scene.duration)
-    excesses = [_excess(scene, state) for state in nodes]
+    excesses = _excesses(scene, nodes)
     bars = load_pairs(scene) or [(c.first, c.second) for c in scene.distances]
     for values, tone, what in (
         (excesses, OFF, "load, where a distance is most off"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from comove.geometry.rotations import fit_quaternion
 from comove.scenes.scene import Scene
-from comove.views.shapes import all_around, hull_faces, outline, support_points
+from comove.views.shapes import all_around, hull_faces, load_pairs, outline, support_points
 from comove.views.style import COLOURS
 
 Array = NDArray[np.float64]
@@ -153,10 +153,7 @@ def pieces_of(scene: Scene, nodes: Array, sizes: Proportions = Proportions()) ->
         for i in range(len(scene.manipulators))
     ]
     radii = dict(zip(map(tuple, scene.body.edges.tolist()), scene.body.radii.tolist(), strict=True))
-    rods = [edge for edge in radii if edge[0] != edge[1]]
-    if not rods and not len(scene.body.solids):
-        rods = [(c.first, c.second) for c in scene.distances]
-    for number, (first, second) in enumerate(rods):
+    for number, (first, second) in enumerate(load_pairs(scene)):
         way = raised[:, second] - raised[:, first]
         length = np.linalg.norm(way, axis=1)
         surface = rod(float(length[0]), max(radii.get((first, second), 0.0), sizes.thin * side))

@@ -17,6 +17,7 @@ from comove.planning import carried_demonstration, movements_of
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
+from comove.views.shapes import load_pairs
 from comove.views.style import COLOURS, GOAL, MOVING, START
 from comove.workbench.bodies import LinkSurface
 from comove.workbench.edits import Grip, contents_of, grips_of, place_of
@@ -292,8 +293,7 @@ class Stage:
         center = segments_of(recording.center + high)
         self._motion["path"] = self._lines("path_load", center, colours, 5.0)
         at = recording.nodes[recording.index_at(float(recording.tightest[0]))]
-        edges = [edge for edge in self.scene.body.edges.tolist() if edge[0] != edge[1]]
-        edges = edges or [[hand, hand + 1] for hand in range(recording.speed.shape[1] - 1)]
+        edges = load_pairs(self.scene) or [(hand, hand + 1) for hand in range(recording.speed.shape[1] - 1)]
         if pale or not edges:
             if tightest := self._motion.pop("tightest", None):
                 tightest.remove()
