@@ -169,6 +169,5 @@ def read_scene(source: Path | dict[str, Any], folder: str | Path | None = None) 
     SceneError
         If the file is no scene.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ComoveWarning)
+    with warnings.catch_warnings(action="ignore", category=ComoveWarning):
         return Scene.load(source) if isinstance(source, Path) else Scene.from_dict(source, folder=folder)

@@ -85,8 +85,7 @@ class Stroke:
         clean = even.trimmed(settings.still * speed)  # pauses within one stroke belong to it
         cutoff = cutoff_of_noise(clean.time, clean.position)
         if cutoff is not None:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ComoveWarning)
+            with warnings.catch_warnings(action="ignore", category=ComoveWarning):
                 clean = clean.smoothed(cutoff)
         return tuple(
             map(tuple, np.column_stack([at_rest(clean.time, settings.ramp), clean.position]).tolist())
