@@ -157,8 +157,8 @@ def test_pictures_are_drawn_in_views_and_in_the_lab_only(modules):
 
 def test_the_viewer_is_bound_in_few_places(modules):
     """Geometry, edits and the planner know no viewer, so that they can be tested without one."""
-    free = {"edits", "gate", "geometry", "link", "protocol", "recording", "saving", "words", "worker"}
-    free |= {"arms", "bodies", "live", "playback", "shelf"}
+    free = {"edits", "gate", "geometry", "link", "protocol", "saving", "words", "worker"}
+    free |= {"bodies", "live", "playback", "shelf"}
     for inside, room, nodes in modules.values():
         if room == "workbench" and inside.stem in free:
             assert not [n for n in imported(nodes) if n.split(".")[0] in ("viser", "websockets")], inside
