@@ -57,7 +57,7 @@ class RunLimits:
 
 
 @dataclass(frozen=True)
-class Limits(RunLimits):
+class SceneLimits(RunLimits):
     """Options that change what a scene asks of a motion."""
 
     jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None

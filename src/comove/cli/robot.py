@@ -57,7 +57,7 @@ def solve(
         ),
     ] = None,
     *,
-    limits: o.Limits,
+    limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
     """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""

@@ -73,7 +73,7 @@ def solve(
         ),
     ] = None,
     *,
-    limits: o.Limits,
+    limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
     """Find a verified motion for SCENE, save it and draw it."""

@@ -29,7 +29,7 @@ def verify(
         ),
     ] = None,
     *,
-    limits: o.Limits,
+    limits: o.SceneLimits,
 ) -> int:
     """Judge a saved result anew, from the files alone."""
     from comove.cli.progress import progress_bar
