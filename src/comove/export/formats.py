@@ -113,14 +113,15 @@ def export(
         format.require(part)
     folder = Path(folder)
     targets, sidecars = _paths(folder, format, parts)
-    with _ready(folder), _all_or_none() as (drafts, made):
+    with _all_or_none(folder) as (drafts, made):
         for name, part in parts.items():
             draft = drafts.enter_context(_draft(targets[name], format))
             format.write(draft, part, rate)
             made[targets[name]] = draft.stat().st_ino
             if name in sidecars:
                 file = drafts.enter_context(whole_file(sidecars[name], ExportError, replace=False))
-                file.write((json.dumps(_told(part, rate), indent=2) + "\n").encode())
+                told = {**part.provenance.asdict(), "rate_hz": rate, "duration_s": part.joints.duration}
+                file.write((json.dumps(told, indent=2) + "\n").encode())
                 made[sidecars[name]] = os.fstat(file.fileno()).st_ino
     return [*targets.values(), *sidecars.values()]
 
@@ -149,7 +150,11 @@ def check_export(
     require_rate(motion, rate)
     format.require(carry)
     targets, sidecars = _paths(Path(folder), format, PARTS if transfers else (CARRY,))
-    _require_new([*targets.values(), *sidecars.values()])
+    for path in (*targets.values(), *sidecars.values()):
+        if path.exists() or path.is_symlink():
+            raise ExportError(
+                "it is there already", file=path, way_out="name another folder, or move it away first"
+            )
 
 
 def _paths(
@@ -161,8 +166,13 @@ def _paths(
 
 
 @contextlib.contextmanager
-def _ready(folder: Path) -> Iterator[None]:
-    """Make the folder if it is missing, and remove it again if an error occurs."""
+def _all_or_none(folder: Path) -> Iterator[tuple[contextlib.ExitStack, dict[Path, int]]]:
+    """Make the folder if it is missing, and lend a stack of drafts and a table of written paths with their inodes;
+    after an error, remove what was written and made.
+
+    The inode tells a path from a file of the same name that somebody else may have made meanwhile.
+    """
+    made: dict[Path, int] = {}
     missing = not folder.exists()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -171,23 +181,6 @@ def _ready(folder: Path) -> Iterator[None]:
             f"it cannot be made: {error.strerror}", file=folder, way_out="name a folder that you may write"
         ) from error
     try:
-        yield
-    except BaseException:
-        if missing:
-            with contextlib.suppress(OSError):
-                folder.rmdir()
-        raise
-
-
-@contextlib.contextmanager
-def _all_or_none() -> Iterator[tuple[contextlib.ExitStack, dict[Path, int]]]:
-    """Lend a stack of drafts and a table of written paths with their inodes; after an error, remove the written
-    files.
-
-    The inode tells them from a file of the same name that somebody else may have made meanwhile.
-    """
-    made: dict[Path, int] = {}
-    try:
         with contextlib.ExitStack() as drafts:
             yield drafts, made
     except BaseException:
@@ -195,15 +188,10 @@ def _all_or_none() -> Iterator[tuple[contextlib.ExitStack, dict[Path, int]]]:
             with contextlib.suppress(OSError):
                 if path.lstat().st_ino == inode:
                     shutil.rmtree(path) if path.is_dir() else path.unlink()
+        if missing:
+            with contextlib.suppress(OSError):
+                folder.rmdir()
         raise
-
-
-def _require_new(paths: list[Path]) -> None:
-    for path in paths:
-        if path.exists() or path.is_symlink():
-            raise ExportError(
-                "it is there already", file=path, way_out="name another folder, or move it away first"
-            )
 
 
 def _draft(path: Path, format: ExportFormat) -> contextlib.AbstractContextManager[Path]:
@@ -212,7 +200,3 @@ def _draft(path: Path, format: ExportFormat) -> contextlib.AbstractContextManage
         if format.suffix
         else whole_folder(path, Contents("bag", error=ExportError))
     )
-
-
-def _told(part: MotionPart, rate: float) -> dict[str, object]:
-    return {**part.provenance.asdict(), "rate_hz": rate, "duration_s": part.joints.duration}

@@ -147,20 +147,15 @@ class Ros1Client:
     def close(self) -> None:
         """End the bridge, which stops all arms that still move."""
         process, self._process = self._process, None
-        if process is None:
-            self._forget_errors()
-            return
-        assert process.stdin is not None and process.stdout is not None
-        try:
-            process.stdin.close()
-            process.wait(3.0)
-        except (OSError, subprocess.TimeoutExpired):
-            process.kill()
-            process.wait()
-        process.stdout.close()
-        self._forget_errors()
-
-    def _forget_errors(self) -> None:
+        if process is not None:
+            assert process.stdin is not None and process.stdout is not None
+            try:
+                process.stdin.close()
+                process.wait(3.0)
+            except (OSError, subprocess.TimeoutExpired):
+                process.kill()
+                process.wait()
+            process.stdout.close()
         if self._errors is not None:
             self._errors.close()
             self._errors = None

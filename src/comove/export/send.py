@@ -253,7 +253,9 @@ def _watched(
         state = client.state(tolerances.look)
         off, joint = _deviation(state, part)
         worst = max(worst, off)
-        reason = _failure(state, tolerances) or _astray(off, joint, tolerances)
+        reason = _failure(state, tolerances)
+        if not reason and not off <= tolerances.path:
+            reason = f"the joint '{joint}' is {off:.3g} rad off the motion ({tolerances.path:g} allowed)"
         arms = [state.arms.get(arm, ArmState()) for arm in part.arms]
         if not reason and all(arm.status is Status.SUCCEEDED for arm in arms):
             return SendOutcome(state.arms, worst)
@@ -295,12 +297,6 @@ def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
     off = np.abs([state.position[name] for name in names] - wanted)
     worst = first_largest(np.nan_to_num(off, nan=np.inf))
     return float(np.nan_to_num(off[worst], nan=np.inf)), names[worst]
-
-
-def _astray(off: float, joint: str, tolerances: Tolerances) -> str:
-    if off <= tolerances.path:
-        return ""
-    return f"the joint '{joint}' is {off:.3g} rad off the motion ({tolerances.path:g} allowed)"
 
 
 def _stopped(client: TrajectoryClient, tolerances: Tolerances, clock: Clock) -> RobotState:
