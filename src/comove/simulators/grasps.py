@@ -201,11 +201,11 @@ class Friction:
         mj, model = engine(), world.model
         fingers = [finger for hand in world.fingers for finger in hand]
         low, high = np.array([model.joint(finger).range for finger in fingers]).T
-        data.qpos[[model.joint(finger).qposadr[0] for finger in fingers]] = 0.5 * (low + high)
+        data.qpos[world.finger_qpos] = 0.5 * (low + high)
         mj.mj_forward(model, data)  # at 0, where joints begin, fingers may stand beyond each other
         inward = np.array([_inward(world, data, finger) for finger in fingers])
         opened, closed = np.where(inward > 0, low, high), np.where(inward > 0, high, low)
-        data.qpos[[model.joint(finger).qposadr[0] for finger in fingers]] = opened
+        data.qpos[world.finger_qpos] = opened
         mj.mj_forward(model, data)
         _require_room(world, data)
         _couple(world, data, dict(zip(fingers, zip(opened, closed, strict=True), strict=True)))
