@@ -268,7 +268,7 @@ def _corners(obstacle: Any) -> Array:
     return middle + (signs * half) @ matrices(np.array(obstacle.quaternion_wxyz)).T
 
 
-def furnish(spec: Any, *, shadows: bool) -> None:
+def furnish(spec: Any, *, shadows: bool = True) -> None:
     """Add light, sky and a floor's pattern to a world; without shadows pictures are drawn four times as fast."""
     mj = engine()
     spec.visual.global_.offheight, spec.visual.global_.offwidth = LARGEST
