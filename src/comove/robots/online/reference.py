@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from comove.planning.seeds import minimum_jerk
 from comove.robots.online.roadmap import Way
 from comove.robots.verification.verify import VerifiedJointMotion
 
@@ -98,7 +97,8 @@ class Reference:
         end = after[-1] + how.settling
         time = np.linspace(0.0, end, 1 + int(np.ceil(end / how.sample)))
         own = self.at(self.braked(now, stop, time))[:2]
-        blend = minimum_jerk(time / how.fading)[:, None]
+        x = np.minimum(time / how.fading, 1.0)[:, None]
+        blend = x * x * (3.0 - 2.0 * x)
         curves = []
         for mine, other in zip(own, course, strict=True):
             on = np.stack([np.interp(time, after, column) for column in other.T], axis=1)
