@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,16 +87,16 @@ def _check_axis(joint: ET.Element, name: str) -> None:
 
 def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
     """Refuse joints that mimic each other in a circle."""
-    follows = {joint.get("name"): mimic.get("joint") for joint in joints for mimic in joint.findall("mimic")}
-    for name, other in follows.items():
-        met = {name}
-        while other in follows:
-            if other in met:
-                raise RobotError(
-                    f"the joint '{prefix}{name}' goes along with itself", way_out="correct its <mimic>"
-                )
-            met.add(other)
-            other = follows[other]
+    follows = {
+        joint.get("name"): {mimic.get("joint")} for joint in joints for mimic in joint.findall("mimic")
+    }
+    try:
+        TopologicalSorter(follows).prepare()
+    except CycleError as error:
+        name = error.args[1][0]
+        raise RobotError(
+            f"the joint '{prefix}{name}' goes along with itself", way_out="correct its <mimic>"
+        ) from None
 
 
 def _check_link(link: ET.Element, told: str) -> None:
@@ -190,37 +191,32 @@ def _check_sizes(tree: ET.Element) -> None:
 
 def _check_tree(tree: ET.Element) -> None:
     """Refuse links that hang on two joints, circles and trees that are too deep; Pinocchio reports missing links."""
-    below: dict[str, list[str]] = {link.get("name", ""): [] for link in tree.findall("./link")}
-    hangs: dict[str, str] = {}
+    links = {link.get("name", "") for link in tree.findall("./link")}
+    hangs: dict[str, tuple[str, str]] = {}  # on which joint, and link above it
     for joint in tree.findall("./joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
         parent, child = ("" if end is None else end.get("link", "") for end in ends)
-        if parent not in below or child not in below:
+        if parent not in links or child not in links:
             return
         if child in hangs:
             raise RobotError(
-                f"the link '{child}' hangs on two joints, '{hangs[child]}' and '{joint.get('name')}'",
+                f"the link '{child}' hangs on two joints, '{hangs[child][0]}' and '{joint.get('name')}'",
                 way_out="let it hang on one: a URDF is a tree",
             )
-        hangs[child] = joint.get("name", "")
-        below[parent].append(child)
-    reached: set[str] = set()
-    for depth, links in enumerate(_levels([name for name in below if name not in hangs], below)):
-        if depth > MAX_CHAIN:
-            raise RobotError(
-                f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
-            )
-        reached.update(links)
-    if left := [name for name in below if name not in reached]:
+        hangs[child] = joint.get("name", ""), parent
+    depth: dict[str, int] = {}
+    try:
+        for link in TopologicalSorter({child: {above} for child, (_, above) in hangs.items()}).static_order():
+            depth[link] = 1 + depth[hangs[link][1]] if link in hangs else 0
+    except CycleError as error:
         raise RobotError(
-            f"the joints go round in a circle at the link '{left[0]}'", way_out="open it: a URDF is a tree"
+            f"the joints go round in a circle at the link '{error.args[1][0]}'",
+            way_out="open it: a URDF is a tree",
+        ) from None
+    if max(depth.values(), default=0) > MAX_CHAIN:
+        raise RobotError(
+            f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
         )
-
-
-def _levels(links: list[str], below: dict[str, list[str]]) -> Iterator[list[str]]:
-    while links:
-        yield links
-        links = [child for link in links for child in below[link]]
 
 
 def number(text: str) -> float | None:

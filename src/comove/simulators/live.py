@@ -70,7 +70,7 @@ def run_live(
 
 def _run(world: World, data: Any, executor: JointExecutor, budget: float, every: int) -> OnlineRecord:
     mj, interruption, given_up = engine(), Interruption(), ""
-    record = OnlineRecord.begun(executor)
+    record = OnlineRecord(executor.scene, executor.robot, executor.settings.period)
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     with interruption.noticed():
         while executor.time < budget - 1e-9 and not interruption.wished:

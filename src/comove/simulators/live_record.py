@@ -93,11 +93,6 @@ class OnlineRecord:
     interrupted: bool = False
     given_up: str = ""
 
-    @classmethod
-    def begun(cls, executor: JointExecutor) -> OnlineRecord:
-        """Return an empty record of an executor."""
-        return cls(executor.scene, executor.robot, executor.settings.period)
-
     @property
     def motion(self) -> JointMotion:
         """Return the commanded joints as a motion."""

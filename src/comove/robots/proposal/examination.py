@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import link_of, pairs_of, touching
-from comove.robots.proposal.homes import DOWN, base_of
+from comove.robots.proposal.homes import base_of, tilt_of
 
 Array = NDArray[np.float64]
 
@@ -148,7 +148,7 @@ def findings_of(
     )
     places = robot.tool_poses(q, (arm,))[:, 0, :3, 3]
     reach = float(np.linalg.norm(places - base_of(robot, arm), axis=1).max())
-    tilt = float(np.arccos(np.clip(DOWN @ robot.tool_pose(robot.home, arm)[:3, 2], -1.0, 1.0)))
+    tilt = tilt_of(robot.tool_pose(robot.home, arm))
     return ArmFindings(arm.name, arm.tip, len(arm.columns), reach, places, tilt)
 
 

@@ -95,7 +95,7 @@ def homes_of(robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings()) ->
             notes.append(
                 f"no home of '{arm.name}' was found at which nothing touches: draw one, and write it there"
             )
-        tilt = float(np.arccos(np.clip(DOWN @ robot.tool_pose(q, arm)[:3, 2], -1.0, 1.0)))
+        tilt = tilt_of(robot.tool_pose(q, arm))
         if tilt > how.near_down:
             notes.append(
                 f"the hand of '{arm.name}' at home is {np.rad2deg(tilt):.0f} degrees from pointing down, as near as "
@@ -189,6 +189,11 @@ def base_of(robot: Robot, arm: Arm) -> Array:
     return np.array(data.oMi[int(arm.columns[0]) + 1].translation)
 
 
+def tilt_of(pose: Array) -> float:
+    """Return the angle between the approach of a hand, in a pose of shape (4, 4), and straight down [rad]."""
+    return float(np.arccos(np.clip(DOWN @ pose[:3, 2], -1.0, 1.0)))
+
+
 def floor_of(robot: Robot) -> float:
     """Return the height of the lowest point of a robot at home [m]."""
     return float(min((points[:, 2].min() for _, points in placed_bodies(robot, robot.home)), default=0.0))
@@ -240,7 +245,7 @@ def _settled(
     for _ in range(how.n_steps):
         pose = robot.tool_pose(q, arm)
         error = np.concatenate([place - pose[:3, 3], aside @ np.cross(pose[:3, 2], DOWN)])
-        miss = float(np.linalg.norm(error[:3]) / reach + np.arccos(np.clip(pose[:3, 2] @ DOWN, -1.0, 1.0)))
+        miss = float(np.linalg.norm(error[:3])) / reach + tilt_of(pose)
         if miss < how.settled:
             break
         moved = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:, arm.columns]
