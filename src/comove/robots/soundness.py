@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
@@ -93,10 +93,16 @@ def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
     try:
         TopologicalSorter(follows).prepare()
     except CycleError as error:
-        name = error.args[1][0]
         raise RobotError(
-            f"the joint '{prefix}{name}' goes along with itself", way_out="correct its <mimic>"
+            f"the joint '{prefix}{_first_of(follows, error)}' goes along with itself",
+            way_out="correct its <mimic>",
         ) from None
+
+
+def _first_of(names: Iterable[str | None], error: CycleError) -> str | None:
+    """Return the first of some names that is in the circle of which an error tells."""
+    circle = set(error.args[1])
+    return next(name for name in names if name in circle)
 
 
 def _check_link(link: ET.Element, told: str) -> None:
@@ -191,7 +197,7 @@ def _check_sizes(tree: ET.Element) -> None:
 
 def _check_tree(tree: ET.Element) -> None:
     """Refuse links that hang on two joints, circles and trees that are too deep; Pinocchio reports missing links."""
-    links = {link.get("name", "") for link in tree.findall("./link")}
+    links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
     hangs: dict[str, tuple[str, str]] = {}  # on which joint, and link above it
     for joint in tree.findall("./joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
@@ -210,7 +216,7 @@ def _check_tree(tree: ET.Element) -> None:
             depth[link] = 1 + depth[hangs[link][1]] if link in hangs else 0
     except CycleError as error:
         raise RobotError(
-            f"the joints go round in a circle at the link '{error.args[1][0]}'",
+            f"the joints go round in a circle at the link '{_first_of(links, error)}'",
             way_out="open it: a URDF is a tree",
         ) from None
     if max(depth.values(), default=0) > MAX_CHAIN:
