@@ -10,7 +10,7 @@ from graphlib import CycleError, TopologicalSorter
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import RobotError
+from comove.errors import RobotError, shortened
 
 LIMITED = ("revolute", "prismatic")
 LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
@@ -51,7 +51,7 @@ def _require_name(element: ET.Element, prefix: str) -> None:
         return  # Pinocchio tells
     if not name or len(name) > MAX_NAME or not name.isprintable() or prefix + name == TAKEN:
         raise RobotError(
-            f"a {element.tag} has the name {short(ascii(name) if not name.isprintable() else repr(name))}",
+            f"a {element.tag} has the name {shortened(ascii(name) if not name.isprintable() else repr(name))}",
             way_out=f"give it another, of 1 to {MAX_NAME} characters that can be printed"
             if name != TAKEN
             else "give it another: that one is Pinocchio's own",
@@ -66,7 +66,7 @@ def _check_limits(joint: ET.Element, name: str) -> None:
             if joint.get("type") in LIMITED and key in REQUIRED:
                 wrong[key] = "is missing"
         elif number(text) is None or (key in REQUIRED and float(text) < 0):
-            wrong[key] = f"is '{short(text)}'"
+            wrong[key] = f"is '{shortened(text)}'"
     if wrong:
         told = ", ".join(f"{key} {what}" for key, what in wrong.items())
         given = ", ".join(f"{key}: NUMBER" for key in wrong)
@@ -123,7 +123,7 @@ def _check_place(element: ET.Element, told: str) -> None:
     for key, how, unit in (("xyz", "has an origin at", "metres"), ("rpy", "is turned by", "radians")):
         values = origin.get(key, "")
         if any(abs(number(text) or 0.0) > FARTHEST for text in values.split()):
-            raise RobotError(f"{told} {how} {short(values)}", way_out=f"write {unit}")
+            raise RobotError(f"{told} {how} {shortened(values)}", way_out=f"write {unit}")
 
 
 def _check_inertia(inertial: ET.Element, told: str) -> None:
@@ -180,7 +180,7 @@ def _check_shape(shape: ET.Element) -> None:
         values = [number(text) for text in shape.get(key, "").split()]
         if any(v is None or v == 0 or (v < 0 and key != "scale") for v in values):
             raise RobotError(
-                f"a <{shape.tag}> has the {key} '{short(shape.get(key, ''))}'",
+                f"a <{shape.tag}> has the {key} '{shortened(shape.get(key, ''))}'",
                 way_out="write positive numbers [m]" if key != "scale" else "write numbers other than 0",
             )
 
@@ -232,8 +232,3 @@ def number(text: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
-
-
-def short(text: str) -> str:
-    """Shorten a text for a message."""
-    return text if len(text) <= 100 else f"{text[:97]}..."
