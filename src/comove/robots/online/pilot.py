@@ -29,6 +29,7 @@ from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import Arms
 from comove.robots.search.planner import plan_with_arms
 from comove.scenes.scene import Scene
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -295,7 +296,7 @@ class Pilot:
         turned = (np.abs(np.diff(path.joints, axis=0)) / ground.most).max(axis=1)
         slots = np.append(0.0, np.cumsum(np.maximum(np.array(spans) / ground.step, turned)))
         at = np.linspace(0.0, slots[-1], 1 + int(np.ceil(slots[-1])))
-        return Way(*(np.stack([np.interp(at, slots, x) for x in values.T], axis=1) for values in path))
+        return Way(*(interpolated(at, slots, values) for values in path))
 
     def _ahead(self, reference: Reference, clock: float, seen: Sighting) -> Array:
         """Return what a reference costs from now on, and then its end, slot by slot."""

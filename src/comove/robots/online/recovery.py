@@ -16,6 +16,7 @@ from comove.planning.seeds import minimum_jerk
 from comove.primitives.arguments import require_positive
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import Arms
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -126,7 +127,7 @@ def at_ease(arms: Arms, way: Array, period: float, settings: RecoverySettings = 
     least = 1.875 * seconds[-1], np.sqrt(5.774 * seconds[-1] * (chains.velocity / chains.acceleration).max())
     count = 1 + int(np.ceil(max(least) / period))
     at = seconds[-1] * minimum_jerk(np.linspace(0.0, 1.0, count + 1))[1:]
-    return np.stack([np.interp(at, seconds, q) for q in way.T], axis=1)
+    return interpolated(at, seconds, way)
 
 
 def _turn(here: Array, there: Array) -> Array:

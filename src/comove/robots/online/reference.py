@@ -12,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from comove.robots.online.roadmap import Way
 from comove.robots.verification.verify import VerifiedJointMotion
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -93,7 +94,7 @@ class Reference:
         course : samples, one a slot [s]
         left : slots that are left to the goal from the course's end
         """
-        how, after = self.settings, stop.after + slot * np.arange(len(course.joints))
+        how, after = self.settings, stop.after + slot * np.arange(len(course.joints), dtype=np.float64)
         end = after[-1] + how.settling
         time = np.linspace(0.0, end, 1 + int(np.ceil(end / how.sample)))
         own = self.at(self.braked(now, stop, time))[:2]
@@ -101,7 +102,7 @@ class Reference:
         blend = x * x * (3.0 - 2.0 * x)
         curves = []
         for mine, other in zip(own, course, strict=True):
-            on = np.stack([np.interp(time, after, column) for column in other.T], axis=1)
+            on = interpolated(time, after, other)
             raw = np.where((time < stop.after)[:, None], mine, on)
             rounded = gaussian_filter1d(raw, how.width * (len(time) - 1) / end, axis=0, mode="nearest")
             curve = raw + blend * (rounded - raw)
