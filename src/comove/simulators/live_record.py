@@ -32,8 +32,8 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.online.executor import JointExecutor, OnlineLog
 from comove.scenes.scene import Scene
-from comove.simulators.execution import Contact
-from comove.simulators.loads import Load, carried, hand_poses, load_of
+from comove.simulators.execution import Contact, distances
+from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of
 from comove.simulators.playback import work_geometry
 from comove.ties import first_least
 
@@ -213,9 +213,8 @@ def _hold_error(record: OnlineRecord, hands: Array) -> float:
 
 def _distance_errors(hands: Array) -> float:
     """Return the largest change of the distance of two hands [m]; hands, array of shape (n_steps, n_hands, 4, 4)."""
-    places = hands[..., :3, 3]
-    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
-    return float(np.abs(apart - apart[0]).max())
+    apart = distances(hands[..., :3, 3])
+    return float(np.abs(apart - apart[0]).max(initial=0.0))
 
 
 def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float]:
@@ -237,8 +236,7 @@ def _end_error(record: OnlineRecord, load: Load | None) -> float:
     if load is None:
         return 0.0
     goal = record.scene.nodes_at("goal")[list(load.holders)]
-    held = load.grasps @ record.load[-1][:3, :3].T + record.load[-1][:3, 3]
-    return float(np.linalg.norm(held - goal, axis=1).max())
+    return float(np.linalg.norm(points_of(record.load[-1], load.grasps) - goal, axis=1).max())
 
 
 def _clearances(
@@ -261,7 +259,7 @@ def _clearances(
             for i, center in enumerate(record.obstacles[step]):
                 placed.oMg[first + i] = pin.SE3(placed.oMg[first + i].rotation, center)
             for item, part in zip(parts, () if load is None else load.parts, strict=True):
-                placed.oMg[item] = pin.SE3(poses[step]) * pin.SE3(part.rotation, part.position)
+                placed.oMg[item] = pin.SE3(poses[step]) * part.placement
             distance = np.array(
                 [pin.computeDistance(geometry, placed, k).min_distance for k in range(len(pairs))]
             )

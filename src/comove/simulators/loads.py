@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
@@ -42,6 +44,11 @@ class LoadPart:
     position: Array
     rotation: Array
     size: tuple[float, ...]
+
+    @property
+    def placement(self) -> Any:
+        """Return its place in the load's frame, as Pinocchio's SE3."""
+        return pin.SE3(self.rotation, self.position)
 
     @property
     def volume(self) -> float:

@@ -98,7 +98,7 @@ def _contacts(
     geometry, names, moved = work_geometry(robot, scene, load)
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
-    parts = [] if load is None else [_pose(part.position, part.rotation) for part in load.parts]
+    parts = [] if load is None else [part.placement for part in load.parts]
     for step, q in enumerate(joints):
         pin.updateGeometryPlacements(robot.model, data, geometry, state, q)
         for item, part in zip(moved, parts, strict=True):
@@ -148,7 +148,3 @@ def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
     """Return the joints whose links move with a hand that holds the load."""
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
     return {robot.grasp_frame(arm)[0] for arm in arms}
-
-
-def _pose(position: Any, rotation: Array) -> Any:
-    return pin.SE3(np.asarray(rotation, dtype=float), np.array(position, dtype=float))
