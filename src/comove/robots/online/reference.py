@@ -26,13 +26,18 @@ class ReferenceSettings:
     sample : time between samples of a curve [s]
     width : width of the filter that rounds the corners of a course [s]
     fading : time after which a course that is spliced in is filtered wholly [s]
-    settling : time after the end of a course in which the filter settles, four widths of it [s]
+    tail : time after the end of a course in which the filter settles, in its widths
     """
 
     sample: float = 0.02
     width: float = 0.15
     fading: float = 0.3
-    settling: float = 0.6
+    tail: float = 4.0
+
+    @property
+    def settling(self) -> float:
+        """Return the time after the end of a course in which the filter settles [s]."""
+        return self.tail * self.width
 
 
 @dataclass(frozen=True)
