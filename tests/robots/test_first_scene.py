@@ -16,9 +16,11 @@ from comove.robots import Robot, RobotCarrier, bundled_robots
 from comove.robots.ends import EndJoints
 from comove.robots.kernels import TWO_ARMS
 from comove.robots.proposal import propose_scene
-from comove.robots.proposal.first_scene import FEWEST, MOST, N_CELLS, largest_rectangle
+from comove.robots.proposal.first_scene import largest_rectangle
 from comove.robots.proposal.homes import floor_of
 from comove.scenes import Scene
+
+N_CELLS, FEWEST, MOST = 11, 3, 5
 
 
 @given(st.integers(0, 2**32 - 1), st.floats(0.5, 1.0))
@@ -28,7 +30,7 @@ def test_the_largest_rectangle_is_free_and_none_is_larger(seed, share):
     free = rng.uniform(size=(N_CELLS, N_CELLS)) < share
     spans = [(a, b) for a in range(N_CELLS) for b in range(a + FEWEST, min(a + MOST, N_CELLS) + 1)]
     sizes = [(d - c) * (b - a) for (a, b), (c, d) in product(spans, spans) if free[a:b, c:d].all()]
-    found = largest_rectangle(free)
+    found = largest_rectangle(free, FEWEST, MOST)
     if found is None:
         assert not sizes
         return
@@ -38,7 +40,7 @@ def test_the_largest_rectangle_is_free_and_none_is_larger(seed, share):
 
 
 def test_of_rectangles_as_large_the_one_about_home_is_taken():
-    (a, c), (b, d) = largest_rectangle(np.ones((N_CELLS, N_CELLS), dtype=bool))
+    (a, c), (b, d) = largest_rectangle(np.ones((N_CELLS, N_CELLS), dtype=bool), FEWEST, MOST)
     assert (a + b, c + d) == (N_CELLS - 1, N_CELLS - 1)
 
 

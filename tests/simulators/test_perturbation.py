@@ -15,5 +15,5 @@ def test_drawn_within_bounds():
 
 
 def test_the_same_from_the_same_seed():
-    first, second, third = (Perturbation.drawn(np.random.default_rng(seed)) for seed in (1, 1, 2))
+    first, second, third = (Perturbation.drawn(np.random.default_rng(seed), 14) for seed in (1, 1, 2))
     assert first == second != third

@@ -267,8 +267,7 @@ def run(
     from comove.scenes import Scene
     from comove.simulators import GRASPS, Perturbation
     from comove.simulators.live import run_live
-    from comove.simulators.live_files import write_robot_run
-    from comove.simulators.live_record import judge_run
+    from comove.simulators.live_record import judge_run, write_robot_run
     from comove.views import draw_joints, save
 
     o.require_one_of(grasp, tuple(GRASPS), "grasp")

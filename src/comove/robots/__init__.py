@@ -12,8 +12,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.description import bundled_robots, find_description
 from comove.robots.files import StoredJoints, read_joints, verified_motion, verify_stored, write_joints
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import JointMotion
-from comove.robots.streaming import JointCommand
+from comove.robots.motion import JointCommand, JointMotion
 from comove.robots.transfers import Transfers, plan_transfers
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 

@@ -169,7 +169,7 @@ def find_description(robot: str | Path, folder: Path | None = None) -> Path:
     path = Path(robot)
     if folder is not None and not path.is_absolute():
         path = folder / path
-    if not _is_file(path):
+    if not is_file(path):
         raise RobotError(
             f"there is no robot '{robot}', nor a file of that name",
             key="robot",
@@ -178,7 +178,8 @@ def find_description(robot: str | Path, folder: Path | None = None) -> Path:
     return path
 
 
-def _is_file(path: Path) -> bool:
+def is_file(path: Path) -> bool:
+    """Return whether there is such a file; its name may be impossible."""
     try:
         return path.is_file()
     except (OSError, ValueError):  # a name that is too long, or has a zero byte

@@ -1,4 +1,5 @@
-"""Joint motions: one C2 curve through exact samples, its extremes at every instant, and bounds of it over any time.
+"""Joint motions: one C2 curve through exact samples, its extremes at every instant, bounds of it over any time, and
+commands of it for every cycle of a controller.
 
 Between two samples a joint follows a cubic: its position is extreme at a sample or at a root of a quadratic, its
 velocity at a sample or at the vertex of a parabola, and its acceleration at a sample.
@@ -6,6 +7,7 @@ velocity at a sample or at the vertex of a parabola, and its acceleration at a s
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -14,11 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
+from comove.errors import OptionError
+from comove.primitives.arguments import is_number
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
 SAMPLE_RATE = 100.0  # Hz
+SLOWEST, FASTEST = 20.0, 1e4  # Hz, of commands: below, hands would leave their distance between them
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +75,21 @@ class JointMotion:
     def largest(self) -> tuple[Array, Array]:
         """Compute the largest speed and acceleration of each joint at any instant; arrays, shape (n_joints,)."""
         return fastest(self.curve)[0].max(axis=0), np.abs(self.acceleration).max(axis=0)
+
+
+class JointCommand(NamedTuple):
+    """The command of the joints at an instant.
+
+    Attributes
+    ----------
+    time : since the beginning of the motion [s]
+    position, velocity, acceleration : arrays, shape (n_joints,) [rad, rad/s, rad/s^2; m for joints that slide]
+    """
+
+    time: float
+    position: Array
+    velocity: Array
+    acceleration: Array
 
 
 class Extreme(NamedTuple):
@@ -190,3 +210,33 @@ class Ranges:
             rows, table = level == k, self._tables[k]
             result[rows] = np.maximum(table[first[rows]], table[final[rows] - 2**k + 1])
         return result
+
+
+def commands(joints: JointMotion, rate: float, columns: NDArray[np.int64]) -> Iterator[JointCommand]:
+    """Return an iterator over the commands of some joints at a rate [Hz], from rest at the start to rest at the goal.
+
+    The last command is at the end of the motion, also where the cycles do not divide it.
+
+    Raises
+    ------
+    OptionError
+        If no robot is driven at that rate.
+    """
+    if not is_number(rate) or not SLOWEST <= rate <= FASTEST:
+        raise OptionError(
+            f"commands at {rate} Hz",
+            key="rate",
+            way_out=f"give {SLOWEST:g} to {FASTEST:g}, such as 1000 for libfranka or 500 for a UR",
+        )
+    return _commands(joints, float(rate), columns)
+
+
+def _commands(joints: JointMotion, rate: float, columns: NDArray[np.int64]) -> Iterator[JointCommand]:
+    block = 1000  # commands computed at once
+    count = int(np.ceil(joints.duration * rate - 1e-9))
+    for first in range(0, count + 1, block):
+        cycles = np.arange(first, min(first + block, count + 1)).astype(np.float64)
+        time = np.minimum(cycles / rate, joints.duration)
+        values = (samples[:, columns] for samples in joints.at(time))
+        for instant, *command in zip(time.tolist(), *values, strict=True):
+            yield JointCommand(instant, *command)

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import RobotError
+from comove.errors import RobotError, shortened
 
 LIMITED = ("revolute", "prismatic")
 LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
@@ -50,7 +51,7 @@ def _require_name(element: ET.Element, prefix: str) -> None:
         return  # Pinocchio tells
     if not name or len(name) > MAX_NAME or not name.isprintable() or prefix + name == TAKEN:
         raise RobotError(
-            f"a {element.tag} has the name {short(ascii(name) if not name.isprintable() else repr(name))}",
+            f"a {element.tag} has the name {shortened(ascii(name) if not name.isprintable() else repr(name))}",
             way_out=f"give it another, of 1 to {MAX_NAME} characters that can be printed"
             if name != TAKEN
             else "give it another: that one is Pinocchio's own",
@@ -65,7 +66,7 @@ def _check_limits(joint: ET.Element, name: str) -> None:
             if joint.get("type") in LIMITED and key in REQUIRED:
                 wrong[key] = "is missing"
         elif number(text) is None or (key in REQUIRED and float(text) < 0):
-            wrong[key] = f"is '{short(text)}'"
+            wrong[key] = f"is '{shortened(text)}'"
     if wrong:
         told = ", ".join(f"{key} {what}" for key, what in wrong.items())
         given = ", ".join(f"{key}: NUMBER" for key in wrong)
@@ -86,16 +87,22 @@ def _check_axis(joint: ET.Element, name: str) -> None:
 
 def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
     """Refuse joints that mimic each other in a circle."""
-    follows = {joint.get("name"): mimic.get("joint") for joint in joints for mimic in joint.findall("mimic")}
-    for name, other in follows.items():
-        met = {name}
-        while other in follows:
-            if other in met:
-                raise RobotError(
-                    f"the joint '{prefix}{name}' goes along with itself", way_out="correct its <mimic>"
-                )
-            met.add(other)
-            other = follows[other]
+    follows = {
+        joint.get("name"): {mimic.get("joint")} for joint in joints for mimic in joint.findall("mimic")
+    }
+    try:
+        TopologicalSorter(follows).prepare()
+    except CycleError as error:
+        raise RobotError(
+            f"the joint '{prefix}{_first_of(follows, error)}' goes along with itself",
+            way_out="correct its <mimic>",
+        ) from None
+
+
+def _first_of(names: Iterable[str | None], error: CycleError) -> str | None:
+    """Return the first of some names that is in the circle of which an error tells."""
+    circle = set(error.args[1])
+    return next(name for name in names if name in circle)
 
 
 def _check_link(link: ET.Element, told: str) -> None:
@@ -116,7 +123,7 @@ def _check_place(element: ET.Element, told: str) -> None:
     for key, how, unit in (("xyz", "has an origin at", "metres"), ("rpy", "is turned by", "radians")):
         values = origin.get(key, "")
         if any(abs(number(text) or 0.0) > FARTHEST for text in values.split()):
-            raise RobotError(f"{told} {how} {short(values)}", way_out=f"write {unit}")
+            raise RobotError(f"{told} {how} {shortened(values)}", way_out=f"write {unit}")
 
 
 def _check_inertia(inertial: ET.Element, told: str) -> None:
@@ -173,7 +180,7 @@ def _check_shape(shape: ET.Element) -> None:
         values = [number(text) for text in shape.get(key, "").split()]
         if any(v is None or v == 0 or (v < 0 and key != "scale") for v in values):
             raise RobotError(
-                f"a <{shape.tag}> has the {key} '{short(shape.get(key, ''))}'",
+                f"a <{shape.tag}> has the {key} '{shortened(shape.get(key, ''))}'",
                 way_out="write positive numbers [m]" if key != "scale" else "write numbers other than 0",
             )
 
@@ -190,37 +197,32 @@ def _check_sizes(tree: ET.Element) -> None:
 
 def _check_tree(tree: ET.Element) -> None:
     """Refuse links that hang on two joints, circles and trees that are too deep; Pinocchio reports missing links."""
-    below: dict[str, list[str]] = {link.get("name", ""): [] for link in tree.findall("./link")}
-    hangs: dict[str, str] = {}
+    links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
+    hangs: dict[str, tuple[str, str]] = {}  # on which joint, and link above it
     for joint in tree.findall("./joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
         parent, child = ("" if end is None else end.get("link", "") for end in ends)
-        if parent not in below or child not in below:
+        if parent not in links or child not in links:
             return
         if child in hangs:
             raise RobotError(
-                f"the link '{child}' hangs on two joints, '{hangs[child]}' and '{joint.get('name')}'",
+                f"the link '{child}' hangs on two joints, '{hangs[child][0]}' and '{joint.get('name')}'",
                 way_out="let it hang on one: a URDF is a tree",
             )
-        hangs[child] = joint.get("name", "")
-        below[parent].append(child)
-    reached: set[str] = set()
-    for depth, links in enumerate(_levels([name for name in below if name not in hangs], below)):
-        if depth > MAX_CHAIN:
-            raise RobotError(
-                f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
-            )
-        reached.update(links)
-    if left := [name for name in below if name not in reached]:
+        hangs[child] = joint.get("name", ""), parent
+    depth: dict[str, int] = {}
+    try:
+        for link in TopologicalSorter({child: {above} for child, (_, above) in hangs.items()}).static_order():
+            depth[link] = 1 + depth[hangs[link][1]] if link in hangs else 0
+    except CycleError as error:
         raise RobotError(
-            f"the joints go round in a circle at the link '{left[0]}'", way_out="open it: a URDF is a tree"
+            f"the joints go round in a circle at the link '{_first_of(links, error)}'",
+            way_out="open it: a URDF is a tree",
+        ) from None
+    if max(depth.values(), default=0) > MAX_CHAIN:
+        raise RobotError(
+            f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
         )
-
-
-def _levels(links: list[str], below: dict[str, list[str]]) -> Iterator[list[str]]:
-    while links:
-        yield links
-        links = [child for link in links for child in below[link]]
 
 
 def number(text: str) -> float | None:
@@ -230,8 +232,3 @@ def number(text: str) -> float | None:
     except ValueError:
         return None
     return value if math.isfinite(value) else None
-
-
-def short(text: str) -> str:
-    """Shorten a text for a message."""
-    return text if len(text) <= 100 else f"{text[:97]}..."

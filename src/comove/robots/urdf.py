@@ -23,11 +23,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from comove.errors import ComoveWarning, MeshError, RobotError
+from comove.errors import ComoveWarning, MeshError, RobotError, shortened
 from comove.geometry.triangles import FORMATS, as_stl, elements_of, triangles_of
 from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
-from comove.robots.description import JointLimits, ModelSource, Placement, errors_in
-from comove.robots.soundness import LIMITS, doubts, number, require_sound, short
+from comove.robots.description import JointLimits, ModelSource, Placement, errors_in, is_file
+from comove.robots.soundness import LIMITS, doubts, number, require_sound
 
 MAX_BYTES = 20_000_000
 CONVERT = "convert it first: comove robot convert FILE --out FOLDER"
@@ -98,19 +98,16 @@ def resolve(uri: str, file: Path) -> Path:
         tail = tail.lstrip("/")
         if os.path.normpath(tail).split("/")[0] != tail.split("/")[0] or tail.startswith("."):
             raise RobotError(
-                f"'{short(uri)}' leads out of its package", file=file, way_out="correct the path"
+                f"'{shortened(uri)}' leads out of its package", file=file, way_out="correct the path"
             )
         own = [str(folder.parent) for folder in file.absolute().parents if folder.name == tail.split("/")[0]]
         folders = [*own, *package_folders(file)]
     for folder in folders:
         path = Path(folder) / tail
-        try:
-            if path.is_file():
-                return path
-        except (OSError, ValueError):  # a name that is too long, or has a zero byte
-            break
+        if is_file(path):
+            return path
     raise RobotError(
-        f"there is no file '{short(uri)}'",
+        f"there is no file '{shortened(uri)}'",
         file=file,
         way_out=f"correct the path or install the package; looked in {', '.join(folders)}",
     )
@@ -214,7 +211,7 @@ def _tree(path: Path, what: str) -> ET.Element:
     if what == "a URDF" and tree.tag == "mujoco":
         raise RobotError("it is a model of MuJoCo's", way_out=CONVERT)
     if tree.tag != "robot":
-        raise RobotError(f"it is a <{short(tree.tag)}>, not a <robot>", way_out=f"name {what}")
+        raise RobotError(f"it is a <{shortened(tree.tag)}>, not a <robot>", way_out=f"name {what}")
     return tree
 
 
@@ -280,7 +277,7 @@ def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:
     named = mesh.get("filename", "")
     if Path(named).suffix.lower() not in FORMATS:
         raise RobotError(
-            f"the mesh '{short(named)}' has an unknown format",
+            f"the mesh '{shortened(named)}' has an unknown format",
             file=path,
             way_out=f"convert it to one of {', '.join(FORMATS)}",
         )

@@ -1,7 +1,8 @@
 """Cameras that look at an execution, from a fixed place or in a hand, as policies see it.
 
-They draw without shadows, at twice the size that is asked for, and every pixel is the mean of four: on a processor
-that takes half the time that MuJoCo's own smoothing of edges takes.
+A camera stands at a pose, or sees all of the scene's workspace from the direction of a view. Both draw without
+shadows, at twice the size that is asked for, and every pixel is the mean of four: on a processor that takes half the
+time that MuJoCo's own smoothing of edges takes.
 """
 
 from __future__ import annotations
@@ -23,8 +24,6 @@ from comove.simulators.pictures import View, front_of, furnish, in_sight, sight,
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
-FINER = 2  # times as many pixels are drawn as are kept, in both directions
-
 
 @dataclass(frozen=True)
 class CameraPose:
@@ -39,22 +38,8 @@ class CameraPose:
 
     position: tuple[float, ...]
     target: tuple[float, ...]
-    hand: str | None = None
-    field: float = 40.0
-
-
-@dataclass(frozen=True)
-class Overview:
-    """A camera that sees all of the scene's workspace, from a direction.
-
-    Attributes
-    ----------
-    view : the direction
-    field : what it sees from top to bottom [deg]
-    """
-
-    view: View
-    field: float = 40.0
+    hand: str | None
+    field: float
 
 
 def require_cameras() -> None:
@@ -76,7 +61,7 @@ def require_cameras() -> None:
 
 
 def pictures_of(
-    execution: Execution, cameras: Sequence[CameraPose | Overview], size: tuple[int, int], time: Array
+    execution: Execution, cameras: Sequence[CameraPose | View], size: tuple[int, int], time: Array
 ) -> Iterator[list[Picture]]:
     """Yield what cameras see of an execution at given times: for each camera an array of shape (height, width, 3).
 
@@ -92,25 +77,26 @@ def pictures_of(
     OptionError
         If pictures cannot be drawn here.
     """
+    finer = 2  # times as many pixels are drawn as are kept, in both directions
     width, height = size
     stands = [_stand(execution, camera, width / height) for camera in cameras]
     middles = (execution.time[1:] + execution.time[:-1]) / 2
-    with stage(execution, FINER * width, FINER * height, partial(_furnish, stands=stands)) as (_, _, draw):
+    with stage(execution, finer * width, finer * height, partial(_furnish, stands=stands)) as (_, _, draw):
         for step in np.searchsorted(middles, time):
             drawn = [draw(step, _name(number)) for number in range(len(stands))]
-            yield [_reduced(picture) for picture in drawn]
+            yield [_reduced(picture, finer) for picture in drawn]
 
 
-def _stand(execution: Execution, camera: CameraPose | Overview, aspect: float) -> CameraPose:
+def _stand(execution: Execution, camera: CameraPose | View, aspect: float) -> CameraPose:
     """Return where a camera stands; one that sees all of the workspace depends on nothing else of the scene."""
     if isinstance(camera, CameraPose):
         return camera
     bounds = np.stack([execution.scene.lower, execution.scene.upper])
     corners = np.array(list(product(*bounds.T)))
-    azimuth = front_of(execution.robot, bounds[:, :2].mean(axis=0)) + camera.view.aside
-    target, distance = in_sight(corners, aspect, azimuth, camera.view.elevation, camera.field)
-    forward, _, _ = sight(azimuth, camera.view.elevation)
-    return CameraPose(tuple(target - distance * forward), tuple(target), field=camera.field)
+    azimuth = front_of(execution.robot, bounds[:, :2].mean(axis=0)) + camera.aside
+    target, distance = in_sight(corners, aspect, azimuth, camera.elevation, camera.field)
+    forward, _, _ = sight(azimuth, camera.elevation)
+    return CameraPose(tuple(target - distance * forward), tuple(target), None, camera.field)
 
 
 def _name(number: int) -> str:
@@ -140,8 +126,8 @@ def _turn(stand: CameraPose) -> Array:
     return np.roll(facing(back / np.linalg.norm(back)), -1, axis=1)
 
 
-def _reduced(picture: Picture) -> Picture:
-    """Return a picture whose pixels are the means of squares of pixels."""
-    height, width = picture.shape[0] // FINER, picture.shape[1] // FINER
-    squares = picture.reshape(height, FINER, width, FINER, 3).astype(np.uint16)
-    return ((squares.sum(axis=(1, 3)) + FINER * FINER // 2) // (FINER * FINER)).astype(np.uint8)
+def _reduced(picture: Picture, finer: int) -> Picture:
+    """Return a picture whose pixels are the means of squares of `finer` x `finer` pixels."""
+    height, width = picture.shape[0] // finer, picture.shape[1] // finer
+    squares = picture.reshape(height, finer, width, finer, 3).astype(np.uint16)
+    return ((squares.sum(axis=(1, 3)) + finer * finer // 2) // (finer * finer)).astype(np.uint8)

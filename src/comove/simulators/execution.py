@@ -132,8 +132,8 @@ class Execution:
         """Return the distances of the holders less those of their grasps on the load [m]; array, shape (n_steps,
         n_pairs).
         """
-        planned = _distances(np.zeros((0, 3)) if self.load is None else self.load.grasps)
-        return _distances(self.hands[:, self.holders][..., :3, 3]) - planned
+        planned = distances(np.zeros((0, 3)) if self.load is None else self.load.grasps)
+        return distances(self.hands[:, self.holders][..., :3, 3]) - planned
 
     @cached_property
     def slip(self) -> Array:
@@ -258,7 +258,8 @@ def _slipped(hand: str, time: Array, slip: Array, limit: float) -> list[str]:
     return []
 
 
-def _distances(points: Array) -> Array:
+def distances(points: Array) -> Array:
+    """Return the distances between every two of some points; (..., n_points, 3) -> (..., n_pairs) [m]."""
     first, second = np.triu_indices(points.shape[-2], 1)
     return np.linalg.norm(points[..., first, :] - points[..., second, :], axis=-1)
 

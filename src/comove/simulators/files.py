@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, is_dataclass
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 from comove._version import __version__
 from comove.io.entries import MAPPING, NUMBER, TEXT, TEXTS, TRUTH, require_types
@@ -79,7 +78,7 @@ def _summary_of(execution: Execution, seed: int | None) -> Summary:
         "delivered": execution.delivered,
         "reasons": list(execution.reasons),
         "simulator": execution.simulator,
-        "grasp": _named(execution.grasp),
+        "grasp": {"kind": type(execution.grasp).__name__.lower(), **vars(execution.grasp)},
         **{name: finite(value) for name, value in execution.measures.items()},
         "contacts": [asdict(contact) for contact in execution.contacts],
         "seed": seed,
@@ -94,12 +93,6 @@ def _summary_of(execution: Execution, seed: int | None) -> Summary:
         "versions": {tool: _version(tool) for tool in TOOLS},
         "steps_per_second": round(execution.steps_per_second),
     }
-
-
-def _named(grasp: object) -> dict[str, Any]:
-    """Return the kind of a grasp and its parameters."""
-    parameters = asdict(grasp) if is_dataclass(grasp) and not isinstance(grasp, type) else {}
-    return {"kind": type(grasp).__name__.lower(), **parameters}
 
 
 def _version(tool: str) -> str | None:

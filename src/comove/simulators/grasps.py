@@ -7,17 +7,19 @@ constraints between both are activated.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
-from comove.errors import OptionError, RobotError
+from comove.errors import RobotError
 from comove.robots.model import Arm
 from comove.simulators.engine import below, engine, hangs_on
 from comove.simulators.loads import THINNEST
 from comove.simulators.servos import add_servo
+from comove.simulators.settings import require_finite
 from comove.simulators.world import STIFF, THE_LOAD, World
 
 
@@ -39,7 +41,7 @@ def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second:
     equality.name, equality.name1, equality.name2 = name, first, second
 
 
-class GraspModel(Protocol):
+class GraspModel(ABC):
     """A model of how hands hold a load in a simulation.
 
     Attributes
@@ -47,36 +49,31 @@ class GraspModel(Protocol):
     touching : whether hands and load are in contact; otherwise they pass through each other
     """
 
-    touching: ClassVar[bool]
+    touching: ClassVar[bool] = False
 
     def section(self, radius: float) -> tuple[float, float] | None:
         """Return width and height of the box that stands for a bar of some radius [m], None where the bar is
         round.
         """
+        return None
 
     def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
         """Return the names of the joints that the grasp moves besides the arms'."""
+        return ()
 
+    @abstractmethod
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
         """Add what the grasp needs to the world; `friction` is a factor on its coefficient of friction."""
 
+    @abstractmethod
     def close(self, world: World, data: Any) -> None:
         """Take hold of the load while the hands stand at it."""
 
 
-class _Fixed:
+class _Fixed(GraspModel):
     """A grasp by a constraint between hand and load, the base of welds and links."""
 
-    touching: ClassVar[bool] = False
     kind: ClassVar[str]
-
-    def section(self, radius: float) -> tuple[float, float] | None:
-        """Return None: bars are round."""
-        return None
-
-    def moving(self, arms: Sequence[Arm]) -> tuple[str, ...]:
-        """Return no joints."""
-        return ()
 
     def furnish(self, spec: Any, arms: Sequence[Arm], friction: float) -> None:
         """Add a constraint, inactive at first, between each hand's site and the load's site for it."""
@@ -106,7 +103,7 @@ class Connect(_Fixed):
 
 
 @dataclass(frozen=True)
-class Friction:
+class Friction(GraspModel):
     """A grasp in which fingers close on the load before the motion begins, and only friction holds it from then on.
 
     Attributes
@@ -123,16 +120,9 @@ class Friction:
     touching: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        given: dict[str, tuple[float | None, ...]] = {
-            "coefficient": (self.coefficient,),
-            "force": (self.force,),
-            "size": self.size or (),
-        }
-        for name, values in given.items():
-            if any(value is not None and not 0 < value < np.inf for value in values):
-                raise OptionError(
-                    f"{getattr(self, name)} is not possible", key=name, way_out="give positive numbers"
-                )
+        require_finite("coefficient", self.coefficient, positive=True)
+        require_finite("force", *(() if self.force is None else (self.force,)), positive=True)
+        require_finite("size", *(self.size or ()), positive=True)
 
     def section(self, radius: float) -> tuple[float, float] | None:
         """Return width and height of a bar, which the fingers hold by its sides [m]."""
@@ -201,11 +191,11 @@ class Friction:
         mj, model = engine(), world.model
         fingers = [finger for hand in world.fingers for finger in hand]
         low, high = np.array([model.joint(finger).range for finger in fingers]).T
-        data.qpos[[model.joint(finger).qposadr[0] for finger in fingers]] = 0.5 * (low + high)
+        data.qpos[world.finger_qpos] = 0.5 * (low + high)
         mj.mj_forward(model, data)  # at 0, where joints begin, fingers may stand beyond each other
         inward = np.array([_inward(world, data, finger) for finger in fingers])
         opened, closed = np.where(inward > 0, low, high), np.where(inward > 0, high, low)
-        data.qpos[[model.joint(finger).qposadr[0] for finger in fingers]] = opened
+        data.qpos[world.finger_qpos] = opened
         mj.mj_forward(model, data)
         _require_room(world, data)
         _couple(world, data, dict(zip(fingers, zip(opened, closed, strict=True), strict=True)))

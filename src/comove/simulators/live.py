@@ -70,7 +70,7 @@ def run_live(
 
 def _run(world: World, data: Any, executor: JointExecutor, budget: float, every: int) -> OnlineRecord:
     mj, interruption, given_up = engine(), Interruption(), ""
-    record = OnlineRecord.begun(executor)
+    record = OnlineRecord(executor.scene, executor.robot, executor.settings.period)
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     with interruption.noticed():
         while executor.time < budget - 1e-9 and not interruption.wished:
@@ -90,7 +90,7 @@ def _run(world: World, data: Any, executor: JointExecutor, budget: float, every:
                 mj.mj_step(world.model, data)
                 if data.ncon:
                     note_contacts(world, data, executor.time, contacts)
-            record.add(executor, data.qpos[world.qpos], _load_pose(world, data))
+            record.add(executor, data.qpos[world.qpos], world.load_pose(data))
             if broken(data) or executor.arrived:
                 break
     record.contacts, record.given_up = contacts_of(world, contacts), given_up
@@ -116,13 +116,3 @@ def _move_obstacles(world: World, data: Any, executor: JointExecutor) -> None:
     for i in np.flatnonzero(executor.scene.moving):
         mocap = world.model.body(moving_body(int(i))).mocapid[0]
         data.mocap_pos[mocap] = centers[i]
-
-
-def _load_pose(world: World, data: Any) -> Array:
-    """Return the load's pose, array of shape (4, 4); NaN without a load."""
-    pose = np.full((4, 4), np.nan)
-    if world.load is not None:
-        pose = np.eye(4)
-        pose[:3, 3] = data.xpos[world.load_body]
-        pose[:3, :3] = data.xmat[world.load_body].reshape(3, 3)
-    return pose

@@ -1,4 +1,4 @@
-"""The record of an online run of a robot, and its check from commands, measurements and true obstacles alone.
+"""The record of an online run of a robot, its files, and its check from commands, measurements and true obstacles.
 
 =================== ==============================================================================================
 what                how it is known
@@ -9,32 +9,53 @@ clearance           distances of the exact bodies by coal, at commanded *and* at
                     step: sampled, not certified in between
 contacts            the simulator's, at every step of its own
 =================== ==============================================================================================
+
+Its files are `robot_run.json` and `robot_run.npz`. The arrays are, after every control step, `time` (n_steps,) [s],
+`commanded` and `measured` (n_steps, n_joints) [rad], `nodes` (n_steps, n_nodes, 3), hands and corners of the load as
+commanded [m], `load_pose` (n_steps, 4, 4), the load in the simulator, `driven_off` (n_steps,), whether the robot gave
+way to what had driven it off, and `obstacle_center` (n_steps, n_obstacles, 3) [m].
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove._version import __version__
 from comove.reaction.twists import nodes_of
+from comove.results.sealed import ResultKind, Summary, finite
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.online.executor import JointExecutor
+from comove.robots.online.executor import JointExecutor, OnlineLog
 from comove.scenes.scene import Scene
-from comove.simulators.execution import Contact
-from comove.simulators.loads import Load, carried, hand_poses, load_of
+from comove.simulators.execution import Contact, distances
+from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of
 from comove.simulators.playback import work_geometry
 from comove.ties import first_least
 
 Array = NDArray[np.float64]
 
-HOLD_ERROR = 1e-6  # m and rad, of hands on the load, in commands
 ROUNDING = 1e-6  # by which a share of a limit may exceed 1
-SQUEEZED = 1e-3  # m, by which hands may change their distance in the simulator
-END_ERROR = 5e-3  # m, of the load at its goal in the simulator
+
+
+@dataclass(frozen=True)
+class RunLimits:
+    """Limits by which an online run is judged.
+
+    Attributes
+    ----------
+    hold_error : of commanded hands on the load, which commands keep to rounding [m; a radian counts 1]
+    squeezed : by which hands may change their distance in the simulator, whose servos give way [m]
+    end_error : of the load at its goal in the simulator [m]
+    """
+
+    hold_error: float = 1e-6
+    squeezed: float = 1e-3
+    end_error: float = 5e-3
 
 
 @dataclass(eq=False)
@@ -71,11 +92,6 @@ class OnlineRecord:
     unstable: bool = False
     interrupted: bool = False
     given_up: str = ""
-
-    @classmethod
-    def begun(cls, executor: JointExecutor) -> OnlineRecord:
-        """Return an empty record of an executor."""
-        return cls(executor.scene, executor.robot, executor.settings.period)
 
     @property
     def motion(self) -> JointMotion:
@@ -131,34 +147,34 @@ class OnlineReport:
     reasons: tuple[str, ...]
 
 
-def judge_run(record: OnlineRecord, *, stride: int = 5) -> OnlineReport:
+def judge_run(record: OnlineRecord, *, stride: int = 5, limits: RunLimits = RunLimits()) -> OnlineReport:
     """Measure a run, and say what is wrong with it.
 
     Parameters
     ----------
-    stride : steps of which one is looked at for clearances
+    stride : steps of which one is looked at for clearances, and four times as many for those of links of each other
+    limits : by which it is judged
     """
     commanded, measured = np.array(record.commanded), np.array(record.measured)
     hands = hand_poses(record.robot, record.scene, commanded)
     load = load_of(record.scene, hands[0])
     speed, acceleration, margin = _limits(record, commanded)
-    found = _clearances(record, load, (commanded, measured), stride)
-    squeezed = _distance_errors(hand_poses(record.robot, record.scene, measured))
+    clearances, nearest = _clearances(record, load, (commanded, measured), stride)
     measures = {
         "hold_error_max": _hold_error(record, hands),
-        "distance_error_max": squeezed,
+        "distance_error_max": _distance_errors(hand_poses(record.robot, record.scene, measured)),
         "velocity_ratio_max": speed,
         "acceleration_ratio_max": acceleration,
         "joint_margin_min": margin,
-        **found.least,
+        **clearances,
         "lag_max": float(np.abs(commanded - measured).max()),
         "end_error": _end_error(record, load),
         "duration_s": record.time[-1],
     }
-    return OnlineReport(**measures, nearest=found.nearest, reasons=tuple(_reasons(record, measures)))
+    return OnlineReport(**measures, nearest=nearest, reasons=tuple(_reasons(record, measures, limits)))
 
 
-def _reasons(record: OnlineRecord, m: dict[str, float]) -> list[str]:
+def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunLimits) -> list[str]:
     """Return the reasons against a run with these measures."""
     reasons = [
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
@@ -170,11 +186,11 @@ def _reasons(record: OnlineRecord, m: dict[str, float]) -> list[str]:
         reasons.append(f"the simulation broke down at {record.time[-1]:.2f} s")
     if not record.arrived:
         reasons.append(f"the load has not arrived after {record.time[-1]:.2f} s")
-    elif not m["end_error"] <= END_ERROR:
+    elif not m["end_error"] <= limits.end_error:
         reasons.append(f"the load ends {m['end_error']:.2g} m from its goal")
-    if not m["hold_error_max"] <= HOLD_ERROR:
+    if not m["hold_error_max"] <= limits.hold_error:
         reasons.append(f"a commanded hand is off the load by {m['hold_error_max']:.2g} m or rad")
-    if not m["distance_error_max"] <= SQUEEZED:
+    if not m["distance_error_max"] <= limits.squeezed:
         reasons.append(f"hands change their distance by {m['distance_error_max']:.2g} m")
     for name in ("velocity", "acceleration"):
         if not m[f"{name}_ratio_max"] <= 1 + ROUNDING:
@@ -197,9 +213,8 @@ def _hold_error(record: OnlineRecord, hands: Array) -> float:
 
 def _distance_errors(hands: Array) -> float:
     """Return the largest change of the distance of two hands [m]; hands, array of shape (n_steps, n_hands, 4, 4)."""
-    places = hands[..., :3, 3]
-    apart = np.linalg.norm(places[:, :, None] - places[:, None], axis=-1)
-    return float(np.abs(apart - apart[0]).max())
+    apart = distances(hands[..., :3, 3])
+    return float(np.abs(apart - apart[0]).max(initial=0.0))
 
 
 def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float]:
@@ -221,20 +236,15 @@ def _end_error(record: OnlineRecord, load: Load | None) -> float:
     if load is None:
         return 0.0
     goal = record.scene.nodes_at("goal")[list(load.holders)]
-    held = load.grasps @ record.load[-1][:3, :3].T + record.load[-1][:3, 3]
-    return float(np.linalg.norm(held - goal, axis=1).max())
+    return float(np.linalg.norm(points_of(record.load[-1], load.grasps) - goal, axis=1).max())
 
 
-@dataclass(frozen=True)
-class _Found:
-    """Least distances, by the names of `OnlineReport`, and the names of what came nearest to an obstacle."""
-
-    least: dict[str, float]
-    nearest: str
-
-
-def _clearances(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array], stride: int) -> _Found:
-    """Compute distances at every `stride`-th step, for commanded and for measured joints."""
+def _clearances(
+    record: OnlineRecord, load: Load | None, joints: tuple[Array, Array], stride: int
+) -> tuple[dict[str, float], str]:
+    """Return the least distances at every `stride`-th step, for commanded and for measured joints, by the names of
+    `OnlineReport`, and the names of what came nearest to an obstacle.
+    """
     robot = record.robot
     geometry, names, parts = work_geometry(robot, record.scene, load)
     data, placed, own = robot.model.createData(), geometry.createData(), robot.collision.createData()
@@ -249,7 +259,7 @@ def _clearances(record: OnlineRecord, load: Load | None, joints: tuple[Array, Ar
             for i, center in enumerate(record.obstacles[step]):
                 placed.oMg[first + i] = pin.SE3(placed.oMg[first + i].rotation, center)
             for item, part in zip(parts, () if load is None else load.parts, strict=True):
-                placed.oMg[item] = pin.SE3(poses[step]) * pin.SE3(part.rotation, part.position)
+                placed.oMg[item] = pin.SE3(poses[step]) * part.placement
             distance = np.array(
                 [pin.computeDistance(geometry, placed, k).min_distance for k in range(len(pairs))]
             )
@@ -265,9 +275,7 @@ def _clearances(record: OnlineRecord, load: Load | None, joints: tuple[Array, Ar
     near = int(which[int(np.argmin(least[:2]))])
     nearest = "" if near < 0 else f"{names[pairs[near][0]]} and {names[pairs[near][1]]}"
     measured = ("clearance_scene", "clearance_carried", "clearance_load")
-    return _Found(
-        {**dict(zip(measured, least.tolist(), strict=True)), "clearance_self": float(least_own)}, nearest
-    )
+    return {**dict(zip(measured, least.tolist(), strict=True)), "clearance_self": float(least_own)}, nearest
 
 
 def _loads(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -277,3 +285,64 @@ def _loads(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array])
         return simulated, simulated
     held = hand_poses(record.robot, record.scene, joints[0])[:, list(load.holders)]
     return carried(held, np.linalg.inv(held[0]) @ load.pose), simulated
+
+
+ROBOT_RUN = ResultKind(
+    summary="robot_run.json",
+    arrays="robot_run.npz",
+    checksum="motion_sha256",
+    made_by="comove robot run SCENE --out DIR",
+    hint="run it again",
+    required=("time", "commanded", "measured", "nodes", "load_pose", "obstacle_center"),
+    unsealed=("planning_s", "control_s_median", "control_s_p999", "wall_time_s"),
+)
+
+
+def write_robot_run(
+    folder: Path,
+    record: OnlineRecord,
+    report: OnlineReport,
+    log: OnlineLog,
+    *,
+    seed: int,
+    wall_time_s: float,
+) -> Summary:
+    """Write both files into an existing folder, and return the summary."""
+    measures = {
+        name: finite(value) if isinstance(value, float) else value for name, value in vars(report).items()
+    }
+    del measures["reasons"]
+    summary = {
+        "as_it_should_be": not report.reasons,
+        "arrived": record.arrived,
+        "interrupted": record.interrupted,
+        "reasons": list(report.reasons),
+        "scene": record.scene.name,
+        "scene_sha256": record.scene.sha256,
+        "robot": record.robot.name,
+        "robot_sha256": record.robot.sha256,
+        "seed": seed,
+        "version": __version__,
+        "period_s": record.period,
+        **measures,
+        "relaxed_max": log.relaxed,
+        "stopped_steps": log.stopped,
+        "contacts": [asdict(contact) for contact in record.contacts],
+        "plans": len(log.planning),
+        "planning_s": [float(seconds) for seconds in log.planning],
+        "control_s_median": float(np.median(log.control)),
+        "control_s_p999": float(np.quantile(log.control, 0.999)),
+        "wall_time_s": wall_time_s,
+        "blocking": {str(obstacle): steps for obstacle, steps in sorted(log.blocking.items())},
+        "events": [{"time": event.time, "what": event.what} for event in log.events],
+    }
+    arrays = {
+        "time": np.array(record.time),
+        "commanded": np.array(record.commanded),
+        "measured": np.array(record.measured),
+        "nodes": np.array(record.nodes),
+        "load_pose": np.array(record.load),
+        "driven_off": np.array(record.driven_off),
+        "obstacle_center": np.array(record.obstacles),
+    }
+    return ROBOT_RUN.write(folder, summary, arrays)

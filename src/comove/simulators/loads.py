@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
@@ -23,10 +25,7 @@ from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
-NEAR = 0.01  # m, that a motion may begin from the scene's start
 THINNEST = 0.004  # m, radius of rods that state none
-LUG = 0.012  # m, radius of a bar as thick as a box's lugs
-LUG_BEYOND = 0.015  # m, by which these reach past the hands
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +44,11 @@ class LoadPart:
     position: Array
     rotation: Array
     size: tuple[float, ...]
+
+    @property
+    def placement(self) -> Any:
+        """Return its place in the load's frame, as Pinocchio's SE3."""
+        return pin.SE3(self.rotation, self.position)
 
     @property
     def volume(self) -> float:
@@ -107,6 +111,7 @@ def load_of(scene: Scene, hands: Array, section: Section = _round) -> Load | Non
 
 def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
     """Yield the pieces of the scene's body, whose nodes are given in the load's frame."""
+    lug = 0.012  # m, radius of a bar as thick as a box's lugs
     body = scene.body
     for (a, b), radius in zip(body.edges, body.radii, strict=True):
         sides = section(float(radius)) if isinstance(scene.file.load, BarLoad) else None
@@ -123,22 +128,23 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
         size = np.linalg.norm(edges, axis=1)
         box = LoadPart("box", (first + last) / 2, (edges / size[:, None]).T, tuple(size / 2))
         yield box
-        if sides := section(LUG):
+        if sides := section(lug):
             grasps = nodes[list(scene.file.holder_numbers)]
-            yield from (lug for grasp in grasps if (lug := _lug(box, grasp, sides)))
+            yield from filter(None, (_lug(box, grasp, sides) for grasp in grasps))
 
 
 def _lug(box: LoadPart, grasp: Array, sides: tuple[float, float]) -> LoadPart | None:
     """Return the lug by which fingers hold a box where its hand stands off it; None where the hand is at the box
     itself.
     """
+    beyond = 0.015  # m, by which it reaches past the hand
     inside = (grasp - box.position) @ box.rotation
     nearest = np.clip(inside, -np.array(box.size), box.size)
     off = float(np.linalg.norm(inside - nearest))
-    if off < LUG_BEYOND:
+    if off < beyond:
         return None
     x = (grasp - box.position - box.rotation @ nearest) / off
-    half = (off + LUG_BEYOND) / 2
+    half = (off + beyond) / 2
     middle = box.position + box.rotation @ nearest + half * x
     return LoadPart("box", middle, facing(x), (half, sides[0] / 2, sides[1] / 2))
 
@@ -155,8 +161,12 @@ def _frame(points: Array) -> Array:
     return facing(x / np.linalg.norm(x))
 
 
-def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
+def require_fit(motion: JointMotion, robot: Robot, scene: Scene, *, near: float = 0.01) -> None:
     """Refuse a planar scene, a motion of other joints than the robot's, and a scene with another start.
+
+    Parameters
+    ----------
+    near : distance of the motion's first hands from the scene's start that passes [m]
 
     Raises
     ------
@@ -174,7 +184,7 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene) -> None:
         )
     apart = hand_poses(robot, scene, motion.position[:1])[0, :, :3, 3] - scene.start
     missed = np.linalg.norm(apart, axis=1)
-    if missed.max() > NEAR:
+    if missed.max() > near:
         hand = first_largest(missed)
         raise SceneError(
             f"the motion begins with the hand '{scene.manipulators[hand]}' {missed[hand]:.3g} m from its start",

@@ -1,8 +1,8 @@
 """Meshes as MuJoCo reads them: OBJ files, converted once and kept in the user's cache.
 
 An entry is named after the SHA-256 of its source and of the code that converts it, and ends with the SHA-256 of its
-own contents, so a truncated or damaged entry is detected and made anew. It is written under another name and then
-renamed: two processes at once, or one that is killed, leave whole entries only.
+own contents, so a truncated or damaged entry is detected and made anew. It is written as a whole: two processes at
+once, or one that is killed, leave whole entries only.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import hashlib
 import io
 import json
 import os
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -25,13 +24,13 @@ from numpy.typing import NDArray
 from comove.errors import ExtraError, MeshError, RobotError
 from comove.geometry.polytopes import hull_triangles
 from comove.geometry.triangles import MAX_BYTES, triangles_of
+from comove.io.files import telling, whole_file
 from comove.robots.search.capsules import convex_parts
 
 KINDS = ("reader", "collada", "markup", "obj", "off", "ply", "stl")
 MAKERS = ("comove.simulators.meshes", "comove.robots.search.capsules", "comove.geometry.polytopes")
 READERS = tuple(f"comove.geometry.triangles.{kind}" for kind in KINDS)
 SEAL = b"# sha256 "
-DARKEST = 0.08  # what is black in a mesh: true black has no shape in a picture
 MATERIALS = ".mtl"  # the only files that a mesh may bring along
 MAX_MATERIALS, MAX_CHANGES = 1_000_000, 1000  # bytes of such a file; changes of material in a mesh
 
@@ -113,14 +112,15 @@ def _cached(
         bodies = convert(data)
         names = [f"{key}-{i}.obj" for i in range(len(bodies))]
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            with telling(folder, "made", RobotError):
+                folder.mkdir(parents=True, exist_ok=True)
             for name, (body, _) in zip(names, bodies, strict=True):
                 _write_whole(folder / name, body)
             index = [[name, colour] for name, (_, colour) in zip(names, bodies, strict=True)]
             _write_whole(folder / f"{key}.json", json.dumps(index).encode() + b"\n")
-        except OSError as error:
+        except RobotError as error:
             raise RobotError(
-                f"converted meshes cannot be kept: {error.strerror}",
+                f"converted meshes cannot be kept: {error.message}",
                 file=folder,
                 way_out="let XDG_CACHE_HOME name a folder that you may write",
             ) from error
@@ -214,8 +214,9 @@ def _colour(piece: Any) -> Colour | None:
     colour = getattr(getattr(piece.visual, "material", None), "main_color", None)
     if colour is None:
         return None
+    darkest = 0.08  # what is black in a mesh: true black has no shape in a picture
     *rgb, alpha = (float(part) / 255 for part in colour)
-    return (*(round(DARKEST + (1 - DARKEST) * part, 3) for part in rgb), round(alpha, 3))
+    return (*(round(darkest + (1 - darkest) * part, 3) for part in rgb), round(alpha, 3))
 
 
 def _obj(pieces: list[Triangles]) -> bytes:
@@ -235,17 +236,13 @@ def _read_whole(path: Path) -> bytes | None:
         body, _, seal = path.read_bytes().rpartition(SEAL)
     except OSError:
         return None
-    return body if body and seal == hashlib.sha256(body).hexdigest().encode() + b"\n" else None
+    return body if body and SEAL + seal == _seal(body) else None
+
+
+def _seal(body: bytes) -> bytes:
+    return SEAL + hashlib.sha256(body).hexdigest().encode() + b"\n"
 
 
 def _write_whole(path: Path, body: bytes) -> None:
-    handle, draft = tempfile.mkstemp(prefix=f".{path.name[:8]}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(body + SEAL + hashlib.sha256(body).hexdigest().encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(draft, path)
-    except BaseException:
-        Path(draft).unlink(missing_ok=True)
-        raise
+    with whole_file(path, RobotError) as file:
+        file.write(body + _seal(body))

@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comove.errors import RobotError
+from comove.geometry.rotations import matrices
 from comove.geometry.triangles import as_stl
 from comove.simulators.engine import engine
+from comove.simulators.urdf import text_of, write_origin
 
 Array = NDArray[np.float64]
 
@@ -112,7 +113,7 @@ class _Writer:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         turning = [k for k in range(first, first + count) if model.jnt_type[k] != self.mj.mjtJoint.mjJNT_FREE]
         above = self._link(int(model.body_parentid[body]))
-        place, rotation = model.body_pos[body], _matrix(model.body_quat[body])
+        place, rotation = model.body_pos[body], matrices(model.body_quat[body])
         for joint in turning:  # its frame is turned as the body is, and stands where the joint does
             anchor, below = model.jnt_pos[joint], f"{name}-{joint}"
             if joint == turning[-1] and not anchor.any():
@@ -142,7 +143,7 @@ class _Writer:
         limited = bool(model.jnt_limited[joint])
         kind = "prismatic" if slides else "revolute" if limited else "continuous"
         element = self._connect(name, kind, above, below, place, rotation)
-        ET.SubElement(element, "axis", xyz=_text(model.jnt_axis[joint]))
+        ET.SubElement(element, "axis", xyz=text_of(model.jnt_axis[joint]))
         limit = ET.SubElement(element, "limit")
         if limited:
             lower, upper = model.jnt_range[joint].tolist()
@@ -185,7 +186,7 @@ class _Writer:
         joint = ET.SubElement(self.robot, "joint", name=name, type=kind)
         ET.SubElement(joint, "parent", link=above)
         ET.SubElement(joint, "child", link=below)
-        joint.append(_origin(place, rotation))
+        write_origin(joint, place, rotation)
         return joint
 
     def _bodies(self, body: int, name: str) -> ET.Element:
@@ -193,7 +194,7 @@ class _Writer:
         model, link = self.model, ET.Element("link", name=name)
         if model.body_mass[body] > 0.0:
             inertial = ET.SubElement(link, "inertial")
-            inertial.append(_origin(model.body_ipos[body], _matrix(model.body_iquat[body])))
+            write_origin(inertial, model.body_ipos[body], matrices(model.body_iquat[body]))
             ET.SubElement(inertial, "mass", value=repr(float(model.body_mass[body])))
             moments = zip(("ixx", "iyy", "izz"), map(repr, model.body_inertia[body].tolist()), strict=True)
             ET.SubElement(inertial, "inertia", {**dict(moments), "ixy": "0", "ixz": "0", "iyz": "0"})
@@ -205,7 +206,7 @@ class _Writer:
             if drawn and model.geom_type[geom] in self._known:
                 for visual in self._add_shapes(link, "visual", geom):
                     material = ET.SubElement(visual, "material", name=f"colour {geom}")
-                    ET.SubElement(material, "color", rgba=_text(self._colour(geom)))
+                    ET.SubElement(material, "color", rgba=text_of(self._colour(geom)))
         return link
 
     @property
@@ -222,10 +223,10 @@ class _Writer:
 
     def _add_shapes(self, link: ET.Element, role: str, geom: int) -> list[ET.Element]:
         """Add the shapes of a geom to a link, as `collision` or `visual`, and return these elements."""
-        added, turned = list[ET.Element](), _matrix(self.model.geom_quat[geom])
+        added, turned = list[ET.Element](), matrices(self.model.geom_quat[geom])
         for shape, shift in self._shapes(geom):
             added.append(ET.SubElement(link, role))
-            added[-1].append(_origin(self.model.geom_pos[geom] + turned @ shift, turned))
+            write_origin(added[-1], self.model.geom_pos[geom] + turned @ shift, turned)
             ET.SubElement(added[-1], "geometry").append(shape)
         return added
 
@@ -234,7 +235,7 @@ class _Writer:
         model, kinds, middle = self.model, self.mj.mjtGeom, np.zeros(3)
         kind, (a, b, _) = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
         if kind == kinds.mjGEOM_BOX:
-            yield ET.Element("box", size=_text(2.0 * model.geom_size[geom])), middle
+            yield ET.Element("box", size=text_of(2.0 * model.geom_size[geom])), middle
         elif kind == kinds.mjGEOM_SPHERE:
             yield ET.Element("sphere", radius=repr(a)), middle
         elif kind in (kinds.mjGEOM_CYLINDER, kinds.mjGEOM_CAPSULE):
@@ -261,17 +262,3 @@ class _Writer:
             np.asarray(vertices, dtype=np.float64), np.asarray(corners, dtype=np.int64)
         )
         return name
-
-
-def _matrix(quaternion_wxyz: Array) -> Array:
-    return Rotation.from_quat(quaternion_wxyz, scalar_first=True).as_matrix()
-
-
-def _text(values: Array) -> str:
-    return " ".join(map(repr, np.asarray(values, dtype=float).tolist()))
-
-
-def _origin(place: Array, rotation: Array) -> ET.Element:
-    """Return the element that places something in its link."""
-    turned = Rotation.from_matrix(rotation).as_euler("xyz")
-    return ET.Element("origin", xyz=_text(place), rpy=_text(turned))

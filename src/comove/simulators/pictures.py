@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from comove.errors import ExtraError, OptionError, ResultError
-from comove.geometry.rotations import matrices, quaternion_of_rotation
+from comove.geometry.rotations import matrices
 from comove.io.files import whole_file, whole_path
 from comove.io.videos import encode, require_videos
 from comove.robots.model import Robot
@@ -31,25 +30,24 @@ Array = NDArray[np.float64]
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width
-FIELD = 40.0  # degrees, that the camera sees from top to bottom
-LARGE = 2.0  # m, of a box that need not be seen to its ends
-GAP = 6  # pixels between the pictures of a sheet
 OF_FILMS = {"encoder": {"crf": "23"}, "container": {"movflags": "+faststart"}}  # they play while they load
 INK, PAPER = (40, 44, 52), (255, 255, 255)
 
 
 @dataclass(frozen=True)
 class View:
-    """Direction from which a camera looks.
+    """Direction from which a camera looks, so far away that it sees all.
 
     Attributes
     ----------
     aside : angle from the robot's front to the camera, about the vertical axis [deg]
     elevation : elevation of the line of sight, negative where the camera looks down [deg]
+    field : what it sees from top to bottom [deg]
     """
 
     aside: float
     elevation: float
+    field: float = 40.0
 
 
 FRONT, ABOVE = View(aside=24.0, elevation=-30.0), View(aside=0.0, elevation=-89.0)
@@ -79,14 +77,15 @@ def draw_sheet(
     ResultError
         If the file cannot be written.
     """
+    gap = 6  # pixels between the pictures
     height, rows = round(width * 3 / 4), -(-count // columns)
-    size = columns * (width + GAP) - GAP, len(views) * rows * (height + GAP) - GAP
+    size = columns * (width + gap) - gap, len(views) * rows * (height + gap) - gap
     sheet = Image.new("RGB", size, PAPER)
     for k, view in enumerate(views):
         with camera(execution, width, height, view=view) as shot:
             for i, step in enumerate(_steps(execution, count)):
                 row = k * rows + i // columns
-                sheet.paste(shot(step), ((i % columns) * (width + GAP), row * (height + GAP)))
+                sheet.paste(shot(step), ((i % columns) * (width + gap), row * (height + gap)))
     with whole_file(path, ResultError) as file:
         sheet.save(file, format="PNG", optimize=True)
 
@@ -170,12 +169,18 @@ def camera(
             key="execution",
             way_out="look at the robot's masses and at the stiffness of its servos",
         )
-    with stage(execution, width, height, partial(furnish, shadows=shadows)) as (world, data, draw):
+
+    def finish(spec: Any) -> None:
+        furnish(spec, shadows=shadows)
+        spec.visual.global_.fovy = view.field
+
+    with stage(execution, width, height, finish) as (world, data, draw):
         stand = engine().MjvCamera()
         front = front_of(execution.robot, execution.hands[:, :, :2, 3].mean(axis=(0, 1)))
         stand.azimuth, stand.elevation = front + view.aside, view.elevation
         seen = _seen(execution, world, data)
-        stand.lookat[:], stand.distance = in_sight(seen, width / height, stand.azimuth, stand.elevation)
+        looks = stand.azimuth, stand.elevation, view.field
+        stand.lookat[:], stand.distance = in_sight(seen, width / height, *looks)
 
         def shot(step: int) -> Image.Image:
             picture = Image.fromarray(draw(step, stand))
@@ -232,12 +237,9 @@ def place(execution: Execution, world: World, data: Any, step: int) -> None:
     """Put a world into the state of one sample."""
     mj, model = engine(), world.model
     data.qpos[world.qpos] = execution.joints[step]
-    fingers = [model.joint(f).qposadr[0] for hand in world.fingers for f in hand]
-    data.qpos[fingers] = execution.fingers[step]
+    data.qpos[world.finger_qpos] = execution.fingers[step]
     if world.load is not None:
-        pose, first = execution.load_pose[step], world.load_qpos
-        data.qpos[first : first + 3] = pose[:3, 3]
-        data.qpos[first + 3 : first + 7] = quaternion_of_rotation(pose[:3, :3])
+        world.put_load(data, execution.load_pose[step])
     mj.mj_kinematics(model, data)
     mj.mj_comPos(model, data)
     mj.mj_camlight(model, data)
@@ -257,10 +259,11 @@ def _seen(execution: Execution, world: World, data: Any) -> Array:
 
 def _corners(obstacle: Any) -> Array:
     """Return the corners of a box, the middle of any other obstacle; array, shape (n_points, 3)."""
+    large = 2.0  # m, of a box that need not be seen to its ends
     middle, size = np.array(obstacle.center), getattr(obstacle, "size", None)
     if size is None:
         return middle[None]
-    half = np.minimum(size, LARGE) / 2
+    half = np.minimum(size, large) / 2
     signs = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1]), axis=-1).reshape(-1, 3)
     return middle + (signs * half) @ matrices(np.array(obstacle.quaternion_wxyz)).T
 
@@ -269,7 +272,6 @@ def furnish(spec: Any, *, shadows: bool = True) -> None:
     """Add light, sky and a floor's pattern to a world; without shadows pictures are drawn four times as fast."""
     mj = engine()
     spec.visual.global_.offheight, spec.visual.global_.offwidth = LARGEST
-    spec.visual.global_.fovy = FIELD
     spec.visual.quality.shadowsize, spec.visual.quality.offsamples = 8192, 8 if shadows else 4
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = (0.38,) * 3, (0.34,) * 3
     spec.visual.headlight.specular = (0.05,) * 3
@@ -302,7 +304,7 @@ def furnish(spec: Any, *, shadows: bool = True) -> None:
 
 
 def in_sight(
-    seen: Array, aspect: float, azimuth: float, elevation: float, field: float = FIELD
+    seen: Array, aspect: float, azimuth: float, elevation: float, field: float
 ) -> tuple[Array, float]:
     """Return what a camera looks at, and how far it is from there, so that it sees all of some points [m].
 

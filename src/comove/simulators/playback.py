@@ -1,8 +1,8 @@
 """Geometric playback of a joint motion: every joint is exactly at its planned position at every instant, by
 Pinocchio.
 
-The load moves with the hands. Its holders share its weight and the force of its inertia equally; torques come from
-inverse dynamics. Nothing lags, slips or gives way.
+The load moves with the hands. Its holders share its weight and the force of its inertia equally; torques are those of
+`comove.robots.effort`, as the verification has them. Nothing lags, slips or gives way.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import obstacle_object
@@ -56,7 +57,7 @@ def play(motion: JointMotion, robot: Robot, scene: Scene, *, settings: Settings 
         time=time,
         commanded=joints,
         joints=joints,
-        torque=_torques(robot, scene, load, joints, velocity, acceleration, wrench),
+        torque=torques(robot, _loaded(robot, scene, load), joints, velocity, acceleration),
         hands=hands,
         hands_planned=hands,
         load_pose=poses,
@@ -82,23 +83,12 @@ def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Arr
     return poses, wrench
 
 
-def _torques(
-    robot: Robot, scene: Scene, load: Load | None, q: Array, v: Array, a: Array, wrench: Array
-) -> Array:
-    """Compute torques by inverse dynamics less what springs hold; array, shape (n_steps, n_joints)."""
-    model, data, torque = robot.model, robot.model.createData(), np.empty_like(q)
-    arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
-    frames = [(model.getFrameId(arm.tip), arm.tool[:3, 3]) for arm in arms]
-    for step in range(len(q)):
-        weight = pin.computeGeneralizedGravity(model, data, q[step])
-        torque[step] = pin.rnea(model, data, q[step], v[step], a[step]) - robot.relief * weight
-        pin.computeJointJacobians(model, data, q[step])
-        for (frame, tool), force in zip(frames, wrench[step], strict=True):
-            placement = pin.updateFramePlacement(model, data, frame)
-            jacobian = pin.getFrameJacobian(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-            torque[step] += jacobian[:3].T @ force[:3]
-            torque[step] += jacobian[3:].T @ np.cross(placement.rotation @ tool, force[:3])
-    return torque
+def _loaded(robot: Robot, scene: Scene, load: Load | None) -> Any:
+    """Return the robot's model with the load shared out among its holders."""
+    if load is None:
+        return robot.model
+    arms = tuple(robot.arm(scene.manipulators[i]) for i in load.holders)
+    return loaded_model(robot, arms, np.full(len(arms), load.mass / len(arms)))
 
 
 def _contacts(
@@ -108,7 +98,7 @@ def _contacts(
     geometry, names, moved = work_geometry(robot, scene, load)
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
-    parts = [] if load is None else [_pose(part.position, part.rotation) for part in load.parts]
+    parts = [] if load is None else [part.placement for part in load.parts]
     for step, q in enumerate(joints):
         pin.updateGeometryPlacements(robot.model, data, geometry, state, q)
         for item, part in zip(moved, parts, strict=True):
@@ -158,7 +148,3 @@ def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
     """Return the joints whose links move with a hand that holds the load."""
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
     return {robot.grasp_frame(arm)[0] for arm in arms}
-
-
-def _pose(position: Any, rotation: Array) -> Any:
-    return pin.SE3(np.asarray(rotation, dtype=float), np.array(position, dtype=float))

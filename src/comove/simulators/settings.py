@@ -33,8 +33,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not (value > 0 or (value == 0 and name in ("settle", "hold"))) or value == inf:
-                raise OptionError(f"{value} is not possible", key=name, way_out="give a positive number")
+            if name not in ("settle", "hold") or value != 0.0:
+                require_finite(name, value, positive=True)
         if not 10.0 <= self.log_rate <= 500.0:
             raise OptionError(
                 f"{self.log_rate} Hz are not possible", key="log_rate", way_out="give a number from 10 to 500"
@@ -57,9 +57,9 @@ class Push:
     force: tuple[float, float, float]
 
     def __post_init__(self) -> None:
-        _require("push.at", self.at)
-        _require("push.duration", self.duration, positive=True)
-        _require("push.force", *self.force)
+        require_finite("push.at", self.at)
+        require_finite("push.duration", self.duration, positive=True)
+        require_finite("push.force", *self.force)
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,13 @@ class Perturbation:
     push: Push | None = None
 
     def __post_init__(self) -> None:
-        _require("friction", self.friction, positive=True)
-        _require("mass", self.mass, positive=True)
-        _require("gains", *self.gains, positive=True)
-        _require("start_error", *self.start_error)
+        require_finite("friction", self.friction, positive=True)
+        require_finite("mass", self.mass, positive=True)
+        require_finite("gains", *self.gains, positive=True)
+        require_finite("start_error", *self.start_error)
 
     @classmethod
-    def drawn(cls, rng: np.random.Generator, n_joints: int = 1) -> Perturbation:
+    def drawn(cls, rng: np.random.Generator, n_joints: int) -> Perturbation:
         """Draw a random perturbation.
 
         Friction and mass are within 30 %, gains within 20 %; the start error is 5 mm in a random direction of the x-y
@@ -111,8 +111,8 @@ class Perturbation:
         )
 
 
-def _require(key: str, *values: float, positive: bool = False) -> None:
-    """Refuse values that are not finite numbers, or not greater than 0 where they must be."""
+def require_finite(key: str, *values: float, positive: bool = False) -> None:
+    """Raise OptionError unless values are finite numbers, and greater than 0 where they must be."""
     for value in values:
         if not (isinstance(value, Real) and -inf < value < inf) or (positive and value <= 0):
             least = " greater than 0" if positive else ""

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
@@ -83,11 +82,9 @@ def at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> A
     data.qpos[world.qpos] = motion.position[0]
     data.ctrl[world.servos] = motion.position[0]
     if world.load is not None:
-        pose = world.load.pose
-        data.qpos[world.load_qpos : world.load_qpos + 3] = (
-            pose[:3, 3] + pose[:3, :3] @ perturbation.start_error
-        )
-        data.qpos[world.load_qpos + 3 : world.load_qpos + 7] = quaternion_of_rotation(pose[:3, :3])
+        pose = world.load.pose.copy()
+        pose[:3, 3] += pose[:3, :3] @ perturbation.start_error
+        world.put_load(data, pose)
     mj.mj_forward(model, data)
     _move_grasps(world, data)
     lower_floor(world, data, motion.position)
@@ -201,7 +198,7 @@ class _Log:
     def __init__(self, world: World, n_steps: int):
         self.world, self.count = world, 0
         model, holders = world.model, len(world.holder_sites)
-        self.finger_qpos = [model.joint(f).qposadr[0] for hand in world.fingers for f in hand]
+        self.finger_qpos = world.finger_qpos
         self.hand_of_equality = np.full(model.neq, -1)
         for i, name in enumerate(world.holder_names):
             equality = engine().mj_name2id(model, engine().mjtObj.mjOBJ_EQUALITY, f"grasp {name}")
@@ -211,7 +208,7 @@ class _Log:
         self.torque = np.empty((n_steps, len(world.qpos)))
         self.fingers = np.empty((n_steps, len(self.finger_qpos)))
         self.hands = np.zeros((n_steps, len(world.sites), 4, 4))
-        self.load_pose = np.full((n_steps, 4, 4), 0.0 if world.load is not None else np.nan)
+        self.load_pose = np.empty((n_steps, 4, 4))
         self.wrench = np.zeros((n_steps, holders, 6))
         self.hands[..., 3, 3] = 1.0
 
@@ -226,10 +223,8 @@ class _Log:
         self.torque[i] = data.qfrc_actuator[world.dofs] + motor_weight(world, data)
         self.hands[i, :, :3, 3] = data.site_xpos[world.sites]
         self.hands[i, :, :3, :3] = data.site_xmat[world.sites].reshape(-1, 3, 3)
+        self.load_pose[i] = world.load_pose(data)
         if world.load is not None:
-            self.load_pose[i, 3, 3] = 1.0
-            self.load_pose[i, :3, 3] = data.xpos[world.load_body]
-            self.load_pose[i, :3, :3] = data.xmat[world.load_body].reshape(3, 3)
             self._write_wrenches(data)
         self.count += 1
 

@@ -94,9 +94,7 @@ def _stand(tree: ET.Element, base: Placement, number: int) -> ET.Element:
     joint = ET.Element("joint", name=f"{ROOT} {number}", type="fixed")
     ET.SubElement(joint, "parent", link=ROOT)
     ET.SubElement(joint, "child", link=root)
-    _write_origin(
-        ET.SubElement(joint, "origin"), np.array(base.position), matrices(np.array(base.quaternion_wxyz))
-    )
+    write_origin(joint, np.array(base.position), matrices(np.array(base.quaternion_wxyz)))
     return joint
 
 
@@ -152,7 +150,9 @@ def _fix(joint: ET.Element, value: float) -> None:
     """Make a joint a fixed one at a value."""
     origin = joint.find("origin")
     if origin is None:
-        origin = ET.SubElement(joint, "origin")
+        origin = ET.Element("origin")
+    else:
+        joint.remove(origin)
     position, rotation = _vector(origin, "xyz"), pin.rpy.rpyToMatrix(_vector(origin, "rpy"))
     axis = joint.find("axis")
     along = np.array([1.0, 0.0, 0.0]) if axis is None else _vector(axis, "xyz")
@@ -162,12 +162,17 @@ def _fix(joint: ET.Element, value: float) -> None:
     elif joint.get("type") in ("revolute", "continuous"):
         rotation = rotation @ pin.exp3(along * value)
     joint.set("type", "fixed")
-    _write_origin(origin, position, rotation)
+    write_origin(joint, position, rotation)
 
 
-def _write_origin(origin: ET.Element, position: Array, rotation: Array) -> None:
-    origin.set("xyz", " ".join(repr(float(x)) for x in position))
-    origin.set("rpy", " ".join(repr(float(x)) for x in pin.rpy.matrixToRpy(rotation)))
+def write_origin(element: ET.Element, position: Array, rotation: Array) -> None:
+    """Add to an element of a URDF where it is in its link; arrays, shape (3,) [m] and (3, 3)."""
+    ET.SubElement(element, "origin", xyz=text_of(position), rpy=text_of(pin.rpy.matrixToRpy(rotation)))
+
+
+def text_of(values: Array) -> str:
+    """Return numbers as a URDF has them, in all digits."""
+    return " ".join(map(repr, np.asarray(values, dtype=np.float64).tolist()))
 
 
 def _vector(element: ET.Element, key: str) -> Array:

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry import distances as sd
+from comove.geometry.distances import ROTATION
+from comove.geometry.polytopes import vertices_in
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
 from comove.scenes.scene import Scene
@@ -69,6 +70,26 @@ class World:
     hand_of_geom: Ints
     watched: NDArray[np.bool_]
 
+    @property
+    def finger_qpos(self) -> list[int]:
+        """Return the indices of the coordinates of all fingers that move."""
+        return [int(self.model.joint(name).qposadr[0]) for hand in self.fingers for name in hand]
+
+    def load_pose(self, data: Any) -> Array:
+        """Return the load's pose in a state, array of shape (4, 4); NaN without a load."""
+        if self.load is None:
+            return np.full((4, 4), np.nan)
+        pose = np.eye(4)
+        pose[:3, 3] = data.xpos[self.load_body]
+        pose[:3, :3] = data.xmat[self.load_body].reshape(3, 3)
+        return pose
+
+    def put_load(self, data: Any, pose: Array) -> None:
+        """Write the load's pose, array of shape (4, 4), into a state."""
+        first = self.load_qpos
+        data.qpos[first : first + 3] = pose[:3, 3]
+        data.qpos[first + 3 : first + 7] = quaternion_of_rotation(pose[:3, :3])
+
     def names_of(self, pair: tuple[int, int]) -> tuple[str, str]:
         """Return the names of what two shapes belong to, for messages: the load before a link, a link before an
         obstacle.
@@ -123,12 +144,10 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
     """
     geoms = []
     for k, row in enumerate(rows):
-        first = sd.PLANES + 4 * int(row[sd.N_PLANES])
-        vertices = row[first : first + 3 * int(row[sd.N_VERTICES])]
-        mesh = spec.add_mesh(name=f"{name} {k}", uservert=vertices.tolist())
+        mesh = spec.add_mesh(name=f"{name} {k}", uservert=vertices_in(row).ravel().tolist())
         mesh.inertia = engine().mjtMeshInertia.mjMESH_INERTIA_CONVEX
         geom = body.add_geom(type=engine().mjtGeom.mjGEOM_MESH, meshname=mesh.name, pos=place)
-        geom.quat = quaternion_of_rotation(row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3))
+        geom.quat = quaternion_of_rotation(row[ROTATION : ROTATION + 9].reshape(3, 3))
         geoms.append(geom)
     return geoms
 

@@ -18,8 +18,8 @@ from comove.io.videos import require_videos
 from comove.studies.videos import encoded
 
 if TYPE_CHECKING:
-    from comove.simulators import Execution
-    from comove.simulators.cameras import CameraPose, Overview
+    from comove.simulators import Execution, View
+    from comove.simulators.cameras import CameraPose
 
 MOST_VIEWS = 16
 LARGEST = (960, 540)
@@ -84,17 +84,17 @@ class ViewPart(Part):
         return self
 
     @property
-    def camera(self) -> CameraPose | Overview:
+    def camera(self) -> CameraPose | View:
         """Return the camera of the simulator."""
         from comove.simulators import View
-        from comove.simulators.cameras import CameraPose, Overview
+        from comove.simulators.cameras import CameraPose
 
         field = self.field_deg or (40.0 if self.hand is None else 60.0)
         if self.hand is not None or self.position is not None:
             position, target = self.position or (0.1, 0.0, -0.15), self.target or (0.0, 0.0, 0.1)
             return CameraPose(position, target, self.hand, field)
         aside = 24.0 if self.aside_deg is None else self.aside_deg
-        return Overview(View(aside, -30.0 if self.elevation_deg is None else self.elevation_deg), field)
+        return View(aside, -30.0 if self.elevation_deg is None else self.elevation_deg, field)
 
 
 def _views(views: dict[str, ViewPart]) -> dict[str, ViewPart]:

@@ -12,7 +12,6 @@ from comove.geometry.distances import CENTER
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import (
     WAIT,
-    Network,
     Places,
     SlotCosts,
     dangers,
@@ -21,6 +20,7 @@ from comove.robots.online.courses import (
     instants_near,
     least_costs,
 )
+from comove.robots.online.roadmap import Roadmap
 from comove.robots.search.links import place_links
 from comove.scenes import Scene
 from tests.robots.online.test_link_rows import at_start
@@ -31,7 +31,9 @@ UPRIGHT = {"shape": "capsule", "radius": 0.08, "length": 0.3}
 
 
 def network():
-    """A triangle: 0 to 1 takes two slots, with sample 3 on the way, 1 to 2 one, and 0 to 2 three by samples 4, 5."""
+    """A triangle with its goal at 2: 0 to 1 takes two slots, with sample 3 on the way, 1 to 2 one, and 0 to 2 takes
+    three, by samples 4, 5.
+    """
     ways = [
         (0, 1, 2, 3, 1),
         (1, 0, 2, 3, -1),
@@ -41,22 +43,21 @@ def network():
         (2, 0, 3, 5, -1),
     ]
     source, target, slots, begin, stride = (np.array(column) for column in zip(*ways, strict=True))
-    return Network(np.arange(3), source, target, slots, begin, stride)
+    nowhere = np.zeros((6, 1))
+    return Roadmap(nowhere, nowhere, np.arange(3), 2, source, target, slots, begin, stride)
 
 
-def cheapest(net, goal, cost, left, node, slot):
+def cheapest(net, cost, left, node, slot):
     """Least cost by trying everything."""
     last = cost.shape[0] - 1
     if slot == last:
         return left[node]
-    found = [
-        cost[slot + 1, net.nodes[node]] + (node != goal) + cheapest(net, goal, cost, left, node, slot + 1)
-    ]
+    found = [cost[slot + 1, net.nodes[node]] + (node != net.goal) + cheapest(net, cost, left, node, slot + 1)]
     for e in range(len(net.source)):
         d, there = int(net.slots[e]), int(net.target[e])
         if net.source[e] == node and slot + d <= last:
             inside = sum(cost[slot + 1 + s, net.begin[e] + s * net.stride[e]] for s in range(d - 1))
-            rest = cheapest(net, goal, cost, left, there, slot + d)
+            rest = cheapest(net, cost, left, there, slot + d)
             found.append(d + inside + cost[slot + d, net.nodes[there]] + rest)
     return min(found)
 
@@ -66,9 +67,9 @@ def test_no_course_is_cheaper_than_the_one_that_is_chosen(seed):
     net, rng = network(), np.random.default_rng(seed)
     cost = rng.choice([0.0, 0.5, 100.0], (7, 6), p=[0.5, 0.2, 0.3])
     left = np.array([4.0, 1.0, 0.0])
-    value, choice = least_costs(net, 2, cost, left)
+    value, choice = least_costs(net, cost, left)
     for node, slot in product(range(3), range(7)):
-        assert value[slot, node] == pytest.approx(cheapest(net, 2, cost, left, node, slot))
+        assert value[slot, node] == pytest.approx(cheapest(net, cost, left, node, slot))
     assert ((choice == WAIT) | (net.source[choice] == np.arange(3))).all()
 
 

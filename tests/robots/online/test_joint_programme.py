@@ -10,7 +10,7 @@ from comove.errors import SceneError
 from comove.reaction.qp_workspace import Sighting
 from comove.reaction.twists import hand_velocities, poses_of
 from comove.robots.carrying import RobotCarrier
-from comove.robots.online.joint_programme import SETTINGS, JointProgramme, JointState
+from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
 from comove.robots.search.links import place_links
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, scene_data
@@ -72,7 +72,7 @@ def test_joints_move_the_hands_as_the_load_moves(wanted):
 def test_joints_accelerate_no_faster_than_they_may():
     programme, carrier, q, poses = ready()
     _, rates = asked(programme, carrier, q, poses, wanted=[0.5, -0.5, 0.3])
-    most = SETTINGS.share * carrier.arms.chains.acceleration * PERIOD
+    most = JointSettings().share * carrier.arms.chains.acceleration * PERIOD
     assert (np.abs(rates) <= most + 1e-9).all()
 
 

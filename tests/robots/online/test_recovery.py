@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.robots.online.recovery import PACE, at_ease, way_back
+from comove.robots.online.recovery import RecoverySettings, at_ease, way_back
 from tests.robots.online.test_link_rows import at_start
 
 PERIOD = 0.004
@@ -59,13 +59,13 @@ def test_there_is_no_way_beyond_the_reach_of_an_arm():
 
 def test_a_way_is_gone_gently_from_rest_to_rest():
     carrier, joints, _ = at_start()
-    held, chains = poses(carrier, joints[None])[0], carrier.arms.chains
+    held, chains, pace = poses(carrier, joints[None])[0], carrier.arms.chains, RecoverySettings().pace
     way = way_back(carrier.arms, joints, held, displaced(held, np.array([0.3, 0.1, 0.0]), np.zeros(3)))
     commands = np.vstack([joints, joints, at_ease(carrier.arms, way, PERIOD), way[-1:]])
     rates = np.diff(commands, axis=0) / PERIOD
     np.testing.assert_allclose(commands[-2], way[-1], atol=1e-12)
-    assert (np.abs(rates) <= 1.01 * PACE * chains.velocity).all()
+    assert (np.abs(rates) <= 1.01 * pace * chains.velocity).all()
     bends = np.abs(np.diff(rates, axis=0)) / PERIOD  # the pace alone keeps its share, and ways bend
-    assert (bends <= 3 * PACE * chains.acceleration).all()
+    assert (bends <= 3 * pace * chains.acceleration).all()
     nowhere = np.repeat(joints[None], 2, axis=0)
     assert len(at_ease(carrier.arms, nowhere, PERIOD)) == 1

@@ -333,24 +333,13 @@ def dangers_along(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts
     return cost
 
 
-class Network(NamedTuple):
-    """Ways of a roadmap in the form that the kernel takes; fields as in `Roadmap`."""
-
-    nodes: Numbers
-    source: Numbers
-    target: Numbers
-    slots: Numbers
-    begin: Numbers
-    stride: Numbers
-
-
 @kernel
-def least_costs(net: Network, goal: int, cost: Array, left: Array) -> tuple[Array, Numbers]:
+def least_costs(net: Roadmap, cost: Array, left: Array) -> tuple[Array, Numbers]:
     """Return the least cost from every node and slot to the end of the time, and the way to take or `WAIT`.
 
     Parameters
     ----------
-    goal : number of the node at which slots cost nothing
+    net : the roadmap, at whose goal slots cost nothing
     cost : array, shape (n_slots + 1, n_samples), of being at a sample, as of `dangers`
     left : array, shape (n_nodes,), cost of what is left to go from a node at the end
 
@@ -363,7 +352,7 @@ def least_costs(net: Network, goal: int, cost: Array, left: Array) -> tuple[Arra
     value[n_slots] = left
     for k in range(n_slots - 1, -1, -1):
         for i in range(n_nodes):
-            value[k, i] = value[k + 1, i] + cost[k + 1, net.nodes[i]] + (0.0 if i == goal else 1.0)
+            value[k, i] = value[k + 1, i] + cost[k + 1, net.nodes[i]] + (0.0 if i == net.goal else 1.0)
         for e in range(net.source.shape[0]):
             d, i, there = net.slots[e], net.source[e], net.target[e]
             if k + d > n_slots:
@@ -452,18 +441,14 @@ class Foresight:
             self._known = roadmap, self.placed(Way(roadmap.configurations, roadmap.joints))
         times = since + SLOT * np.arange(how.n_slots + 1, dtype=np.float64)
         more = self.placed(Way(extended.configurations[n:], extended.joints[n:]))
-        cost = np.hstack([self._dangers(self._known[1], seen, times), self._dangers(more, seen, times)])
-        net = Network(*(getattr(extended, name) for name in Network._fields))
-        left = self._left(net, extended.goal, cost[-1])
-        value, choice = least_costs(net, extended.goal, cost, left)
-        samples, ends = _samples(net, extended.goal, choice)
+        cost = np.hstack([dangers(bodies, seen, times, self._costs) for bodies in (self._known[1], more)])
+        left = self._left(extended, cost[-1])
+        value, choice = least_costs(extended, cost, left)
+        samples, ends = _samples(extended, choice)
         way = Way(extended.configurations[samples], extended.joints[samples])
         return RoadmapCourse(way, float(value[0, -1]), float(left[ends]))
 
-    def _dangers(self, bodies: Places, seen: Sighting, times: Array) -> Array:
-        return dangers(bodies, seen, times, self._costs)
-
-    def _left(self, net: Network, goal: int, blocked: Array) -> Array:
+    def _left(self, net: Roadmap, blocked: Array) -> Array:
         """Return the slots from every node to the goal, among what is there at the end; array, shape (n_nodes,)."""
         how = self.settings
         weight = net.slots + blocked[net.nodes[net.target]]
@@ -472,11 +457,11 @@ class Foresight:
         weight = weight + np.where(inner, blocked[np.where(inner, middle, 0)], 0.0)
         n = len(net.nodes)
         graph = coo_array((weight, (net.target, net.source)), shape=(n, n)).tocsr()
-        left = dijkstra(graph, indices=goal)
+        left = dijkstra(graph, indices=net.goal)
         return np.minimum(left, how.meeting * how.n_slots)
 
 
-def _samples(net: Network, goal: int, choice: Numbers) -> tuple[list[int], int]:
+def _samples(net: Roadmap, choice: Numbers) -> tuple[list[int], int]:
     """Return the samples that the choices from the last node lead through, and the node at which they end.
 
     Waiting at the goal at the end is left out.
@@ -487,7 +472,7 @@ def _samples(net: Network, goal: int, choice: Numbers) -> tuple[list[int], int]:
         if e == WAIT:
             samples.append(int(net.nodes[here]))
             k += 1
-            rest = rest if here == goal else len(samples)
+            rest = rest if here == net.goal else len(samples)
             continue
         d = int(net.slots[e])
         samples += [int(net.begin[e] + s * net.stride[e]) for s in range(d - 1)]

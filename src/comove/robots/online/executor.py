@@ -32,13 +32,12 @@ from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of
 from comove.robots.carry import carry
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
-from comove.robots.online.joint_programme import JointProgramme, JointState
+from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
 from comove.robots.online.reference import Reference
 from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
-from comove.robots.search.following import Arms
 from comove.robots.search.tracking import tracked
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.groups import GroupPose
@@ -65,7 +64,8 @@ class OnlineSettings:
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
-    pilot, recovery : settings of what chooses the reference, and of what a robot does that was driven off
+    programme, pilot, recovery : settings of the joint programme, of what chooses the reference, and of what a robot
+        does that was driven off
     """
 
     period: float = 0.004
@@ -77,12 +77,13 @@ class OnlineSettings:
     lost: float = 0.5
     at_goal: float = 1e-3
     at_rest: float = 2e-3
+    programme: JointSettings = field(default_factory=JointSettings)
     pilot: PilotSettings = field(default_factory=PilotSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name not in ("pilot", "recovery"):
+            if name not in ("programme", "pilot", "recovery"):
                 require_positive(name, value)
         if not 1e-3 <= self.period <= 0.02:
             raise OptionError(
@@ -130,10 +131,9 @@ class JointExecutor:
         observer: Observer | None = None,
         *,
         seed: int = 0,
-        settings: OnlineSettings | None = None,
+        settings: OnlineSettings = OnlineSettings(),
     ):
-        self.scene, self.robot, self.seed = scene, robot, seed
-        self.settings = settings or OnlineSettings()
+        self.scene, self.robot, self.seed, self.settings = scene, robot, seed, settings
         self.observer = Functions.of_motions(scene) if observer is None else observer
         if isinstance(self.observer, Clouds):
             way_out = "name what moves in the scene, and give Observed(scene), which takes measured places"
@@ -148,20 +148,21 @@ class JointExecutor:
             standing = scene.standing()
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
-        self.programme = JointProgramme(scene, self._arms(), self.carrier.grasp, self.settings.period)
+        self.arms, grasp = self.carrier.arms, self.carrier.grasp
+        self.programme = JointProgramme(scene, self.arms, grasp, settings.period, settings.programme)
         self._follow_plan()
         self.goal = poses_of(scene, "goal")
         self._coordinates = self.plan.motion.motion.coordinates
         stands = ~scene.moving[scene.owners]
         self.pilot = Pilot(
             standing,
-            self._arms(),
+            self.arms,
             self._coordinates,
-            Reference.of_plan(self.plan, self.columns),
+            Reference.of_plan(self.plan, self.columns, settings.pilot.reference),
             self.programme.needs._replace(obstacle=self.programme.needs.obstacle[stands]),
             goals=np.array([np.concatenate(q) for q in product(*self.carrier.goals)]),
             seed=seed,
-            settings=self.settings.pilot,
+            settings=settings.pilot,
         )
         self._rehearse()
         self._stand_at_start()
@@ -262,15 +263,15 @@ class JointExecutor:
         """Return the commands that bring the load from where the robot stands to where it can be carried on; array,
         shape (n_steps, n_joints), one row a period [rad].
         """
-        arms, joints = self._arms(), self.position[self.columns]
+        settings, joints = self.settings.recovery, self.position[self.columns]
         held = np.array([self.robot.tool_pose(measured, arm) for arm in self.carrier.holders])
         for poses in (self._nearest(held), self.poses):  # or to where it was driven off from
             wanted, nodes = held.copy(), nodes_of(self.scene, poses)[: len(held)]
             wanted[:, :3, 3], wanted[:, :3, :3] = nodes, self.carrier.grasp.hand_rotations(nodes[None])[0]
-            way = way_back(arms, measured[self.columns], held, wanted)
+            way = way_back(self.arms, measured[self.columns], held, wanted, settings)
             if way is not None:
                 way += np.linspace(1.0, 0.0, len(way))[:, None] * (joints - way[0])  # commands do not jump
-                return at_ease(arms, way, self.settings.period)
+                return at_ease(self.arms, way, self.settings.period, settings)
         raise self._cannot_go_on()
 
     def _cannot_go_on(self) -> RobotError:
@@ -287,7 +288,7 @@ class JointExecutor:
         """Let steps begin where the way back has ended."""
         held = np.array([self.robot.tool_pose(self.position, arm) for arm in self.carrier.holders])
         poses, joints = self._nearest(held), self.position[self.columns]
-        (solved,), missed = tracked(self._arms(), nodes_of(self.scene, poses)[None], joints[None], HOLDING)
+        (solved,), missed = tracked(self.arms, nodes_of(self.scene, poses)[None], joints[None], HOLDING)
         if missed.max() > HOLDING.tolerance:
             raise self._cannot_go_on()
         self._stop_at(poses, solved)
@@ -339,14 +340,14 @@ class JointExecutor:
     def _move(self, twists: Array, rates: Array) -> None:
         """Move the load by a twist, or by a share of it with which the joints can come along, and the joints too."""
         scene, period, joints = self.scene, self.settings.period, self.position[self.columns]
-        chains, n = self._arms().chains, len(self.scene.manipulators)
+        chains, n = self.arms.chains, len(self.scene.manipulators)
         at_first, roughest = nodes_of(scene, self.poses), np.inf
         poses, nodes, following = self.poses, at_first, joints
         for share in SHARES:
             there = advanced(self.poses, share * twists, period)
             then = nodes_of(scene, there)
             guess = joints + share * period * rates
-            (solved,), missed = tracked(self._arms(), then[None], guess[None], HOLDING)
+            (solved,), missed = tracked(self.arms, then[None], guess[None], HOLDING)
             moved = (solved - joints) / period
             rough = float((np.abs(moved - self.rates) / (chains.acceleration * period)).max())
             if (
@@ -425,9 +426,6 @@ class JointExecutor:
         along = np.ascontiguousarray(joints.at(s * joints.duration)[0][:, self.columns])
         nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
         self.programme.follow(along, nodes)
-
-    def _arms(self) -> Arms:
-        return self.carrier.arms
 
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))

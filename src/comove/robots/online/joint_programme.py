@@ -57,9 +57,6 @@ class JointSettings:
     load: ProgrammeSettings = field(default_factory=lambda: ProgrammeSettings(spare=5e-4))
 
 
-SETTINGS = JointSettings()
-
-
 @dataclass(frozen=True, eq=False)
 class JointState:
     """The state of the joints at the beginning of a step.
@@ -99,8 +96,15 @@ class JointProgramme(TwistProgramme):
         If the hands do not hold one rigid body.
     """
 
-    def __init__(self, scene: Scene, arms: Arms, grasp: Grasp, period: float):
-        super().__init__(scene, period, SETTINGS.load)
+    def __init__(
+        self,
+        scene: Scene,
+        arms: Arms,
+        grasp: Grasp,
+        period: float,
+        settings: JointSettings = JointSettings(),
+    ):
+        super().__init__(scene, period, settings.load)
         if len(scene.groups) != 1:
             raise SceneError(
                 "arms are run with one rigid load in all hands, and here are several",
@@ -108,14 +112,14 @@ class JointProgramme(TwistProgramme):
                 key="load",
                 way_out="let all hands hold it, or run the scene without a robot",
             )
-        self.arms, self.grasp = arms, grasp
+        self.arms, self.grasp, self.joint_settings = arms, grasp, settings
         everything = np.full(len(scene.obstacles), arms.around.clearance)
-        self.needs = LinkNeeds(everything, arms.around.clearance, SETTINGS.near)
+        self.needs = LinkNeeds(everything, arms.around.clearance, self.joint_settings.near)
         self.rates, self._room = np.zeros(len(arms.chains.lower)), (-1, -1)
 
     def expect(self, passes: bool) -> None:
         """Say whether what moves is foreseen to pass by: then it may come near faster than arms could stop for it."""
-        harder = SETTINGS.passing if passes else 1.0
+        harder = self.joint_settings.passing if passes else 1.0
         self._rates = self._rates._replace(passing=harder * self._rates.braking)
 
     def follow(self, joints: Array, nodes: Array) -> None:
@@ -130,7 +134,7 @@ class JointProgramme(TwistProgramme):
         full = self.arms.around.clearance
         keep, other = clearances_along(self.arms, joints, nodes, self.scene.obstacles, full)
         keep[self.scene.moving[self.scene.owners]] = full
-        self.needs = LinkNeeds(keep, other, SETTINGS.near)
+        self.needs = LinkNeeds(keep, other, self.joint_settings.near)
 
     def allowed_rates(
         self, poses: HandPoses, joints: JointState, before: Array, wanted: Array, sighting: Sighting
@@ -155,7 +159,7 @@ class JointProgramme(TwistProgramme):
         jacobians, _ = hand_jacobians(arms, joints.position)
         if (len(sighting.margin), len(work.low)) != self._room:
             self._make_room(len(sighting.margin))
-        links, whole, weight = self._links, self._whole, SETTINGS.weight
+        links, whole, weight = self._links, self._whole, self.joint_settings.weight
         nodes, (least, largest) = nodes_of(self.scene, poses), self._joint_bounds(joints)
         count = link_rows(
             arms,
@@ -189,7 +193,7 @@ class JointProgramme(TwistProgramme):
         self._own_limits = np.concatenate([ones, -ones])
         size = len(self._links.low) + 2 * n_joints + 6 * self._hands[0] + len(self._work.low)
         self._whole = Assembled(
-            np.diag(np.full(n + n_joints, SETTINGS.weight)),
+            np.diag(np.full(n + n_joints, self.joint_settings.weight)),
             np.zeros(n + n_joints),
             np.zeros((size, n + n_joints)),
             np.zeros(size),
@@ -201,7 +205,7 @@ class JointProgramme(TwistProgramme):
 
     def _joint_bounds(self, joints: JointState) -> tuple[Array, Array]:
         """Return the least and the largest rates; arrays, shape (n_joints,) [rad/s]."""
-        chains, how = self.arms.chains, SETTINGS
+        chains, how = self.arms.chains, self.joint_settings
         most = how.share * chains.acceleration
         change, brake = most * self.period, how.share * most
         up, down = chains.upper - joints.position, joints.position - chains.lower

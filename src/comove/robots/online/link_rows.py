@@ -26,7 +26,7 @@ from comove.reaction.limits import length_of
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
-from comove.robots.search.links import near_enough, nearest_shares, place_links
+from comove.robots.search.links import clearance_between, nearest_shares, place_links
 
 Array = NDArray[np.float64]
 
@@ -328,13 +328,7 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
             far = thick + around.radii[e] + needs.other
             if around.edges[e, 0] != around.edges[e, 1] and nearest_shares(a, b, c, d)[2] < far:
                 return False
-    for p in range(links.pairs.shape[0]):
-        i, k = links.pairs[p]
-        far = links.radius[i] + links.radius[k] + needs.other
-        near = near_enough(start[i], end[i], start[k], end[k], far)
-        if near and nearest_shares(start[i], end[i], start[k], end[k])[2] < far:
-            return False
-    return True
+    return clearance_between(links, start, end, needs.other) >= needs.other
 
 
 @kernel
@@ -370,10 +364,7 @@ def clearances_along(
                 if around.edges[e, 0] != around.edges[e, 1]:
                     h = nearest_shares(start[i], end[i], a, b)[2] - links.radius[i] - around.radii[e]
                     other = min(other, h)
-        for p in range(links.pairs.shape[0]):
-            i, k = links.pairs[p]
-            h = nearest_shares(start[i], end[i], start[k], end[k])[2]
-            other = min(other, h - links.radius[i] - links.radius[k])
+        other = clearance_between(links, start, end, other)
     return obstacle, other
 
 

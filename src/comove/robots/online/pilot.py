@@ -23,12 +23,13 @@ from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
-from comove.robots.online.reference import TAIL, WIDTH, Reference, Stop
+from comove.robots.online.reference import Reference, ReferenceSettings, Stop
 from comove.robots.online.roadmap import SLOT, Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import Arms
 from comove.robots.search.planner import plan_with_arms
 from comove.scenes.scene import Scene
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -54,7 +55,7 @@ class PilotSettings:
         arms have come
     spare : clearance of the load beyond the scene's, in the roadmap [m]
     meets : links are looked at in pairs that come near where joints differ so much from the plan's [rad]
-    roadmap, courses : settings of the roadmap, and of the choice of a course
+    roadmap, courses, reference : settings of the roadmap, of the choice of a course, and of what is followed
     """
 
     every: float = 0.1
@@ -75,6 +76,7 @@ class PilotSettings:
     meets: float = 0.5
     roadmap: RoadmapSettings = field(default_factory=RoadmapSettings)
     courses: CourseSettings = field(default_factory=CourseSettings)
+    reference: ReferenceSettings = field(default_factory=ReferenceSettings)
 
     def __post_init__(self) -> None:
         for name in ("every", "at_once", "anew", "thinking", "braking", "worth", "off", "patience", "meets"):
@@ -200,7 +202,8 @@ class Pilot:
         self._chosen, self._pause = time, 2.0 * how.at_once  # unless something better is found
         follows, clock, stop = self.reference, self.clock, self._stop()
         if off > how.off or waited >= how.patience:
-            follows, clock, stop = Reference.standing(here), 0.0, Stop(how.thinking, 0.0)
+            follows, clock = Reference.standing(here, how.reference), 0.0
+            stop = Stop(how.thinking, 0.0)
         begin, joints, _ = follows.at(follows.braked(clock, stop, stop.after))
         found = self._course(begin, joints, seen, stop)
         way, left = (None, 0.0) if found is None else (found.way, found.left)
@@ -220,7 +223,8 @@ class Pilot:
 
     def stand(self, here: Way) -> None:
         """Follow nothing any more but stand at a sample, and look for a course at once."""
-        self.reference, self.clock, self.is_clear = Reference.standing(here), 0.0, False
+        self.reference, self.clock = Reference.standing(here, self.settings.reference), 0.0
+        self.is_clear = False
         self._looked = self._chosen = -np.inf
 
     def _course(
@@ -292,7 +296,7 @@ class Pilot:
         turned = (np.abs(np.diff(path.joints, axis=0)) / ground.most).max(axis=1)
         slots = np.append(0.0, np.cumsum(np.maximum(np.array(spans) / ground.step, turned)))
         at = np.linspace(0.0, slots[-1], 1 + int(np.ceil(slots[-1])))
-        return Way(*(np.stack([np.interp(at, slots, x) for x in values.T], axis=1) for values in path))
+        return Way(*(interpolated(at, slots, values) for values in path))
 
     def _ahead(self, reference: Reference, clock: float, seen: Sighting) -> Array:
         """Return what a reference costs from now on, and then its end, slot by slot."""
@@ -314,7 +318,7 @@ class Pilot:
         """Return the cost of a reference from now on [slots]."""
         to_go = (reference.duration - clock) / SLOT
         how, stops = self.settings, reference.left > 0.0  # and another one has to be begun
-        again = (how.thinking + TAIL * WIDTH) / SLOT + how.worth if stops else 0.0
+        again = (how.thinking + how.reference.settling) / SLOT + how.worth if stops else 0.0
         return float(cost.sum()) + max(0.0, to_go) + reference.left + again
 
     def _stop(self) -> Stop:

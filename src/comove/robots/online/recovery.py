@@ -16,11 +16,10 @@ from comove.planning.seeds import minimum_jerk
 from comove.primitives.arguments import require_positive
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import Arms
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
-PACE = 0.3  # of the joints' speeds and accelerations
-TURN, SHIFT = 0.02, 0.01  # rad and m, of a step at most
 REACHING = Iteration(gain=0.0, keep=0.0, tolerance=1e-8, steady=np.inf, most=30)
 
 
@@ -33,12 +32,17 @@ class RecoverySettings:
     gives : difference of measured and commanded joints up to which arms hold against what drives them [rad]
     still, rests : they stand once no joint has moved by more than this for this time [rad, s]
     longest : time after which a robot that does not come to stand is given up [s]
+    turn, shift : of the load, from one step of the way back to the next at most [rad, m]
+    pace : share of the joints' speeds and accelerations at which that way is gone
     """
 
     gives: float = 0.03
     still: float = 0.01
     rests: float = 0.3
     longest: float = 20.0
+    turn: float = 0.02
+    shift: float = 0.01
+    pace: float = 0.3
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -86,7 +90,9 @@ class Recovery:
         return measured + np.clip(before - measured, -self.settings.gives, self.settings.gives)
 
 
-def way_back(arms: Arms, joints: Array, held: Array, wanted: Array) -> Array | None:
+def way_back(
+    arms: Arms, joints: Array, held: Array, wanted: Array, settings: RecoverySettings = RecoverySettings()
+) -> Array | None:
     """Return joints by which hands turn a load to a pose; array, shape (n_steps, n_joints), None where arms cannot.
 
     Parameters
@@ -98,9 +104,10 @@ def way_back(arms: Arms, joints: Array, held: Array, wanted: Array) -> Array | N
     place, target = held[:, :3, 3], wanted[:, :3, 3]
     middle, shift = place.mean(axis=0), target.mean(axis=0) - place.mean(axis=0)
     slid = target - middle - shift - _turned(turns, place - middle)  # of hands on the load
-    longest = np.linalg.norm(turns, axis=1).max() / TURN, np.linalg.norm(target - place, axis=1).max() / SHIFT
+    turned, shifted = (np.linalg.norm(vectors, axis=1).max() for vectors in (turns, target - place))
+    count = 2 + int(max(turned / settings.turn, shifted / settings.shift))
     way = [joints]
-    for share in np.linspace(0.0, 1.0, 2 + int(max(longest)))[1:]:
+    for share in np.linspace(0.0, 1.0, count)[1:]:
         q = way[-1].copy()
         places = middle + share * (shift + slid) + _turned(share * turns, place - middle)
         rotations = matrices(exponential(share * turns)) @ held[:, :3, :3]
@@ -111,15 +118,16 @@ def way_back(arms: Arms, joints: Array, held: Array, wanted: Array) -> Array | N
     return np.array(way)
 
 
-def at_ease(arms: Arms, way: Array, period: float) -> Array:
+def at_ease(arms: Arms, way: Array, period: float, settings: RecoverySettings = RecoverySettings()) -> Array:
     """Return a way from rest to rest at a gentle pace, one sample a period [s]; arrays, shape (n_steps, n_joints)."""
     chains = arms.chains
-    seconds = np.append(0.0, np.cumsum((np.abs(np.diff(way, axis=0)) / (PACE * chains.velocity)).max(axis=1)))
+    spent = np.abs(np.diff(way, axis=0)) / (settings.pace * chains.velocity)
+    seconds = np.append(0.0, np.cumsum(spent.max(axis=1)))
     # 1.875 and 5.774 are the greatest speed and acceleration of a minimum-jerk motion by 1 in a time of 1.
     least = 1.875 * seconds[-1], np.sqrt(5.774 * seconds[-1] * (chains.velocity / chains.acceleration).max())
     count = 1 + int(np.ceil(max(least) / period))
     at = seconds[-1] * minimum_jerk(np.linspace(0.0, 1.0, count + 1))[1:]
-    return np.stack([np.interp(at, seconds, q) for q in way.T], axis=1)
+    return interpolated(at, seconds, way)
 
 
 def _turn(here: Array, there: Array) -> Array:

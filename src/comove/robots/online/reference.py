@@ -12,13 +12,32 @@ from scipy.ndimage import gaussian_filter1d
 
 from comove.robots.online.roadmap import Way
 from comove.robots.verification.verify import VerifiedJointMotion
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
-SAMPLE = 0.02  # s, between samples of a curve
-WIDTH = 0.15  # s, of the filter that rounds the corners of a course
-FADING = 0.3  # s, after which a course that is spliced in is filtered wholly
-TAIL = 4.0  # widths, after which a filter has settled
+
+@dataclass(frozen=True)
+class ReferenceSettings:
+    """Settings of references.
+
+    Attributes
+    ----------
+    sample : time between samples of a curve [s]
+    width : width of the filter that rounds the corners of a course [s]
+    fading : time after which a course that is spliced in is filtered wholly [s]
+    tail : time after the end of a course in which the filter settles, in its widths
+    """
+
+    sample: float = 0.02
+    width: float = 0.15
+    fading: float = 0.3
+    tail: float = 4.0
+
+    @property
+    def settling(self) -> float:
+        """Return the time after the end of a course in which the filter settles [s]."""
+        return self.tail * self.width
 
 
 @dataclass(frozen=True)
@@ -43,24 +62,33 @@ class Reference:
     time : array, shape (n_samples,), from 0 [s]
     way : its samples
     left : slots that are left to the goal from its end
+    settings : see `ReferenceSettings`
     """
 
     time: Array
     way: Way
     left: float = 0.0
+    settings: ReferenceSettings = ReferenceSettings()
 
     @classmethod
-    def of_plan(cls, plan: VerifiedJointMotion, columns: NDArray[np.int64]) -> Reference:
+    def of_plan(
+        cls,
+        plan: VerifiedJointMotion,
+        columns: NDArray[np.int64],
+        settings: ReferenceSettings = ReferenceSettings(),
+    ) -> Reference:
         """Return a verified carry as a reference; `columns` are those of the arms' joints."""
         duration, motion = plan.joints.duration, plan.motion.motion
-        time = np.linspace(0.0, duration, 1 + int(np.ceil(duration / SAMPLE)))
+        time = np.linspace(0.0, duration, 1 + int(np.ceil(duration / settings.sample)))
         joints = plan.joints.at(time)[0][:, columns]
-        return cls(time, Way(np.ascontiguousarray(motion.at(time / duration)[0]), joints))
+        way = Way(np.ascontiguousarray(motion.at(time / duration)[0]), joints)
+        return cls(time, way, settings=settings)
 
     @classmethod
-    def standing(cls, here: Way) -> Reference:
+    def standing(cls, here: Way, settings: ReferenceSettings = ReferenceSettings()) -> Reference:
         """Return a reference that stands at a sample."""
-        return cls(np.array([0.0, SAMPLE]), Way(*(np.repeat(values[:1], 2, axis=0) for values in here)))
+        way = Way(*(np.repeat(values[:1], 2, axis=0) for values in here))
+        return cls(np.array([0.0, settings.sample]), way, settings=settings)
 
     def spliced(self, now: float, stop: Stop, course: Way, slot: float, left: float) -> Reference:
         """Return this reference from now on, braked to a stop, and then a course, its corners rounded.
@@ -71,20 +99,21 @@ class Reference:
         course : samples, one a slot [s]
         left : slots that are left to the goal from the course's end
         """
-        after = stop.after + slot * np.arange(len(course.joints))
-        end = after[-1] + TAIL * WIDTH
-        time = np.linspace(0.0, end, 1 + int(np.ceil(end / SAMPLE)))
+        how, after = self.settings, stop.after + slot * np.arange(len(course.joints), dtype=np.float64)
+        end = after[-1] + how.settling
+        time = np.linspace(0.0, end, 1 + int(np.ceil(end / how.sample)))
         own = self.at(self.braked(now, stop, time))[:2]
-        blend = _smooth_step(time / FADING)[:, None]
+        x = np.minimum(time / how.fading, 1.0)[:, None]
+        blend = x * x * (3.0 - 2.0 * x)
         curves = []
         for mine, other in zip(own, course, strict=True):
-            on = np.stack([np.interp(time, after, column) for column in other.T], axis=1)
+            on = interpolated(time, after, other)
             raw = np.where((time < stop.after)[:, None], mine, on)
-            rounded = gaussian_filter1d(raw, WIDTH * (len(time) - 1) / end, axis=0, mode="nearest")
+            rounded = gaussian_filter1d(raw, how.width * (len(time) - 1) / end, axis=0, mode="nearest")
             curve = raw + blend * (rounded - raw)
             curve[-1] = other[-1]
             curves.append(curve)
-        return Reference(time, Way(*curves), left)
+        return Reference(time, Way(*curves), left, how)
 
     def braked(self, now: float, stop: Stop, time: ArrayLike) -> Array:
         """Return where this reference is if its pace falls evenly from 1 to 0."""
@@ -105,9 +134,3 @@ class Reference:
     @cached_property
     def _curves(self) -> tuple[CubicSpline, CubicSpline]:
         return tuple(CubicSpline(self.time, values) for values in self.way)
-
-
-def _smooth_step(x: Array) -> Array:
-    """Return 0 below 0, 1 above 1, and a smooth rise between."""
-    x = np.clip(x, 0.0, 1.0)
-    return x * x * (3.0 - 2.0 * x)

@@ -165,9 +165,8 @@ def nearby(space: Space, configurations: Array, q: Array, within: tuple[float, f
     return chosen[:n_chosen].copy()
 
 
-@dataclass(frozen=True, eq=False)
-class Roadmap:
-    """Configurations with joints, and ways between them; immutable.
+class Roadmap(NamedTuple):
+    """Configurations with joints, and ways between them.
 
     Attributes
     ----------
@@ -195,13 +194,16 @@ class Roadmap:
         added = _roadmap(
             Way(configuration[None], joints[None]), [(other, new, way) for other, way in ways], self.goal
         )
-        shift = len(self.joints)
-        both = {
-            name: np.concatenate([getattr(self, name), getattr(added, name)])
-            for name in ("configurations", "joints", "source", "target", "slots", "stride")
-        }
         return Roadmap(
-            **both, nodes=at, goal=self.goal, begin=np.concatenate([self.begin, added.begin + shift])
+            np.concatenate([self.configurations, added.configurations]),
+            np.concatenate([self.joints, added.joints]),
+            at,
+            self.goal,
+            np.concatenate([self.source, added.source]),
+            np.concatenate([self.target, added.target]),
+            np.concatenate([self.slots, added.slots]),
+            np.concatenate([self.begin, added.begin + len(self.joints)]),
+            np.concatenate([self.stride, added.stride]),
         )
 
 

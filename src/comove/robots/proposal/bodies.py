@@ -1,8 +1,8 @@
-"""The collision bodies of a robot as points that hold them."""
+"""The collision bodies of a robot: points that hold them, and which pairs of them touch, or never do."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import coal
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from comove.robots.model import Robot
 from comove.robots.search.capsules import vertices_of
+from comove.scenes.model import ROBOT_CLEARANCE
 
 Array = NDArray[np.float64]
 
@@ -41,3 +42,85 @@ def _points_around(shape: coal.CollisionGeometry) -> Array:
         return vertices_of(shape)
     shape.computeLocalAABB()
     return np.array(list(product(*zip(shape.aabb_local.min_, shape.aabb_local.max_, strict=True))))
+
+
+def touching(robot: Robot, joints: Array, margin: float = 0.0) -> NDArray[np.bool_]:
+    """Return which pairs of bodies touch, or come within a margin [m], in some configurations; array, shape
+    (n_configurations, n_pairs).
+
+    Parameters
+    ----------
+    joints : array, shape (n_configurations, n_joints) [rad, m]
+    """
+    geometry = robot.collision
+    data, of_geometry = robot.model.createData(), geometry.createData()
+    for request in of_geometry.collisionRequests:
+        request.security_margin = margin
+    touched = np.zeros((len(joints), len(geometry.collisionPairs)), dtype=bool)
+    for k, q in enumerate(joints):
+        pin.computeCollisions(robot.model, data, geometry, of_geometry, q, False)
+        touched[k] = [result.isCollision() for result in of_geometry.collisionResults]
+    return touched
+
+
+def pairs_of(robot: Robot) -> list[tuple[str, str]]:
+    """Return the names of the links of every pair of bodies that is compared, sorted within the pair."""
+    links = [link_of(item.name) for item in robot.collision.geometryObjects]
+    both = (sorted((links[pair.first], links[pair.second])) for pair in robot.collision.collisionPairs)
+    return [(a, b) for a, b in both]
+
+
+def near_but_apart(
+    robot: Robot, count: int, rng: np.random.Generator, *, most_between: int = 2, contact: float = 5e-4
+) -> set[tuple[str, str]]:
+    """Return the pairs of links that come nearer to each other than is kept between links, but do not touch.
+
+    Of those that are seen to do so in random configurations, only links with one or two joints between them can be
+    among these: they are looked at on a grid of these joints, refined about its nearest configuration. So it is seen,
+    not proved.
+
+    Parameters
+    ----------
+    count : number of random configurations
+    most_between : joints between two links whose every distance can be looked at
+    contact : distance of two links that counts as contact [m]
+    """
+    joints = rng.uniform(robot.lower, robot.upper, (count, len(robot.lower)))
+    near, touch = (touching(robot, joints, margin) for margin in (ROBOT_CLEARANCE, 0.0))
+    links, geometry = pairs_of(robot), robot.collision
+    # by links, which have several bodies
+    touched = {pair for pair, seen in zip(links, touch.T, strict=True) if seen.any()}
+    found = set[tuple[str, str]]()
+    for k, pair in enumerate(geometry.collisionPairs):
+        if links[k] in touched or not near[:, k].any():
+            continue
+        one, other = (
+            robot.model.supports[geometry.geometryObjects[i].parentJoint] for i in (pair.first, pair.second)
+        )
+        columns = [robot.model.idx_vs[joint] for joint in set(one) ^ set(other)]
+        if len(columns) <= most_between and _least_distance(robot, k, columns) > contact:
+            found.add(links[k])
+        else:
+            touched.add(links[k])
+    return found - touched
+
+
+def _least_distance(robot: Robot, k: int, columns: Sequence[int]) -> float:
+    """Return the least distance of pair k of bodies on a grid of some joints, and on finer ones about it [m]."""
+    n_grid, n_grids = 21, 4  # configurations of a joint on a grid, and grids one about the nearest of another
+    model, geometry = robot.model, robot.collision
+    data, of_geometry = model.createData(), geometry.createData()
+    lower, upper, least = robot.lower[columns], robot.upper[columns], np.inf
+    for _ in range(n_grids):
+        axes = (np.linspace(a, b, n_grid) for a, b in zip(lower, upper, strict=True))
+        grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, len(columns))
+        samples = np.repeat(robot.home[None], len(grid), axis=0)
+        samples[:, columns] = grid
+        distances = np.empty(len(samples))
+        for i, q in enumerate(samples):
+            pin.updateGeometryPlacements(model, data, geometry, of_geometry, q)
+            distances[i] = pin.computeDistance(geometry, of_geometry, k).min_distance
+        least = min(least, float(distances.min()))
+        best, step = grid[distances.argmin()], 2.0 * (upper - lower) / (n_grid - 1)
+        lower, upper = np.maximum(best - step, lower), np.minimum(best + step, upper)
+    return least

@@ -28,20 +28,43 @@ Array = NDArray[np.float64]
 Cells = NDArray[np.bool_]
 Cell = tuple[int, int]
 
-N_CELLS = 11  # of the grid of places of the load, each way
-CELLS = (0.08, 0.04)  # from one place to the next, in reaches: the finer ones where the others are not enough
-ABOVE, ASIDE = 0.05, 0.16  # the lowest place above the floor, and the room about all places, in reaches
-N_SEEDS = 12  # random joints, from which a place is solved
-LENGTHS = (1.0, 0.6)  # of the bar, in distances of the hands at home
-SHORTEST = 0.2  # of the reach: the shortest bar
 QUARTERS = (0.0, 180.0, -90.0, 90.0)  # degrees, by which a hand is turned on the bar
 ACROSS = {"down": (0.0, 180.0), "forward": (-90.0, 90.0)}  # those by which fingers close across it
-FEWEST, MOST = 3, 5  # places in a row, forwards and upwards, that a carry over a rail needs and has at most
-N_TRIED = 8  # scenes that are solved, of those that both hands reach
-# s, time to solve each, and to carry: most that can be carried is solved in one, and a joint may be slow
-ROUNDS = ((3.0, 8.0), (10.0, 16.0))
 WAY_OUT = "give another home or other bases: `comove robot check` says what hands reach and which links touch"
-RAILS = (0.5, 0.2)  # heights of the rail that are tried, in what the load can be lifted by
+
+
+@dataclass(frozen=True)
+class FirstSceneSettings:
+    """Settings of the search for a first scene.
+
+    Attributes
+    ----------
+    n_cells : of the grid of places of the load, each way
+    cells : distances from one place to the next, the finer ones where the others are not enough [reaches]
+    above : height of the lowest place above the floor [reaches]
+    aside : room about all places [reaches]
+    n_seeds : random joints, from which a place is solved
+    lengths : of the bar that are tried [distances of the hands at home]
+    shortest : length of the shortest bar [reaches]
+    fewest, most : places in a row, forwards and upwards, that a carry over a rail needs and has at most
+    rails : heights of the rail that are tried, as shares of what the load can be lifted by
+    n_tried : scenes that are solved, of those that both hands reach
+    rounds : time to solve each, and to carry, in turn [s]: most that can be carried is solved in the first, and a
+        joint may be slow
+    """
+
+    n_cells: int = 11
+    cells: tuple[float, ...] = (0.08, 0.04)
+    above: float = 0.05
+    aside: float = 0.16
+    n_seeds: int = 12
+    lengths: tuple[float, ...] = (1.0, 0.6)
+    shortest: float = 0.2
+    fewest: int = 3
+    most: int = 5
+    rails: tuple[float, ...] = (0.5, 0.2)
+    n_tried: int = 8
+    rounds: tuple[tuple[float, float], ...] = ((3.0, 8.0), (10.0, 16.0))
 
 
 @dataclass(frozen=True)
@@ -77,6 +100,7 @@ class _Place:
     reach : the smaller arm's [m]
     floor : height on which the robot stands [m]
     cell : distance of neighbouring places [m]
+    aside : room about all places [m]
     """
 
     arms: tuple[Arm, Arm]
@@ -88,6 +112,7 @@ class _Place:
     reach: float
     floor: float
     cell: float
+    aside: float
 
     @property
     def worth(self) -> float:
@@ -118,7 +143,7 @@ class _Place:
         start, goal = (np.round(corner, 3) + 0.0 for corner in (self.lower + inset, self.upper - inset))
         lift, way = goal[2] - start[2], goal[1 - self.axis] - start[1 - self.axis]
         goal[2] = start[2]
-        lower, upper = self.lower - ASIDE * reach - half, self.upper + ASIDE * reach + half
+        lower, upper = self.lower - self.aside - half, self.upper + self.aside + half
         lower[2] = max(lower[2], self.floor)
         lower, upper = np.round(lower, 3), np.round(upper, 3)
         top = start[2] - radius + rail * lift
@@ -157,7 +182,9 @@ class _Place:
         }
 
 
-def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
+def propose_scene(
+    robot: Robot, named: str, *, seed: int = 0, settings: FirstSceneSettings = FirstSceneSettings()
+) -> SceneProposal:
     """Propose a first scene for a robot, which is solved once so that it is known to be feasible.
 
     Two hands hold a bar between them, turned in one of the ways in which they reach the largest space about their
@@ -180,7 +207,7 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
             way_out="give the URDF twice to `comove robot new`, or name another arm",
         )
     load_robot_kernels(SceneKind(3))
-    found_by_cell = (list(_places(robot, cell)) for cell in CELLS)
+    found_by_cell = (list(_places(robot, cell, settings)) for cell in settings.cells)
     places = _ranked(next(filter(None, found_by_cell), []))
     if not places:
         raise RobotError(
@@ -190,8 +217,8 @@ def propose_scene(robot: Robot, named: str, *, seed: int = 0) -> SceneProposal:
             way_out=WAY_OUT,
         )
     reasons: list[str] = []
-    tried = list(product(places, RAILS))[:N_TRIED]
-    for (budget, duration), (place, rail) in product(ROUNDS, tried):
+    tried = list(product(places, settings.rails))[: settings.n_tried]
+    for (budget, duration), (place, rail) in product(settings.rounds, tried):
         data = place.data(named, rail, duration)
         try:
             found = carry(Scene.from_dict(data), robot, seed=seed, budget=budget)
@@ -221,8 +248,13 @@ def _ranked(places: Sequence[_Place]) -> list[_Place]:
     return [places[i] for *_, i in sorted(order)]
 
 
-def _places(robot: Robot, cell: float) -> Iterator[_Place]:
-    """Yield where the two hands that are nearest to each other at home reach a bar, for every way to hold it."""
+def _places(robot: Robot, cell: float, how: FirstSceneSettings) -> Iterator[_Place]:
+    """Yield where the two hands that are nearest to each other at home reach a bar, for every way to hold it.
+
+    Parameters
+    ----------
+    cell : distance of neighbouring places [reaches]
+    """
     home = {arm.name: robot.tool_pose(robot.home, arm)[:3, 3] for arm in robot.arms}
     pair = min(
         combinations(robot.arms, 2), key=lambda two: np.linalg.norm(home[two[0].name] - home[two[1].name])
@@ -233,28 +265,28 @@ def _places(robot: Robot, cell: float) -> Iterator[_Place]:
     hands = np.array([home[arm.name] for arm in arms])
     reach = min(findings_of(robot, arm, np.random.default_rng(0)).reach for arm in arms)
     step, floor = cell * reach, floor_of(robot)
-    aside = 0.5 * step * (N_CELLS - 1) * (np.arange(3) != axis)
+    aside = 0.5 * step * (how.n_cells - 1) * (np.arange(3) != axis)
     around = hands.mean(axis=0) + np.array([-aside, aside])
-    around[:, 2] += max(0.0, floor + ABOVE * reach - around[0, 2])
+    around[:, 2] += max(0.0, floor + how.above * reach - around[0, 2])
 
     def place(turns: tuple[float, ...], lower: Array, upper: Array) -> _Place:
         offsets = {arm.name: turn for arm, turn in zip(arms, turns, strict=True)}
         grasp = {"orientation": orientation, "yaw": "load", "offset_deg": offsets}
-        return _Place(arms, axis, length, grasp, lower, upper, reach, floor, step)
+        return _Place(arms, axis, length, grasp, lower, upper, reach, floor, step, how.aside * reach)
 
-    for orientation, share in product(ACROSS, LENGTHS):
-        length = round(float(max(share * abs(hands[0, axis] - hands[1, axis]), SHORTEST * reach)), 3)
+    for orientation, share in product(ACROSS, how.lengths):
+        length = round(float(max(share * abs(hands[0, axis] - hands[1, axis]), how.shortest * reach)), 3)
         ways = [ACROSS[orientation] if arm.fingers else QUARTERS for arm in arms]
         if orientation == "down":  # and as at home
             ways = [
                 way if arm.fingers else (*way, _turn_at_home(robot, arm, axis))
                 for way, arm in zip(ways, arms, strict=True)
             ]
-        maps = {turn: _reached(robot, place((turn, turn), *around)) for turn in {*ways[0], *ways[1]}}
+        maps = {turn: _reached(robot, place((turn, turn), *around), how) for turn in {*ways[0], *ways[1]}}
         for turns in product(*ways):
-            cells = largest_rectangle(maps[turns[0]][0] & maps[turns[1]][1])
+            cells = largest_rectangle(maps[turns[0]][0] & maps[turns[1]][1], how.fewest, how.most)
             if cells is not None:
-                yield place(turns, *(_at_cell(around, axis, corner) for corner in cells))
+                yield place(turns, *(_at_cell(around, axis, corner, how.n_cells) for corner in cells))
 
 
 def _turn_at_home(robot: Robot, arm: Arm, axis: int) -> float:
@@ -264,38 +296,41 @@ def _turn_at_home(robot: Robot, arm: Arm, axis: int) -> float:
     return float(5.0 * np.round(((turn + 180.0) % 360.0 - 180.0) / 5.0))
 
 
-def _at_cell(around: Array, axis: int, cell: Cell) -> Array:
+def _at_cell(around: Array, axis: int, cell: Cell, n_cells: int) -> Array:
     """Return the place of the bar's middle at a cell of the grid, forwards and upwards; array, shape (3,) [m]."""
-    shares = np.insert(np.array(cell) / (N_CELLS - 1), axis, 0.0)
+    shares = np.insert(np.array(cell) / (n_cells - 1), axis, 0.0)
     return around[0] + shares * (around[1] - around[0])
 
 
-def _reached(robot: Robot, place: _Place) -> Cells:
-    """Return where each hand reaches a bar; array, shape (2, N_CELLS, N_CELLS), by hand, forwards and upwards."""
-    scene = Scene.from_dict(place.data(robot.name, 0.0, ROUNDS[0][1]) | {"obstacles": []})
+def _reached(robot: Robot, place: _Place, how: FirstSceneSettings) -> Cells:
+    """Return where each hand reaches a bar; array, shape (2, n_cells, n_cells), by hand, forwards and upwards."""
+    scene = Scene.from_dict(place.data(robot.name, 0.0, how.rounds[0][1]) | {"obstacles": []})
     carrier, nodes = RobotCarrier(robot, scene), scene.nodes_at("start")
     middle = nodes[:2].mean(axis=0)
-    found, around = np.zeros((2, N_CELLS, N_CELLS), dtype=bool), np.array([place.lower, place.upper])
+    found = np.zeros((2, how.n_cells, how.n_cells), dtype=bool)
+    around = np.array([place.lower, place.upper])
     for hand, *cell in np.ndindex(found.shape):
-        there = nodes + _at_cell(around, place.axis, (cell[0], cell[1])) - middle
-        found[hand, cell[0], cell[1]] = carrier.ends.reaches(hand, there, N_SEEDS)
+        there = nodes + _at_cell(around, place.axis, (cell[0], cell[1]), how.n_cells) - middle
+        found[hand, cell[0], cell[1]] = carrier.ends.reaches(hand, there, how.n_seeds)
     return found
 
 
-def largest_rectangle(free: Cells) -> tuple[Cell, Cell] | None:
+def largest_rectangle(free: Cells, fewest: int, most: int) -> tuple[Cell, Cell] | None:
     """Return the first and last cell of the largest rectangle that is free, of those the one nearest to the middle,
     which is home; None where none is large enough.
+
+    Parameters
+    ----------
+    free : array of bool, shape (n, n)
+    fewest, most : cells of a side
     """
+    n = len(free)
     counts = np.pad(free.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
-    low, high = np.array(
-        [(a, b) for a in range(N_CELLS) for b in range(a + FEWEST, min(a + MOST, N_CELLS) + 1)]
-    ).T
+    low, high = np.array([(a, b) for a in range(n) for b in range(a + fewest, min(a + most, n) + 1)]).T
     inside = counts[np.ix_(high, high)] - counts[np.ix_(low, high)] - counts[np.ix_(high, low)]
     size = np.multiply.outer(high - low, high - low)
-    away = np.abs(low + high - N_CELLS)
-    worth = np.where(
-        inside + counts[np.ix_(low, low)] == size, size * N_CELLS**2 - np.add.outer(away, away), 0
-    )
+    away = np.abs(low + high - n)
+    worth = np.where(inside + counts[np.ix_(low, low)] == size, size * n**2 - np.add.outer(away, away), 0)
     i, j = np.unravel_index(worth.argmax(), worth.shape)
     if worth[i, j] <= 0:
         return None

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from math import radians
 
 import numpy as np
 import pinocchio as pin
@@ -17,19 +18,42 @@ from comove.robots.proposal.bodies import placed_bodies
 
 Array = NDArray[np.float64]
 
-N_DRAWN, N_TRIED = 3000, 150  # configurations drawn, and those that are settled and tested for contact
-N_STEPS, GAIN, DAMPING = 60, 0.5, 1e-3  # of the iteration by which a hand settles
-# Of hands' places along x, in reaches: mean below which the front is where x is negative, and where it begins.
-BACKWARDS, IN_FRONT = -0.1, 0.25
-MOST_SIGNS = 12  # joints of an arm of which all signs are tried
-ALIKE = 2e-3  # m and of directions together, by which a hand may miss another one in a mirror
-APART = 0.3  # of their reach, of the hands of arms that face each other
-FAR = 0.75  # share of the places of hands that are nearer than a home
-STEEP = np.cos(np.deg2rad(30.0))  # of an approach that counts as down where a home is looked for
-SETTLED = 2e-3  # by how many reaches and radians together a hand may miss its home
 DOWN = np.array([0.0, 0.0, -1.0])
-NEAR_DOWN = np.deg2rad(5.0)
-FREE = 0.01  # m, of clearance at home
+
+
+@dataclass(frozen=True)
+class HomeSettings:
+    """Settings of the search for homes.
+
+    Attributes
+    ----------
+    n_drawn, n_tried : random configurations of an arm, and those that are settled and tested for contact
+    n_steps, gain, damping : of the iteration by which a hand settles
+    backwards : mean place of the hands along x below which the front is where x is negative [reaches]
+    in_front : where the front begins along x [reaches]
+    most_signs : joints of an arm of which all signs are tried for one in a mirror
+    settled : by how much a hand may miss its home, or another one in a mirror [reaches and radians together]
+    apart : distance of the hands of arms that face each other [reaches]
+    far : share of the places of hands that are nearer than a home
+    steep : angle from straight down of an approach that counts as down where a home is looked for [rad]
+    near_down : angle from straight down at home from which on it is told [rad]
+    free : clearance at home, where there is one that has it [m]
+    """
+
+    n_drawn: int = 3000
+    n_tried: int = 150
+    n_steps: int = 60
+    gain: float = 0.5
+    damping: float = 1e-3
+    backwards: float = -0.1
+    in_front: float = 0.25
+    most_signs: int = 12
+    settled: float = 2e-3
+    apart: float = 0.3
+    far: float = 0.75
+    steep: float = radians(30.0)
+    near_down: float = radians(5.0)
+    free: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -46,33 +70,33 @@ class Homes:
     notes: tuple[str, ...]
 
 
-def homes_of(robot: Robot, seed: int = 0) -> Homes:
+def homes_of(robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings()) -> Homes:
     """Find a home for every arm: of random configurations the best one that is free once its hand is turned down."""
     q, notes = robot.home, []
     rng = np.random.default_rng(seed)
-    drawn_by_arm = [_Drawn.of(robot, arm, rng) for arm in robot.arms]
-    ahead = _middle_of_reach(drawn_by_arm)
+    drawn_by_arm = [_Drawn.of(robot, arm, rng, how.n_drawn) for arm in robot.arms]
+    ahead = _middle_of_reach(drawn_by_arm, how)
     reach = min(drawn.reach for drawn in drawn_by_arm)
-    between = _facing(np.array([drawn.base for drawn in drawn_by_arm]) / reach, ahead)
+    between = _facing(np.array([drawn.base for drawn in drawn_by_arm]) / reach, ahead, how)
     for k, (arm, drawn, wanted) in enumerate(zip(robot.arms, drawn_by_arm, between, strict=True)):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
-        begun = [*_as_before(robot, q, k), *drawn.best(q, wanted)[:N_TRIED]]
+        begun = [*_as_before(robot, q, k, how), *drawn.best(q, wanted)[: how.n_tried]]
         place = drawn.base + reach * wanted
-        ended = [_settled(robot, arm, each, place, reach) for each in begun]
-        best = [each for each, miss in ended if miss < SETTLED]
-        found = _first_free(robot, best, later)
+        ended = [_settled(robot, arm, each, place, reach, how) for each in begun]
+        best = [each for each, miss in ended if miss < how.settled]
+        found = _first_free(robot, best, later, how.free)
         if found is None:  # then anywhere with the hand down
             own = [robot.tool_pose(each, arm)[:3, 3] for each in begun]
-            ended = [_settled(robot, arm, *pair, reach) for pair in zip(begun, own, strict=True)]
-            best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > SETTLED)]
-            found = _first_free(robot, best, later)
+            ended = [_settled(robot, arm, *pair, reach, how) for pair in zip(begun, own, strict=True)]
+            best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > how.settled)]
+            found = _first_free(robot, best, later, how.free)
         q = best[0] if found is None else found
         if found is None:
             notes.append(
                 f"no home of '{arm.name}' was found at which nothing touches: draw one, and write it there"
             )
-        tilt = float(np.arccos(np.clip(DOWN @ robot.tool_pose(q, arm)[:3, 2], -1.0, 1.0)))
-        if tilt > NEAR_DOWN:
+        tilt = tilt_of(robot.tool_pose(q, arm))
+        if tilt > how.near_down:
             notes.append(
                 f"the hand of '{arm.name}' at home is {np.rad2deg(tilt):.0f} degrees from pointing down, as near as "
                 f"its {len(arm.columns)} joints were seen to come"
@@ -80,7 +104,7 @@ def homes_of(robot: Robot, seed: int = 0) -> Homes:
     return Homes(tuple(q[arm.columns] for arm in robot.arms), tuple(notes))
 
 
-def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
+def _as_before(robot: Robot, q: Array, k: int, how: HomeSettings) -> list[Array]:
     """Return the configurations in which arm k is at home as an earlier arm of its kind, or as that in a mirror."""
     found, columns = [], robot.arms[k].columns
     for other in robot.arms[:k]:
@@ -89,15 +113,15 @@ def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
         if all(np.array_equal(limit[other.columns], limit[columns]) for limit in (robot.lower, robot.upper)):
             found.append(q.copy())
             found[-1][columns] = q[other.columns]
-        found += _mirrored(robot, q, other, robot.arms[k])
+        found += _mirrored(robot, q, other, robot.arms[k], how)
     return found
 
 
-def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
+def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm, how: HomeSettings) -> list[Array]:
     """Return the configuration in which an arm is as another one in a mirror between them; none where their joints
     are not alike but for signs.
     """
-    if len(arm.columns) > MOST_SIGNS:
+    if len(arm.columns) > how.most_signs:
         return []
     signs = np.array(list(product((1.0, -1.0), repeat=len(arm.columns))))
     drawn = np.repeat(q[None], len(signs), axis=0)
@@ -110,7 +134,7 @@ def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
     places = hands[:, :3, 3] - base_of(robot, arm) - in_mirror * (hand[:3, 3] - base_of(robot, other))
     miss = np.linalg.norm(places, axis=1) + np.linalg.norm(hands[:, :3, 2] - in_mirror * hand[:3, 2], axis=1)
     best = int(miss.argmin())
-    return [drawn[best]] if miss[best] < ALIKE else []
+    return [drawn[best]] if miss[best] < how.settled else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,11 +160,11 @@ class _Drawn:
     reach: float
 
     @classmethod
-    def of(cls, robot: Robot, arm: Arm, rng: np.random.Generator) -> _Drawn:
+    def of(cls, robot: Robot, arm: Arm, rng: np.random.Generator, count: int) -> _Drawn:
         lower, upper = robot.lower[arm.columns], robot.upper[arm.columns]
         low, high = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-        drawn = np.repeat(robot.home[None], N_DRAWN, axis=0)
-        joints = drawn[:, arm.columns] = rng.uniform(low, high, (N_DRAWN, len(low)))
+        drawn = np.repeat(robot.home[None], count, axis=0)
+        joints = drawn[:, arm.columns] = rng.uniform(low, high, (count, len(low)))
         poses, base = robot.tool_poses(drawn, (arm,))[:, 0], base_of(robot, arm)
         places = poses[:, :3, 3] - base
         reach = float(np.linalg.norm(places, axis=1).max())
@@ -165,26 +189,31 @@ def base_of(robot: Robot, arm: Arm) -> Array:
     return np.array(data.oMi[int(arm.columns[0]) + 1].translation)
 
 
+def tilt_of(pose: Array) -> float:
+    """Return the angle between the approach of a hand, in a pose of shape (4, 4), and straight down [rad]."""
+    return float(np.arccos(np.clip(DOWN @ pose[:3, 2], -1.0, 1.0)))
+
+
 def floor_of(robot: Robot) -> float:
     """Return the height of the lowest point of a robot at home [m]."""
     return float(min((points[:, 2].min() for _, points in placed_bodies(robot, robot.home)), default=0.0))
 
 
-def _middle_of_reach(drawn: list[_Drawn]) -> Array:
+def _middle_of_reach(drawn: list[_Drawn], how: HomeSettings) -> Array:
     """Return the place straight in front of an arm's base at the middle height, and rather far away, of those where
     hands can point down; array, shape (3,), in reaches.
     """
     places = np.concatenate([arm.places for arm in drawn])
-    front = -1.0 if places[:, 0].mean() < BACKWARDS else 1.0
-    ahead = front * places[:, 0] > IN_FRONT
-    down = np.concatenate([arm.approach for arm in drawn]) @ DOWN > STEEP
+    front = -1.0 if places[:, 0].mean() < how.backwards else 1.0
+    ahead = front * places[:, 0] > how.in_front
+    down = np.concatenate([arm.approach for arm in drawn]) @ DOWN > np.cos(how.steep)
     known = places[ahead & down] if (ahead & down).any() else places[ahead]
     if not len(known):
         return np.array([front * 0.5, 0.0, -0.15])
-    return np.array([front * np.quantile(front * known[:, 0], FAR), 0.0, np.median(known[:, 2])])
+    return np.array([front * np.quantile(front * known[:, 0], how.far), 0.0, np.median(known[:, 2])])
 
 
-def _facing(bases: Array, ahead: Array) -> Array:
+def _facing(bases: Array, ahead: Array, how: HomeSettings) -> Array:
     """Return the place of each hand from its base, in reaches: `ahead`, or between the bases of two arms that stand
     one behind the other, and so face each other; array, shape (n_arms, 3).
 
@@ -197,40 +226,40 @@ def _facing(bases: Array, ahead: Array) -> Array:
     if len(bases) != 2:
         return wanted
     way = bases[1] - bases[0]
-    room = 0.5 * (abs(way[0]) - APART)
-    if room > IN_FRONT and abs(way[0]) > abs(way[1]):
+    room = 0.5 * (abs(way[0]) - how.apart)
+    if room > how.in_front and abs(way[0]) > abs(way[1]):
         wanted[:, 0] = np.sign(way[0]) * min(room, abs(ahead[0])) * np.array([1.0, -1.0])
     return wanted
 
 
-def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tuple[Array, float]:
+def _settled(
+    robot: Robot, arm: Arm, q: Array, place: Array, reach: float, how: HomeSettings
+) -> tuple[Array, float]:
     """Return a configuration near to q whose hand points down at a place [m], or as nearly so as the joints allow,
     and by how many reaches and radians it misses that.
     """
     model, q = robot.model, q.copy()
     data, frame = model.createData(), model.getFrameId(arm.tip)
-    aside = np.eye(3)[
-        :2
-    ]  # of the axes about which a hand that points down is turned; the vertical one is free
+    aside = np.eye(3)[:2]  # the axes about which a hand that points down is turned; the vertical one is free
     miss = np.inf
-    for _ in range(N_STEPS):
+    for _ in range(how.n_steps):
         pose = robot.tool_pose(q, arm)
         error = np.concatenate([place - pose[:3, 3], aside @ np.cross(pose[:3, 2], DOWN)])
-        miss = float(np.linalg.norm(error[:3]) / reach + np.arccos(np.clip(pose[:3, 2] @ DOWN, -1.0, 1.0)))
-        if miss < SETTLED:
+        miss = float(np.linalg.norm(error[:3])) / reach + tilt_of(pose)
+        if miss < how.settled:
             break
         moved = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL_WORLD_ALIGNED)[:, arm.columns]
         lever = pose[:3, 3] - data.oMf[frame].translation
         rates = np.concatenate([moved[:3] + np.cross(moved[3:].T, lever).T, aside @ moved[3:]])
-        square = rates @ rates.T + DAMPING * np.eye(5)
-        q[arm.columns] += GAIN * rates.T @ np.linalg.solve(square, error)
+        square = rates @ rates.T + how.damping * np.eye(5)
+        q[arm.columns] += how.gain * rates.T @ np.linalg.solve(square, error)
         q = np.clip(q, robot.lower, robot.upper)
     return q, miss
 
 
-def _first_free(robot: Robot, some: list[Array], later: set[int]) -> Array | None:
-    """Return the first configuration at which nothing touches, with a margin if one has it; None if none does."""
-    near = (each for margin in (FREE, 0.0) for each in some if _is_free(robot, each, margin, later))
+def _first_free(robot: Robot, some: list[Array], later: set[int], spare: float) -> Array | None:
+    """Return the first configuration at which nothing touches, with a margin [m] if one has it; None if none does."""
+    near = (each for margin in (spare, 0.0) for each in some if _is_free(robot, each, margin, later))
     return next(near, None)
 
 

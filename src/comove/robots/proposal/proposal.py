@@ -16,40 +16,59 @@ import numpy as np
 import pinocchio as pin
 import yaml
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from comove.errors import ComoveWarning, RobotError
+from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.description import RobotFile
 from comove.robots.model import Arm, Robot, assembled, frame_of_joint
-from comove.robots.proposal.bodies import link_of, placed_bodies
-from comove.robots.proposal.examination import near_but_apart, overloaded, pairs_of, touching
-from comove.robots.proposal.homes import Homes, homes_of
-from comove.robots.proposal.tree import Chain, Tree
-from comove.robots.soundness import number
+from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
+from comove.robots.proposal.examination import overloaded
+from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
+from comove.robots.proposal.tree import ArmShape, Chain, Tree
 from comove.robots.urdf import CONVERT, resolve
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
-APART = 0.8  # m, between the bases of two models
 SIDES = ("left", "right")
 TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}  # rad/s, N m; m/s, N
 # By kind of joint, where a URDF states nothing above 0.
 GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
-ENDLESS = 3.14  # rad, either way, of joints that turn without end
-SPRINGS = 0.9  # share of a weight that is too much for a motor, guessed to be held by springs
-ALWAYS = 0.95  # share of random configurations from which on a pair counts as always touching
-# m, of a tip and of the centre of mass from the last joint, from where on they tell the direction of approach; that
-# centre lies behind a bare flange, but by less
-APART_FROM_WRIST, HEAVY_FROM_WRIST = 0.01, 0.02
-BETWEEN, GRIP = 0.3, 0.75  # of fingers' length: where a tip lies between them, and where a tool is put
-N_SAMPLES = 300  # random configurations that tell which pairs of links touch always, and which come near
 TOLD = {
     "Always": "touch in every configuration",
     "Never": "come near each other, but were never seen to touch",
 }
 TOOLS = re.compile(r"tcp|grasp|tool_frame|gripper$", re.IGNORECASE)  # names of frames between fingers
 SIDE_OF = re.compile(r"(?:^|[_/])((?i:left|right|l|r))(?=[_/]|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
+
+
+@dataclass(frozen=True)
+class ProposalSettings:
+    """Settings of guesses.
+
+    Attributes
+    ----------
+    endless : limit, either way, of joints that turn without end or state none [rad]
+    springs : share of a weight that is too much for a motor, guessed to be held by springs
+    n_samples : random configurations that tell which pairs of links touch always, and which come near
+    always : share of these from which on a pair counts as always touching
+    tip_off : distance of a tip from the last joint from which on it tells the direction of approach [m]
+    mass_off : likewise of the centre of mass, which lies behind a bare flange, but by less [m]
+    between : share of the fingers' length from which on a tip lies between them
+    grip : share of the fingers' length at which a tool is put
+    arm, home : settings of the search for arms, and for their homes
+    """
+
+    endless: float = 3.14
+    springs: float = 0.9
+    n_samples: int = 300
+    always: float = 0.95
+    tip_off: float = 0.01
+    mass_off: float = 0.02
+    between: float = 0.3
+    grip: float = 0.75
+    arm: ArmShape = field(default_factory=ArmShape)
+    home: HomeSettings = field(default_factory=HomeSettings)
 
 
 @dataclass(frozen=True)
@@ -80,15 +99,27 @@ class Proposal:
 
 @dataclass(frozen=True)
 class _Part:
-    """One URDF among the models: its entry in the description, its text and its arms."""
+    """One URDF among the models: its entry in the description, its joints and its arms."""
 
     entry: dict[str, Any]
-    text: str
+    tree: Tree
     chains: tuple[Chain, ...]
     notes: tuple[str, ...]
 
+    @property
+    def prefix(self) -> str:
+        """Return what is put before its names."""
+        return str(self.entry.get("prefix", ""))
 
-def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int = 0) -> Proposal:
+
+def propose(
+    urdfs: Sequence[str],
+    file: Path,
+    *,
+    apart: float = 0.8,
+    seed: int = 0,
+    settings: ProposalSettings = ProposalSettings(),
+) -> Proposal:
     """Propose the description of a robot that one or several URDFs form.
 
     Parameters
@@ -104,34 +135,35 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
     RobotError
         If a URDF is missing or unsound, or there is no arm in it.
     """
-    parts = tuple(_part(urdf, i, len(urdfs), file, apart) for i, urdf in enumerate(urdfs))
+    parts = tuple(_part(urdf, i, len(urdfs), file, apart, settings.arm) for i, urdf in enumerate(urdfs))
     data: dict[str, Any] = {"name": _name_of(file), "models": [part.entry for part in parts], "arms": {}}
     notes = [note for part in parts for note in part.notes]
     limits: dict[str, dict[str, float]] = {}
     posture: dict[str, float] = {}
     for part in parts:
-        prefix = part.entry.get("prefix", "")
+        prefix, joints = part.prefix, {joint.name: joint for joint in part.tree.joints}
         for chain in part.chains:
             name = _arm_name(chain, prefix, data["arms"])
             data["arms"][name] = {"tip": prefix + chain.tip}
             if chain.fingers:
                 data["arms"][name]["fingers"] = [prefix + finger for finger in chain.fingers]
-            trunk = {prefix + joint: _nearest_to_0(part.text, joint) for joint in chain.trunk}
+            trunk = {prefix + joint: joints[joint].nearest_to_0 for joint in chain.trunk}
             if trunk.keys() - posture.keys():
                 notes.append(f"all arms hang on {', '.join(trunk)}: `posture` says where that stays")
             posture |= trunk
-        guessed = _limits_of(part, prefix)
+        guessed = _limits_of(part, settings.endless)
         limits |= guessed
         if guessed:
             notes.append(
                 f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
                 "put the maker's there"
             )
-        lost = _leaderless(part.text)
-        posture |= {prefix + joint: _nearest_to_0(part.text, joint) for joint in lost}
+        lost = [joint for joint in part.tree.joints if joint.leader not in (None, *joints)]
+        posture |= {prefix + joint.name: joint.nearest_to_0 for joint in lost}
         notes += [
-            f"'{prefix}{joint}' goes along with '{leader}', which is not there: `posture` says where it stays"
-            for joint, leader in lost.items()
+            f"'{prefix}{joint.name}' goes along with '{joint.leader}', which is not there: `posture` says where it "
+            "stays"
+            for joint in lost
         ]
     if not data["arms"]:
         raise RobotError(
@@ -146,23 +178,23 @@ def propose(urdfs: Sequence[str], file: Path, *, apart: float = APART, seed: int
     notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
     with warnings.catch_warnings():  # they come once, with the last robot
         warnings.simplefilter("ignore", ComoveWarning)
-        data, more = _with_tools(data, _robot(data, file), parts)
+        data, more = _with_tools(data, _robot(data, file), parts, settings)
         robot, notes = _robot(data, file), notes + more
-    left_out = _left_out(robot, parts, seed)
+    left_out = _left_out(robot, parts, seed, settings)
     srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
     pairs = [pair for part in parts for pair in _named(part, left_out)]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
     robot = _without(robot, pairs)
-    homes: Homes = homes_of(robot, seed)
+    homes: Homes = homes_of(robot, seed, settings.home)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
         data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
     notes += homes.notes
     weak = overloaded(_robot(data, file))
     if weak:
-        data["springs"] = dict.fromkeys(weak, SPRINGS)
+        data["springs"] = dict.fromkeys(weak, settings.springs)
         notes.append(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
-            f"springs hold {SPRINGS:.0%} of it, of which a URDF does not know"
+            f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
         )
     return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
 
@@ -185,14 +217,14 @@ def _srdf_beside(urdf: Path) -> Path | None:
     return next((p for p in own if p.stem.startswith(urdf.stem) or urdf.stem.startswith(p.stem)), None)
 
 
-def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
+def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
     """Read one URDF and find its arms."""
     path = resolve(urdf, file) if "://" in urdf else Path(urdf)
     try:
         text = path.read_text(encoding="utf-8")
         if ET.fromstring(text).tag == "mujoco":
             raise RobotError(f"'{urdf}' is a model of MuJoCo's", file=file, way_out=CONVERT)
-        tree = Tree.of(text)
+        tree = Tree.of(text, shape)
     except (OSError, UnicodeDecodeError, ET.ParseError, IndexError, AttributeError) as error:
         raise RobotError(
             f"'{urdf}' cannot be read: {error}", file=file, way_out="name a URDF; xacro makes one of a .xacro"
@@ -218,7 +250,7 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
             notes.append(
                 f"the chain from '{chain.joints[0]}' to '{chain.tip}' was taken for no arm: it stays"
             )
-    return _Part(entry, text, tuple(c for c in chains if not c.is_other), tuple(notes))
+    return _Part(entry, tree, tuple(c for c in chains if not c.is_other), tuple(notes))
 
 
 def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
@@ -232,45 +264,26 @@ def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
     return name
 
 
-def _limits_of(part: _Part, prefix: str) -> dict[str, dict[str, float]]:
-    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one."""
+def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
+    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one.
+
+    Parameters
+    ----------
+    endless : limit, either way, of joints that turn without end [rad]
+    """
     found: dict[str, dict[str, float]] = {}
     moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
-    for joint in ET.fromstring(part.text).findall("joint"):
-        kind, name, limit = str(joint.get("type")), str(joint.get("name")), joint.find("limit")
-        stated = {} if limit is None else {key: number(text) for key, text in limit.attrib.items()}
-        usual = GUESSED.get(kind, {})
+    for joint in part.tree.joints:
+        stated, usual = joint.limits, GUESSED.get(joint.kind, {})
         missing = {key: value for key, value in usual.items() if key not in stated}
-        if name in moving:
+        if joint.name in moving:
             missing = {key: value for key, value in usual.items() if not (stated.get(key) or 0.0) > 0.0}
-            lower, upper = stated.get("lower") or 0.0, stated.get("upper") or 0.0
-            if kind == "continuous" or not lower < upper:
-                missing |= {"lower": -ENDLESS, "upper": ENDLESS}
+            lower, upper = joint.bounds
+            if joint.kind == "continuous" or not lower < upper:
+                missing |= {"lower": -endless, "upper": endless}
         if missing:
-            found[prefix + name] = missing
+            found[part.prefix + joint.name] = missing
     return found
-
-
-def _leaderless(text: str) -> dict[str, str]:
-    """Return the joints that go along with one which their URDF does not have, and its name."""
-    joints = ET.fromstring(text).findall("joint")
-    names = {joint.get("name") for joint in joints}
-    leaders = {
-        str(joint.get("name")): str(mimic.get("joint"))
-        for joint in joints
-        for mimic in joint.findall("mimic")
-    }
-    return {joint: leader for joint, leader in leaders.items() if leader not in names}
-
-
-def _nearest_to_0(text: str, name: str) -> float:
-    """Return the position of a joint within its limits that is nearest to 0."""
-    for joint in ET.fromstring(text).findall("joint"):
-        limit = joint.find("limit")
-        if joint.get("name") == name and limit is not None and joint.get("type") != "continuous":
-            lower, upper = (number(limit.get(key, "0")) or 0.0 for key in ("lower", "upper"))
-            return min(max(0.0, lower), upper)
-    return 0.0
 
 
 def _robot(data: dict[str, Any], file: Path) -> Robot:
@@ -278,10 +291,10 @@ def _robot(data: dict[str, Any], file: Path) -> Robot:
 
 
 def _with_tools(
-    data: dict[str, Any], robot: Robot, parts: Sequence[_Part]
+    data: dict[str, Any], robot: Robot, parts: Sequence[_Part], how: ProposalSettings
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the description with a grasp frame for every arm whose tip is none, and notes about them."""
-    chains = [(part.entry.get("prefix", ""), chain) for part in parts for chain in part.chains]
+    chains = [(part.prefix, chain) for part in parts for chain in part.chains]
     arms, notes = dict(data["arms"]), []
     bodies = list(placed_bodies(robot, robot.home))
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
@@ -290,39 +303,57 @@ def _with_tools(
         frames, at_tip = _finger_frames(robot, arm), TOOLS.search(chain.tip) is not None
         if not chain.fingers:
             if not at_tip:
-                found, note = _flange(robot, arm, frames[0], held)
-                arms[arm.name] = arms[arm.name] | found
+                tool, note = _flange(robot, arm, frames[0], held, how)
+                arms[arm.name] = arms[arm.name] | tool
                 notes.append(note)
             continue
         turn, begin = _grasp_axes(frames)
         approach = turn[:, 2]
         end = _farthest(robot, arm, approach, held, begin)
-        between = at_tip and begin + BETWEEN * (end - begin) <= 0.0
+        between = at_tip and begin + how.between * (end - begin) <= 0.0
         if between and approach[2] > 0.5:
             continue
-        tool: dict[str, Any] = {}
-        if (turned := Rotation.from_matrix(turn)).magnitude() > 1e-6:
-            tool["quaternion_wxyz"] = [round(float(v), 6) for v in turned.as_quat(scalar_first=True)]
-        axis = "xyz"[int(np.abs(approach).argmax())]
-        sign = "-" if approach.sum() < 0 else ""
         if between:
+            arms[arm.name] = arms[arm.name] | _tool(turn, 0.0)
             notes.append(
-                f"the tool of '{arm.name}' turns '{arm.tip}', whose fingers point along its {sign}{axis}, so that z "
-                "is the direction of approach"
+                f"the tool of '{arm.name}' turns '{arm.tip}', whose fingers point along its {_axis_name(approach)}, "
+                "so that z is the direction of approach"
             )
-        else:
-            tool["position"] = [round(float(v), 4) for v in (begin + GRIP * (end - begin)) * approach]
-            where = f"{GRIP:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
-            notes.append(
-                f"the tool of '{arm.name}' is {where}, its approach along {sign}{axis} of '{arm.tip}': see the "
-                "picture, and move it between the finger tips"
-            )
-        arms[arm.name] = arms[arm.name] | {"tool": tool}
+            continue
+        arms[arm.name] = arms[arm.name] | _tool(turn, begin + how.grip * (end - begin))
+        where = f"{how.grip:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
+        notes.append(
+            f"the tool of '{arm.name}' is {where}, its approach along {_axis_name(approach)} of '{arm.tip}': see the "
+            "picture, and move it between the finger tips"
+        )
     return data | {"arms": arms}, notes
 
 
-def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) -> tuple[dict[str, Any], str]:
-    """Return the tool of an arm without fingers, where it is not its tip, and a note about it.
+def _tool(turn: Array, along: float) -> dict[str, Any]:
+    """Return the entry of a tool, empty where it is the tip itself.
+
+    Parameters
+    ----------
+    turn : array, shape (3, 3), its axes in those of the tip
+    along : where it is along its approach, from the tip [m]
+    """
+    tool = {}
+    if np.abs(turn - np.eye(3)).max() > 1e-6:
+        tool["quaternion_wxyz"] = quaternion_of_rotation(turn).round(6).tolist()
+    if along != 0.0:
+        tool["position"] = (along * turn[:, 2]).round(4).tolist()
+    return {"tool": tool} if tool else {}
+
+
+def _axis_name(axis: Array) -> str:
+    """Return the name of a signed axis."""
+    return f"{'-' if axis.sum() < 0 else ''}{'xyz'[int(np.abs(axis).argmax())]}"
+
+
+def _flange(
+    robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array], how: ProposalSettings
+) -> tuple[dict[str, Any], str]:
+    """Return the entry of the tool of an arm without fingers, and a note about it.
 
     The approach leads away from the last joint: to the tip, where that lies apart, or else to the centre of mass of
     all that the joint moves. The load is at the end of what is fixed to the tip, or at that centre without a body.
@@ -333,26 +364,19 @@ def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) ->
     hand : as in `_farthest`
     """
     center, approach, least = _center_of_mass(robot, arm), np.array([0.0, 0.0, 1.0]), 0.0
-    if np.linalg.norm(from_wrist) > APART_FROM_WRIST:
+    if np.linalg.norm(from_wrist) > how.tip_off:
         approach = _nearest_axis(from_wrist)
-    elif np.linalg.norm(from_wrist + center) > HEAVY_FROM_WRIST:
+    elif np.linalg.norm(from_wrist + center) > how.mass_off:
         approach = _nearest_axis(from_wrist + center)
         least = float(center @ approach)
     end = _farthest(robot, arm, approach, hand, least)
     axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
     axes[:, 0] *= np.linalg.det(axes)
-    tool: dict[str, Any] = {}
-    if approach[2] < 0.5:
-        quaternion = Rotation.from_matrix(axes).as_quat(scalar_first=True)
-        tool["quaternion_wxyz"] = [round(float(v), 6) for v in quaternion]
-    if end > 0.0:
-        tool["position"] = [round(float(v), 4) for v in end * approach]
-    axis, sign = "xyz"[int(np.abs(approach).argmax())], "-" if approach.sum() < 0 else ""
-    note = (
+    return _tool(axes, max(end, 0.0)), (
         f"the arm '{arm.name}' ends in '{arm.tip}' without fingers: its tool is taken for the end of that, its "
-        f"approach along {sign}{axis}; give the one that it holds the load with, tool: {{position: [0, 0, LENGTH]}}"
+        f"approach along {_axis_name(approach)}; give the one that it holds the load with, "
+        "tool: {position: [0, 0, LENGTH]}"
     )
-    return {"tool": tool} if tool else {}, note
 
 
 def _center_of_mass(robot: Robot, arm: Arm) -> Array:
@@ -421,7 +445,9 @@ def _nearest_axis(vector: Array) -> Array:
     return axis
 
 
-def _left_out(robot: Robot, parts: Sequence[_Part], seed: int) -> dict[str, dict[Pair, str]]:
+def _left_out(
+    robot: Robot, parts: Sequence[_Part], seed: int, how: ProposalSettings
+) -> dict[str, dict[Pair, str]]:
     """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
 
     Links of different models must not touch, wherever the bases stand.
@@ -431,28 +457,28 @@ def _left_out(robot: Robot, parts: Sequence[_Part], seed: int) -> dict[str, dict
     by URDF its pairs, as it names the links, with the reason of each as SRDF has it
     """
     rng = np.random.default_rng(seed)
-    drawn = rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower)))
+    drawn = rng.uniform(robot.lower, robot.upper, (how.n_samples, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
-    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS}
-    never = near_but_apart(robot, N_SAMPLES, rng)
+    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= how.always}
+    never = near_but_apart(robot, how.n_samples, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     for part, ((a, b), reason) in product(parts, reasons.items()):
-        prefix = part.entry.get("prefix", "")
-        if a.startswith(prefix) and b.startswith(prefix):
-            found[part.entry["urdf"]][a.removeprefix(prefix), b.removeprefix(prefix)] = reason
+        if a.startswith(part.prefix) and b.startswith(part.prefix):
+            inside = a.removeprefix(part.prefix), b.removeprefix(part.prefix)
+            found[part.entry["urdf"]][inside] = reason
     return found
 
 
 def _named(part: _Part, left_out: dict[str, dict[Pair, str]]) -> list[tuple[Pair, str]]:
     """Return a model's pairs that are left out, as the robot names their links, and the reasons."""
-    prefix = part.entry.get("prefix", "")
-    return [((prefix + a, prefix + b), reason) for (a, b), reason in left_out[part.entry["urdf"]].items()]
+    pairs = left_out[part.entry["urdf"]].items()
+    return [((part.prefix + a, part.prefix + b), reason) for (a, b), reason in pairs]
 
 
 def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:
     """Return the SRDF of a model with those of its pairs that are left out."""
-    top = ET.Element("robot", name=ET.fromstring(part.text).get("name", "robot"))
+    top = ET.Element("robot", name=part.tree.name)
     if "srdf" in part.entry:
         top = ET.fromstring(resolve(part.entry["srdf"], file).read_bytes())
     for (one, other), reason in left_out[part.entry["urdf"]].items():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, pi
@@ -16,16 +16,30 @@ from math import inf, pi
 from comove.robots.soundness import number
 
 MOVING = ("revolute", "continuous", "prismatic")
-LEAST = 4  # joints of an arm
-MOST_OF_FINGER = 4  # joints
-LONGEST_FINGER = 5  # joints, as the thumb and the little finger of a Shadow hand have
-MANY = 3  # joints that leave the hand of an arm
 OTHERS = re.compile(r"leg|hip|knee|ankle|foot|toe|wheel|thigh|calf|neck|head|gaze", re.IGNORECASE)
 FINGERS = re.compile(r"finger|gripper|jaw|knuckle|thumb|claw", re.IGNORECASE)
 TIPS = tuple(  # names of the last frame of an arm, the best first
     re.compile(pattern, re.IGNORECASE)
     for pattern in ("tcp", "grasp", "tool", "gripper$", "(^|_)ee(_|$)|eef", "palm", "hand", "gripper")
 )
+
+
+@dataclass(frozen=True)
+class ArmShape:
+    """Numbers that tell arms, hands and fingers apart.
+
+    Attributes
+    ----------
+    least : joints of an arm
+    finger : joints of the fingers that leave a palm, at most
+    longest_finger : joints of any finger, at most: as many as thumb and little finger of a Shadow hand have
+    many : joints that leave a body, from which on it is a hand
+    """
+
+    least: int = 4
+    finger: int = 4
+    longest_finger: int = 5
+    many: int = 3
 
 
 @dataclass(frozen=True)
@@ -36,30 +50,44 @@ class Joint:
     ----------
     name, kind : name and type
     parent, child : links that it connects
-    follows : whether it goes along with another joint
-    range : between its limits [rad, m]; inf of one that turns without end, 0 of one whose limits are not stated
+    leader : name of the joint that it goes along with; None where it moves by itself
+    limits : the numbers that are stated, by name; None where a text is none
     """
 
     name: str
     kind: str
     parent: str
     child: str
-    follows: bool
-    range: float
+    leader: str | None
+    limits: Mapping[str, float | None]
 
     @property
     def moves(self) -> bool:
         """Return whether it has a motor of its own."""
-        return self.kind in MOVING and not self.follows
+        return self.kind in MOVING and self.leader is None
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Return its lower and upper limit [rad, m]; 0 where none is stated, infinite where it turns without end."""
+        if self.kind == "continuous":
+            return -inf, inf
+        return self.limits.get("lower") or 0.0, self.limits.get("upper") or 0.0
+
+    @property
+    def nearest_to_0(self) -> float:
+        """Return its position within its limits that is nearest to 0 [rad, m]."""
+        lower, upper = self.bounds
+        return min(max(0.0, lower), upper)
 
     @property
     def grips(self) -> bool:
         """Return whether it may be a finger's: it slides, follows, or has such a name and turns by less than half a
         turn, as wrists of that name do not.
         """
-        return (
-            self.kind == "prismatic" or self.follows or (bool(FINGERS.search(self.name)) and self.range < pi)
-        )
+        if self.kind == "prismatic" or self.leader is not None:
+            return True
+        lower, upper = self.bounds
+        return bool(FINGERS.search(self.name)) and upper - lower < pi
 
 
 @dataclass(frozen=True)
@@ -103,15 +131,19 @@ class Tree:
 
     Attributes
     ----------
+    name : name of the model
     root : link without a parent
     joints : all joints
+    shape : numbers that tell arms, hands and fingers apart
     """
 
+    name: str
     root: str
     joints: tuple[Joint, ...]
+    shape: ArmShape = ArmShape()
 
     @classmethod
-    def of(cls, urdf: str) -> Tree:
+    def of(cls, urdf: str, shape: ArmShape = ArmShape()) -> Tree:
         """Return the tree of a URDF's text, which has been found sound (`comove.robots.soundness`)."""
         top = ET.fromstring(urdf)
         joints = tuple(
@@ -120,14 +152,14 @@ class Tree:
                 joint.get("type", ""),
                 joint.find("parent").get("link", ""),  # type: ignore[union-attr]  # sound
                 joint.find("child").get("link", ""),  # type: ignore[union-attr]
-                joint.find("mimic") is not None,
-                _range(joint),
+                next((mimic.get("joint", "") for mimic in joint.findall("mimic")), None),
+                {key: number(text) for limit in joint.findall("limit") for key, text in limit.attrib.items()},
             )
             for joint in top.findall("joint")
         )
         children = {joint.child for joint in joints}
         roots = [link.get("name", "") for link in top.findall("link") if link.get("name") not in children]
-        return cls(roots[0], joints)
+        return cls(top.get("name", "robot"), roots[0], joints, shape)
 
     @cached_property
     def _below(self) -> dict[str, list[Joint]]:
@@ -156,20 +188,22 @@ class Tree:
     def is_palm(self, link: str) -> bool:
         """Return whether only fingers leave the body of a link."""
         leaving = self.leaving(link)
-        short = all(self.depth(joint) <= MOST_OF_FINGER for joint in leaving)
+        short = all(self.depth(joint) <= self.shape.finger for joint in leaving)
         of_gripper = [joint for joint in leaving if joint.grips]
         return bool(leaving) and short and (len(leaving) > 1 or len(of_gripper) == len(leaving))
 
     def chains(self) -> tuple[Chain, ...]:
         """Return the arms of the robot, and what else is as long as an arm."""
-        return tuple(chain for chain in self._from(self.root, (), ()) if len(chain.joints) >= LEAST)
+        found = self._from(self.root, (), ())
+        return tuple(chain for chain in found if len(chain.joints) >= self.shape.least)
 
     def _from(self, link: str, trunk: tuple[str, ...], joints: tuple[str, ...]) -> Iterator[Chain]:
         """Yield the chains that leave the body of a link, which the joints of a trunk and `joints` have led to."""
-        leaving = self.leaving(link)
-        deep = sum(self.depth(joint) > LONGEST_FINGER for joint in leaving)
+        leaving, shape = self.leaving(link), self.shape
+        deep = sum(self.depth(joint) > shape.longest_finger for joint in leaving)
         is_chest = deep == 2  # models of hands have such fingers as well, but more
-        at_hand = len(joints) >= LEAST and not is_chest and (self.is_palm(link) or len(leaving) >= MANY)
+        has_fingers = self.is_palm(link) or len(leaving) >= shape.many
+        at_hand = len(joints) >= shape.least and not is_chest and has_fingers
         if not leaving or at_hand:
             fingers = tuple(self._all_from(leaving))
             moved = (link for finger in fingers for link in self.body(finger.child))
@@ -177,7 +211,7 @@ class Tree:
                 trunk, joints, self.body(link), tuple(finger.name for finger in fingers), tuple(moved)
             )
             return
-        long = [joint for joint in leaving if self.depth(joint) >= LEAST]
+        long = [joint for joint in leaving if self.depth(joint) >= shape.least]
         if len(long) > 1:
             for joint in long:
                 yield from self._from(joint.child, (*trunk, *joints), (joint.name,))
@@ -190,14 +224,3 @@ class Tree:
         for joint in joints:
             yield joint
             yield from self._all_from(self.leaving(joint.child))
-
-
-def _range(joint: ET.Element) -> float:
-    """Return by how much a joint turns or slides [rad, m]; 0 where its URDF states no limits of it."""
-    limit = joint.find("limit")
-    if joint.get("type") == "continuous":
-        return inf
-    lower, upper = (
-        number("0" if limit is None else limit.get(key, "0")) or 0.0 for key in ("lower", "upper")
-    )
-    return max(upper - lower, 0.0)

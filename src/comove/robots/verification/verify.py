@@ -26,8 +26,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.robots.description import Uncertainty
 from comove.robots.model import Robot
-from comove.robots.motion import JointMotion
-from comove.robots.streaming import JointCommand, commands
+from comove.robots.motion import JointCommand, JointMotion, commands
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried

@@ -5,7 +5,7 @@ import pytest
 
 from comove.errors import OptionError, RobotError
 from comove.robots import JointMotion, verify_joints
-from comove.robots.streaming import commands
+from comove.robots.motion import commands
 from tests.robots.known_carry import baxter, known_carry
 
 EVERY = np.arange(14)
