@@ -8,12 +8,11 @@ twice). Warps are relative to their mean: the aligned movement has the mean pace
 from __future__ import annotations
 
 from collections.abc import Sequence
-from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import OptionError, near_name
+from comove.primitives.arguments import NamedOption
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
@@ -23,27 +22,11 @@ ROUNDS = 3  # of warping to the mean, which gets sharper each time
 SLOPE_WEIGHT = 0.3  # of velocities beside positions, both relative to their own spread over time
 
 
-class Alignment(StrEnum):
+class Alignment(NamedOption):
     """A way in which recordings are aligned in time."""
 
     DURATION = "duration"
     WARPING = "warping"
-
-    @classmethod
-    def named(cls, name: str) -> Alignment:
-        """Return the alignment with the given name.
-
-        Raises
-        ------
-        OptionError
-            If there is no such alignment.
-        """
-        try:
-            return cls(name)
-        except ValueError:
-            raise OptionError(
-                f"alignment = {name!r}", way_out=near_name(str(name), [known.value for known in cls])
-            ) from None
 
 
 def aligned(times: Sequence[Array], positions: Sequence[Array], alignment: Alignment) -> list[Array]:

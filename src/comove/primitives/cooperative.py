@@ -203,19 +203,20 @@ class CooperativeDMP:
 
         Arguments are as for `PoseDMP.towards`.
         """
-        ends = {
-            "start": start,
-            "goal": goal,
-            "start_velocity": start_velocity,
-            "goal_velocity": goal_velocity,
-        }
-        given: dict[str, Any] = {name: end for name, end in ends.items() if end is not None}
-        if self.load is None and given:
+        load = None
+        if self.load is not None:
+            load = self.load.towards(
+                start=start,
+                goal=goal,
+                duration=duration,
+                start_velocity=start_velocity,
+                goal_velocity=goal_velocity,
+            )
+        elif any(end is not None for end in (start, goal, start_velocity, goal_velocity)):
             raise OptionError(
                 "hands that move for themselves have no common start or goal",
                 way_out="change the movement of each",
             )
-        load = None if self.load is None else self.load.towards(duration=duration, **given)
         hands = {
             name: hand.towards(duration=duration) if isinstance(hand, PoseDMP) else hand
             for name, hand in self.hands.items()

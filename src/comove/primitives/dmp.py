@@ -181,20 +181,27 @@ class DMP:
             phase=phase or variant.usual_phase,
             variant=variant,
         )
-        weights = dmp._shape_of(time, position)
+        fitted = dmp.shaped(time, position)
         if variant is Variant.CLASSIC:
-            weights = np.where(_untaught(dmp, position)[:, None], 0.0, weights)
-        return replace(dmp, weights=weights)
+            untaught = _untaught(dmp, position)[:, None]
+            fitted = replace(fitted, weights=np.where(untaught, 0.0, fitted.weights))
+        return fitted
 
-    def _shape_of(self, time: Array, position: Array) -> Array:
-        """Return the shape weights, shape (n_dims, n_basis), that fit positions between the present ends best."""
+    def shaped(self, time: Array, position: Array) -> DMP:
+        """Return the movement between the same ends whose shape fits the positions best, without a check of them.
+
+        Parameters
+        ----------
+        time : array, shape (n_steps,), from 0 to the duration [s]
+        position : array, shape (n_steps, n_dims), [m]
+        """
         values = self.boundary_values()
 
         def design(block: slice) -> tuple[Array, Array]:
             boundary, shape = self.basis.at(time[block] / self.duration)
             return shape[0], position[block] - boundary[0] @ values
 
-        return _least_squares(design, len(time)).T
+        return replace(self, weights=_least_squares(design, len(time)).T)
 
     @classmethod
     def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:

@@ -151,12 +151,8 @@ def learn(
     """
     if poses and period is not None:
         raise OptionError(f"period = {period!r} of poses", way_out="leave it out")
-    dmp: DMP | PoseDMP
-    if poses:
-        dmp = PoseDMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
-    else:
-        options: dict[str, Any] = {"variant": variant, "phase": phase, "period": period, "at_rest": at_rest}
-        dmp = DMP.fit(demonstration, n_basis=n_basis, **options)
+    options: dict[str, Any] = {"n_basis": n_basis, "variant": variant, "phase": phase, "at_rest": at_rest}
+    dmp = PoseDMP.fit(demonstration, **options) if poses else DMP.fit(demonstration, period=period, **options)
     measures: dict[str, Any] = {}
     for what, error in _errors(dmp, demonstration).items():
         measures |= {f"{what}_rms": float(np.sqrt((error**2).mean())), f"{what}_max": float(error.max())}

@@ -9,7 +9,6 @@ stay.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
-from comove.primitives.basis import MAX_BASIS, MotionBasis
+from comove.primitives.average import mixed
+from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP, VECTORS
+from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.phase import Phase
-from comove.primitives.rhythm import RhythmicBasis
 from comove.primitives.variants import Variant
 from comove.trajectory import Trajectory
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-N_FIT = 801  # instants at which a movement is compared with its refit
+N_FIT = N_INTERVALS + 1  # instants at which a movement is compared with its refit: the knots
 
 
 def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None = None) -> DMP:
@@ -119,7 +119,8 @@ def reverse(dmp: DMP, *, n_basis: int | None = None) -> DMP:
         phase=dmp.phase,
         variant=Variant.CLOSED_FORM if dmp.variant is Variant.CLASSIC else dmp.variant,
     )
-    return _fitted(backwards, dmp.at(np.linspace(dmp.duration, 0.0, N_FIT)).position)
+    time = np.linspace(0.0, dmp.duration, N_FIT)
+    return backwards.shaped(time, dmp.at(time[::-1]).position)
 
 
 def blend(a: DMP, b: DMP, share: float) -> DMP:
@@ -150,16 +151,12 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
     if (a.variant, a.phase, a.weights.shape) != (b.variant, b.phase, b.weights.shape):
         count = max(a.weights.shape[1], b.weights.shape[1])
         a, b = (refitted(dmp, n_basis=count, phase=a.phase, variant=a.variant) for dmp in (a, b))
-    mix = {name: (1 - share) * getattr(a, name) + share * getattr(b, name) for name in _LINEAR}
-    if not mix["duration"] > 0:
+    duration = (1 - share) * a.duration + share * b.duration
+    if not duration > 0:
         raise OptionError(
-            f"share = {share!r} makes a duration of {mix['duration']:.4g} s",
-            way_out="give one nearer to 0 to 1",
+            f"share = {share!r} makes a duration of {duration:.4g} s", way_out="give one nearer to 0 to 1"
         )
-    for name in ("start_velocity", "goal_velocity"):
-        paces = [(1 - share) * a.duration * getattr(a, name), share * b.duration * getattr(b, name)]
-        mix[name] = (paces[0] + paces[1]) / mix["duration"]
-    return replace(a, **mix)
+    return mixed((a, b), np.array([1 - share, share]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,7 +235,8 @@ class MovementSequence:
             duration=self.duration,
             phase=phase or first.phase,
         )
-        return _fitted(whole, self.rollout(n_steps=N_FIT).position)
+        played = self.rollout(n_steps=N_FIT)
+        return whole.shaped(played.time, played.position)
 
 
 def sequence(*movements: DMP, overlap: float = 0.0) -> MovementSequence:
@@ -314,7 +312,8 @@ def refitted(
         raise OptionError("a rhythmic movement is none that ends", way_out="keep its variant")
     if wanted.variant is Variant.CLASSIC:
         wanted = replace(wanted, variant=Variant.CLOSED_FORM)
-    return _fitted(wanted, dmp.rollout(n_steps=N_FIT).position)
+    played = dmp.rollout(n_steps=N_FIT)
+    return wanted.shaped(played.time, played.position)
 
 
 def in_space(dmp: DMP, plane: str) -> DMP:
@@ -328,9 +327,6 @@ def in_space(dmp: DMP, plane: str) -> DMP:
     if dmp.variant is Variant.DMP_PLUS_PLUS:
         dmp = settled(dmp)  # half a turn is about another axis there
     return replace(dmp, **{name: laid @ getattr(dmp, name) for name in ("weights", *VECTORS)})
-
-
-_LINEAR = ("weights", "start", "goal", "learned", "duration")
 
 
 def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
@@ -353,19 +349,6 @@ def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
     if missed > 1e-9 * np.abs(right).max():  # half a turn of what was learned: its axis is not turned along
         mapped = replace(mapped, weights=right, learned=mapped.goal - mapped.start)
     return mapped
-
-
-def _fitted(dmp: DMP, position: Array) -> DMP:
-    """Return the movement with the weights that fit the positions at `N_FIT` even times best."""
-    of_boundary, of_position = _solver(dmp.basis)
-    return replace(dmp, weights=(of_position @ (position - of_boundary @ dmp.boundary_values())).T)
-
-
-@lru_cache(maxsize=16)
-def _solver(basis: MotionBasis | RhythmicBasis) -> tuple[Array, Array]:
-    """Return the boundary matrix and the pseudo-inverse of the shape matrix at `N_FIT` even times."""
-    boundary, shape = basis.at(np.linspace(0.0, 1.0, N_FIT))
-    return boundary[0], np.linalg.pinv(shape[0])
 
 
 def _require_positions(dmp: DMP) -> None:

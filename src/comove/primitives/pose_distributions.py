@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.demonstrations.samples import RecordedSamples
 from comove.errors import DemonstrationError, OptionError
 from comove.geometry import rotations
 from comove.primitives.alignment import Alignment
@@ -261,20 +262,6 @@ class PoseProMP:
         return np.concatenate([self._coordinates(poses[hand], i) for i, hand in enumerate(names)])
 
 
-@dataclass(frozen=True, eq=False)
-class _Flat:
-    """A recording whose coordinates are position and rotation vector."""
-
-    time: Array
-    position: Array
-    unit: str
-
-    @property
-    def start_velocity(self) -> Array:
-        """Return nothing that is known; distributions estimate it."""
-        return np.zeros(self.position.shape[1])
-
-
 def _by_hand(demonstration: object, number: int) -> dict[str, Any]:
     """Return a recording's parts by manipulator, after a check that they have orientations in space."""
     parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
@@ -307,7 +294,7 @@ def _mean_orientation(recordings: Sequence[Any]) -> Array:
 
 def _flat(hands: Mapping[str, Any], references: Sequence[Array], number: int) -> Any:
     """Return a recording in coordinates relative to the references: one, or a mapping by manipulator."""
-    flat: dict[str, _Flat] = {}
+    flat: dict[str, RecordedSamples] = {}
     for (name, part), reference in zip(hands.items(), references, strict=True):
         relative = rotations.quaternion_product(numbers(part.orientation), rotations.conjugate(reference))
         relative = relative * np.where(relative[:, :1] < 0, -1.0, 1.0)
@@ -321,5 +308,5 @@ def _flat(hands: Mapping[str, Any], references: Sequence[Array], number: int) ->
             )
         vectors = relative[:, 1:] * np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0)
         position = np.concatenate([numbers(part.position), vectors], axis=1)
-        flat[name] = _Flat(numbers(part.time), position, getattr(part, "unit", "m"))
+        flat[name] = RecordedSamples(numbers(part.time), position, unit=getattr(part, "unit", "m"))
     return flat[""] if set(flat) == {""} else flat

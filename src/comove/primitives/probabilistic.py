@@ -326,29 +326,23 @@ class ProMP:
         ComoveWarning
             If a point is more than five standard deviations from the mean; names the distance.
         """
+        from scipy.linalg import block_diag  # slow to import
+
+        if not via:
+            raise OptionError("there is no via-point", way_out="give ViaPoint(time, position)")
         columns = self._columns_of(manipulator)
-        rows, targets, variances = [], [], []
+        rows, targets, noises = [], [], []
         for point in via:
             row, target = self._via_rows(point, columns)
-            known = [covariance_of("position_covariance", position_covariance, len(columns))]
+            noise = covariance_of("position_covariance", position_covariance, len(columns))
             if point.velocity is not None:
-                known.append(covariance_of("velocity_covariance", velocity_covariance, len(columns)))
-            variance = np.zeros((len(target), len(target)))
-            for i, part in enumerate(known):
-                at = slice(i * len(columns), (i + 1) * len(columns))
-                variance[at, at] = part
-            self._tell_far(point, row, target, variance)
+                of_velocity = covariance_of("velocity_covariance", velocity_covariance, len(columns))
+                noise = block_diag(noise, of_velocity)
+            self._tell_far(point, row, target, noise)
             rows.append(row)
             targets.append(target)
-            variances.append(variance)
-        if not rows:
-            raise OptionError("there is no via-point", way_out="give ViaPoint(time, position)")
-        total = sum(map(len, targets))
-        noise, first = np.zeros((total, total)), 0
-        for variance in variances:
-            last = first + len(variance)
-            noise[first:last, first:last], first = variance, last
-        return self._conditioned(np.concatenate(rows), np.concatenate(targets), noise)
+            noises.append(noise)
+        return self._conditioned(np.concatenate(rows), np.concatenate(targets), block_diag(*noises))
 
     def towards(
         self,

@@ -303,14 +303,14 @@ def _wrong_columns(path: Path, manipulator: str, found: Mapping[str, int]) -> De
 
 def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
     """Parse all rows below the header, shape (n_rows, n_columns), finite."""
-    row, line = 0, ""
+    last = 0, ""  # row and text of the last line with content
 
     def below_header() -> Iterator[str]:
-        nonlocal row, line
-        for n_rows, (row, line) in enumerate(islice(_lines(path), 1, None), start=1):
+        nonlocal last
+        for n_rows, last in enumerate(islice(_lines(path), 1, None), start=1):
             if n_rows * len(names) > MAX_CELLS:
                 raise fault(path, None, f"it has more than {MAX_CELLS:,} numbers", "keep every n-th row")
-            yield line
+            yield last[1]
 
     try:
         if next(below_header(), None) is None:
@@ -322,9 +322,9 @@ def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
         raise _bad_cell(path, names) from error
     if table.shape[1] != len(names) or not np.isfinite(table).all():
         raise _bad_cell(path, names)
-    if not line.endswith("\n"):
+    if not last[1].endswith("\n"):
         warnings.warn(
-            f"{path}: row {row}: the last line has no end, so its last number may be cut",
+            f"{path}: row {last[0]}: the last line has no end, so its last number may be cut",
             ComoveWarning,
             stacklevel=4,
         )
