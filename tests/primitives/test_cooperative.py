@@ -13,9 +13,9 @@ from comove.errors import ConstraintError, DemonstrationError, OptionError
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP
 from comove.primitives.projection import (
-    TURN_LENGTH,
     HandDistance,
     Poses,
+    ProjectionSettings,
     RelativePose,
     SameHeight,
     Separation,
@@ -217,7 +217,7 @@ def test_a_radian_counts_as_a_length():
         return poses.position("a")[:, 2] + 0.6 * poses.rotation("a")[:, 2, 0] + 1e-4
 
     moved = project(Poses(("a",), np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]])), [tip])
-    share = (0.6 / TURN_LENGTH) ** 2
+    share = (0.6 / ProjectionSettings().turn_length) ** 2
     assert moved.positions[0, 0, 2] == pytest.approx(-1e-4 / (1 + share), rel=1e-3)
     assert moved.rotation("a")[0, 2, 0] * 0.6 == pytest.approx(-1e-4 * share / (1 + share), rel=1e-3)
 

@@ -16,7 +16,7 @@ from comove.primitives.files import (
 from comove.primitives.library import Library, Match
 from comove.primitives.limits import ViaPoint, constrained, largest
 from comove.primitives.online import DMPState, rate_for_lag
-from comove.primitives.pacing import PacedDMP, slowed
+from comove.primitives.pacing import PacedDMP, PacingSettings, slowed
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP, PoseState
@@ -34,6 +34,7 @@ __all__ = [
     "Match",
     "MotionBasis",
     "PacedDMP",
+    "PacingSettings",
     "Phase",
     "Pose",
     "PoseDMP",

@@ -27,9 +27,6 @@ from comove.primitives.flow import ALPHA_Y, LONG_AFTER, flow, responses, values_
 
 Array = NDArray[np.float64]
 
-SHORTEST_BRIDGE = 0.2  # durations, in which a goal that moved late is reached
-HELD_BRIDGE = 1.0  # periods, in which a cycle takes to its new centre
-
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
@@ -103,11 +100,14 @@ class Curve:
         """Return this curve with a bridge from the `former` one, which is left at the phase `s`."""
         return self.bridged(former.at(s) - replace(self, bridge=None).at(s), s)
 
-    def bridged(self, gap: Array, s: float) -> Curve:
-        """Return this curve with a bridge that begins at the difference `gap` (3, n_dims) at the phase `s`."""
+    def bridged(self, gap: Array, s: float, shortest: float = 0.2) -> Curve:
+        """Return this curve with a bridge that begins at the difference `gap` (3, n_dims) at the phase `s`.
+
+        It ends with the movement, but lasts `shortest` durations at least; in a cycle it lasts a period.
+        """
         if self.periodic:
-            return replace(self, bridge=Bridge(gap, s - HELD_BRIDGE, s, s + HELD_BRIDGE))
-        return replace(self, bridge=Bridge(gap, 0.0, s, max(1.0, s + SHORTEST_BRIDGE)))
+            return replace(self, bridge=Bridge(gap, s - 1.0, s, s + 1.0))
+        return replace(self, bridge=Bridge(gap, 0.0, s, max(1.0, s + shortest)))
 
 
 @dataclass(frozen=True, eq=False)
