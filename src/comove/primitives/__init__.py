@@ -5,6 +5,7 @@ from comove.primitives.average import AveragedDMP, average
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.primitives.coactivation import coactivated
 from comove.primitives.dmp import DMP
+from comove.primitives.estimation import EstimationSettings
 from comove.primitives.files import (
     Primitive,
     Provenance,
@@ -28,6 +29,7 @@ __all__ = [
     "AveragedDMP",
     "DMP",
     "DMPState",
+    "EstimationSettings",
     "ExponentialPhase",
     "Library",
     "LinearPhase",

@@ -15,19 +15,42 @@ movements only (the moments of Student's predictive distribution): S (1 + 1/n) (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.primitives.alignment import WarpingSettings
+
 Array = NDArray[np.float64]
 
-LENGTHS = (0.1, 0.17, 0.3, 0.5, 0.9, 1.6, 3.0, 6.0)  # durations, tried in turn
-USUAL_LENGTH = 0.3  # where movements are too few to leave one out
-LEAST_TO_CHOOSE = 4  # movements from which on the length is chosen
-MOST_FOLDS = 10  # groups that are left out in turn
-LEAST_FREEDOM = 4  # degrees of freedom that are assumed at least, where two would make the variance infinite
 RIDGE = 1e-9  # of a regression on contexts, relative
+
+
+@dataclass(frozen=True)
+class EstimationSettings:
+    """Settings of how a distribution is learned from few movements.
+
+    Attributes
+    ----------
+    lengths : lengths of the taper that are tried in turn [durations]
+    usual_length : length of the taper where movements are too few to leave one out [durations]
+    n_choosing : number of movements from which on the length is chosen
+    n_folds : groups of movements that are left out in turn at most
+    noise : least standard deviation of the noise in positions, as a share of the movement's extent
+    warping : settings of the alignment by warping
+    """
+
+    lengths: tuple[float, ...] = (0.1, 0.17, 0.3, 0.5, 0.9, 1.6, 3.0, 6.0)
+    usual_length: float = 0.3
+    n_choosing: int = 4
+    n_folds: int = 10
+    noise: float = 1e-4
+    warping: WarpingSettings = field(default_factory=WarpingSettings)
+
+
+USUAL = EstimationSettings()
+"""The settings unless others are given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +73,13 @@ class Estimate:
     chosen: bool
 
 
-def estimate(values: Array, contexts: Array, noise: Array, n_columns: int) -> Estimate:
+def estimate(
+    values: Array,
+    contexts: Array,
+    noise: Array,
+    n_columns: int,
+    settings: EstimationSettings = USUAL,
+) -> Estimate:
     """Estimate a Gaussian over the positions of movements.
 
     Parameters
@@ -59,21 +88,23 @@ def estimate(values: Array, contexts: Array, noise: Array, n_columns: int) -> Es
     contexts : array, shape (n, n_context), less their mean; n_context = 0 for none
     noise : array, shape (n_columns * n_steps,), standard deviation of the noise in the values
     n_columns : number of coordinates
+    settings : how the length of the taper is chosen
     """
     n, n_steps = len(values), values.shape[1] // n_columns
     mean, slopes, sample = regression(values, contexts)
-    length, chosen = USUAL_LENGTH, n - contexts.shape[1] >= LEAST_TO_CHOOSE
-    tapers = {length: taper(n_steps, n_columns, length) for length in LENGTHS}
+    length, chosen = settings.usual_length, n - contexts.shape[1] >= settings.n_choosing
     if chosen:
-        scores = np.zeros(len(LENGTHS))
-        for fold in np.array_split(np.arange(n), min(n, MOST_FOLDS)):
+        tapers = [taper(n_steps, n_columns, length) for length in settings.lengths]
+        scores = np.zeros(len(tapers))
+        for fold in np.array_split(np.arange(n), min(n, settings.n_folds)):
             kept = np.setdiff1d(np.arange(n), fold)
             centre, slope, of_kept = regression(values[kept], contexts[kept])
             away = values[fold] - centre - contexts[fold] @ slope
             of_kept = of_kept * widening(len(kept), contexts.shape[1])
-            scores += [_log_density(of_kept * taper, noise, away) for taper in tapers.values()]
-        length = LENGTHS[int(np.argmax(scores))]
-    return Estimate(mean, widening(n, contexts.shape[1]) * sample * tapers[length], slopes, length, chosen)
+            scores += [_log_density(of_kept * tapered, noise, away) for tapered in tapers]
+        length = settings.lengths[int(np.argmax(scores))]
+    covariance = widening(n, contexts.shape[1]) * sample * taper(n_steps, n_columns, length)
+    return Estimate(mean, covariance, slopes, length, chosen)
 
 
 def regression(values: Array, contexts: Array) -> tuple[Array, Array, Array]:
@@ -91,8 +122,11 @@ def regression(values: Array, contexts: Array) -> tuple[Array, Array, Array]:
 
 
 def widening(n: int, n_context: int = 0) -> float:
-    """Return the ratio of the variance of the next movement to the sample variance of n movements."""
-    freedom = max(n - 1 - n_context, LEAST_FREEDOM)
+    """Return the ratio of the variance of the next movement to the sample variance of n movements.
+
+    Four degrees of freedom are assumed at least, as two would make the variance infinite.
+    """
+    freedom = max(n - 1 - n_context, 4)
     return (1.0 + 1.0 / n) * freedom / (freedom - 2)
 
 

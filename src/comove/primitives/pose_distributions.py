@@ -23,6 +23,7 @@ from comove.geometry import rotations
 from comove.primitives.alignment import Alignment
 from comove.primitives.arguments import numbers
 from comove.primitives.dmp import DMP
+from comove.primitives.estimation import USUAL, EstimationSettings
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import Phase
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording
@@ -72,6 +73,7 @@ class PoseProMP:
         phase: Phase | None = None,
         alignment: Alignment | str = Alignment.DURATION,
         contexts: ArrayLike | None = None,
+        settings: EstimationSettings = USUAL,
     ) -> PoseProMP:
         """Estimate a distribution from several recordings with orientations, as `ProMP.fit` does for positions.
 
@@ -80,7 +82,7 @@ class PoseProMP:
         demonstrations
             Two or more recordings in space; where several manipulators were recorded together, each a mapping by
             their names. Signs of quaternions do not matter.
-        n_basis, phase, alignment, contexts
+        n_basis, phase, alignment, contexts, settings
             As for `ProMP.fit`.
 
         Raises
@@ -99,7 +101,9 @@ class PoseProMP:
                 )
         references = tuple(_mean_orientation([hands[name] for hands in each]) for name in names)
         flat = [_flat(hands, references, i) for i, hands in enumerate(each)]
-        promp = ProMP.fit(flat, n_basis=n_basis, phase=phase, alignment=alignment, contexts=contexts)
+        promp = ProMP.fit(
+            flat, n_basis=n_basis, phase=phase, alignment=alignment, contexts=contexts, settings=settings
+        )
         return cls(promp, references)
 
     @property

@@ -16,13 +16,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
-from comove.primitives.alignment import Alignment, aligned
+from comove.primitives.alignment import NEVER, Alignment, aligned, one_recording, together
 from comove.primitives.arguments import (
     instants,
     is_number,
@@ -33,18 +32,15 @@ from comove.primitives.arguments import (
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP, Recording
-from comove.primitives.estimation import estimate, widening
+from comove.primitives.estimation import USUAL, EstimationSettings, estimate, widening
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import ExponentialPhase, Phase
-from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]
 
 N_ENDS = 4  # parameters of a coordinate that are boundary values: start, start velocity, goal, goal velocity
 FAR = 5.0  # standard deviations from which on a via-point is told to be far
-NEVER = 1e-9  # share of the movement's extent below which a standard deviation counts as none
-LEAST_NOISE = 1e-4  # standard deviation of the noise, as a share of the movement's extent
 RIDGE = 1e-7  # of the fit of one recording, relative to the number of its samples
 N_SEEN = 2  # instants for every parameter of a coordinate, at which the covariance is estimated
 MET = 1e-6  # by which exact conditions may be missed, as a share of the movement's extent
@@ -132,6 +128,7 @@ class ProMP:
         phase: Phase | None = None,
         alignment: Alignment | str = Alignment.DURATION,
         contexts: ArrayLike | None = None,
+        settings: EstimationSettings = USUAL,
     ) -> ProMP:
         """Estimate a distribution from several recordings of one movement.
 
@@ -152,6 +149,8 @@ class ProMP:
             How recordings are aligned in time: `duration`, at equal shares of their durations, or `warping`.
         contexts
             Task parameters of every recording, shape (n_recordings, n_context); the mean is linear in them.
+        settings
+            How the spread is estimated from few recordings, and how they are warped.
 
         Raises
         ------
@@ -170,21 +169,21 @@ class ProMP:
         phase = ExponentialPhase() if phase is None else phase
         if not isinstance(phase, Phase):
             raise OptionError(f"phase = {phase!r}", way_out="give LinearPhase() or ExponentialPhase()")
-        names, times, positions = _read(demonstrations)
+        names, times, positions = together(demonstrations)
         given = _contexts(contexts, len(times))
         way = Alignment.named(alignment)
-        shares = aligned(times, positions, way)
+        shares = aligned(times, positions, way, settings.warping)
         basis = motion_basis(n_basis, phase=phase)
         found = [_fitted(basis, s, y) for s, y in zip(shares, positions, strict=True)]
         parameters = np.stack([theta for theta, _ in found])
         n_columns, n_features = parameters.shape[1:]
         extent = max(float(np.ptp(y, axis=0).max()) for y in positions)
-        noise = np.sqrt(np.mean([error**2 for _, error in found], axis=0) + (LEAST_NOISE * extent) ** 2)
+        noise = np.sqrt(np.mean([error**2 for _, error in found], axis=0) + (settings.noise * extent) ** 2)
         n_seen = N_SEEN * n_features
         even = np.linspace(0.0, 1.0, n_seen)
         values = (parameters @ features(basis, even)[0].T).reshape(len(parameters), -1)
         centre = given.mean(axis=0)
-        gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns)
+        gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns, settings)
         back = np.kron(np.eye(n_columns), solver(basis, even))
         durations = np.array([time[-1] - time[0] for time in times])
         notes = _notes(
@@ -427,7 +426,7 @@ class ProMP:
         DemonstrationError
             If the recording is of other manipulators or dimensions.
         """
-        names, time, position, _ = _one(demonstration, 0)
+        names, time, position, _ = one_recording(demonstration, 0)
         if names != self.manipulators or position.shape[1] != self.n_columns:
             raise DemonstrationError(
                 f"the recording has {position.shape[1]} coordinates of {', '.join(names) or 'one hand'}",
@@ -659,94 +658,6 @@ def _contexts(contexts: ArrayLike | None, n: int) -> Array:
             way_out="leave it out",
         )
     return array
-
-
-def _read(demonstrations: object) -> tuple[tuple[str, ...], list[Array], list[Array]]:
-    """Return the manipulators, and times and positions of all recordings, after a check that they belong together."""
-    if not isinstance(demonstrations, (list, tuple)):
-        raise OptionError(f"demonstrations = {demonstrations!r}", way_out="give a list of recordings")
-    if len(demonstrations) < 2:
-        raise DemonstrationError(
-            f"{len(demonstrations)} recording has no spread", way_out="give two or more, or use DMP.fit"
-        )
-    found = [_one(demonstration, i) for i, demonstration in enumerate(demonstrations)]
-    names, _, first, unit = found[0]
-    for i, (others, _, position, own) in enumerate(found):
-        for what, one, other in (
-            ("is of", ", ".join(names) or "one hand", ", ".join(others) or "one hand"),
-            ("has", f"{first.shape[1]} coordinates", f"{position.shape[1]} coordinates"),
-            ("is in", unit, own),
-        ):
-            if one != other:
-                raise DemonstrationError(
-                    f"recording {i} {what} {other}, recording 0 {what} {one}",
-                    way_out="give recordings of one kind",
-                )
-    times, positions = [time for _, time, _, _ in found], [position for _, _, position, _ in found]
-    _require_spread(times, positions)
-    return names, times, positions
-
-
-def _require_spread(times: list[Array], positions: list[Array]) -> None:
-    seen: dict[bytes, int] = {}
-    for i, (time, position) in enumerate(zip(times, positions, strict=True)):
-        before = seen.setdefault((time - time[0]).tobytes() + position.tobytes(), i)
-        if before != i:
-            raise DemonstrationError(
-                f"recordings {before} and {i} are one and the same", way_out="give each recording once"
-            )
-    even = np.linspace(0.0, 1.0, 101)
-    shares = [(time - time[0]) / (time[-1] - time[0]) for time in times]
-    curves = np.stack(
-        [interpolated(even, s, position) for s, position in zip(shares, positions, strict=True)]
-    )
-    if curves.std(axis=0).max() <= NEVER * np.ptp(curves, axis=(0, 1)).max():
-        raise DemonstrationError(
-            f"the {len(times)} recordings are the same movement and have no spread",
-            way_out="record it anew each time, or use DMP.fit",
-        )
-
-
-def _one(demonstration: object, number: int) -> tuple[tuple[str, ...], Array, Array, str]:
-    """Return manipulators, times, positions of all their coordinates, and the unit of one recording."""
-    parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
-    if not parts or not all(hasattr(p, "time") and hasattr(p, "position") for p in parts.values()):
-        raise OptionError(
-            f"recording {number} is {type(demonstration).__name__}",
-            key="demonstrations",
-            way_out="give Demonstrations, or mappings of them by the names of manipulators",
-        )
-    names = () if set(parts) == {""} else tuple(map(str, parts))
-    each = [(numbers(part.time), numbers(part.position)) for part in parts.values()]
-    time = each[0][0]
-    for name, (own, position) in zip(parts, each, strict=True):
-        who = f"recording {number}" + (f", {name!r}," if name else "")
-        if own.ndim != 1 or position.ndim != 2 or len(own) != len(position) or len(own) < 2:
-            raise DemonstrationError(f"{who} is no movement", way_out="give two samples or more of each")
-        bad = np.flatnonzero(~(np.isfinite(position).all(axis=1) & np.isfinite(own)))
-        if bad.size:
-            raise DemonstrationError(
-                f"{who} holds what is no number in row {bad[0]}", way_out="clean it, or leave it out"
-            )
-        if not (np.diff(own) > 0).all():
-            raise DemonstrationError(f"{who} stands still in time", way_out="give increasing times")
-        if not np.array_equal(own, time):
-            raise DemonstrationError(
-                f"{who} has other time stamps than {next(iter(parts))!r}",
-                way_out="bring both to the same duration and resampled(n_steps)",
-            )
-    units = [getattr(part, "unit", "m") for part in parts.values()]
-    if len(set(units)) > 1:
-        raise DemonstrationError(
-            f"recording {number} is in {' and '.join(sorted(set(units)))}", way_out="give one unit"
-        )
-    widths = {position.shape[1] for _, position in each}
-    if len(widths) > 1:
-        raise DemonstrationError(
-            f"recording {number} has manipulators with {' and '.join(map(str, sorted(widths)))} coordinates",
-            way_out="give all the same",
-        )
-    return names, time, np.concatenate([position for _, position in each], axis=1), units[0]
 
 
 def _notes(
