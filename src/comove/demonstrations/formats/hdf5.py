@@ -33,6 +33,7 @@ from comove.demonstrations.samples import (
     RecordedSamples,
     as_episodes,
     by_manipulator,
+    common_rate,
     decoding,
     even_rate,
     fault,
@@ -131,15 +132,8 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
         If the episodes do not fit into one file, or the file cannot be written.
     """
     written = as_episodes(episodes, path)
-    rates = [even_rate(demos, path) for demos in written]
+    rate = common_rate(written, path)
     for index, demos in enumerate(written):
-        if not math.isclose(rates[index], rates[0], rel_tol=1e-9):
-            raise fault(
-                path,
-                None,
-                f"episode {index} runs at {rates[index]:.6g} Hz and episode 0 at {rates[0]:.6g} Hz",
-                "the file has one rate: resample the episodes",
-            )
         for name, demo in demos.items():
             if demo.n_dims != 3 or demo.unit != "m" or demo.axes:
                 raise fault(
@@ -149,7 +143,7 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
                     "robomimic keeps positions x, y, z in metres",
                 )
     with robomimic_file(path) as begin:
-        data = begin(rates[0])
+        data = begin(rate)
         data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in written)
         for index, demos in enumerate(written):
             write_demo(data.create_group(f"demo_{index}"), list(demos.values()))

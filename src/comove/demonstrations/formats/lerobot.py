@@ -37,8 +37,8 @@ from comove.demonstrations.samples import (
     Origin,
     RecordedSamples,
     as_episodes,
+    common_rate,
     decoding,
-    even_rate,
     fault,
     one_of,
 )
@@ -487,16 +487,15 @@ def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
 
 def _common_fps(path: object, episodes: list[dict[str, RecordedSamples]]) -> int:
     """Return the common sampling rate of all episodes, a whole number [Hz]."""
-    rates = [even_rate(demos, path) for demos in episodes]
-    for number, rate in enumerate(rates):
-        if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
-            raise fault(
-                path,
-                None,
-                f"episode {number} runs at {rate:.6g} Hz",
-                "LeRobot has one whole number of frames a second: resample the episodes",
-            )
-    return round(rates[0])
+    rate = common_rate(episodes, path)
+    if not math.isclose(rate, round(rate), rel_tol=1e-9):
+        raise fault(
+            path,
+            None,
+            f"episode 0 runs at {rate:.6g} Hz",
+            "LeRobot has a whole number of frames a second: resample the episodes",
+        )
+    return round(rate)
 
 
 def _names(path: object, demos: Mapping[str, RecordedSamples]) -> list[str]:
