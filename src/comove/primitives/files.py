@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.demonstrations import Demonstration
-from comove.errors import LibraryError, OptionError, near_name
+from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
 from comove.primitives.average import AveragedDMP
@@ -327,7 +327,7 @@ def loads(data: bytes, file: object = None) -> Primitive:
         )
     if content.get("version") != VERSION or isinstance(content["version"], bool):
         raise LibraryError(
-            f"the version {shown(content.get('version'))} is not known",
+            f"the version {shortened(repr(content.get('version')))} is not known",
             file=file,
             key="version",
             way_out=f"this comove {__version__} reads version {VERSION}: update it, or {LEARN_AGAIN}",
@@ -353,7 +353,7 @@ def require_name(name: str, file: object = None) -> str:
         or not name.isprintable()
     ):
         raise LibraryError(
-            f"{shown(name)} cannot name a primitive",
+            f"{shortened(repr(name))} cannot name a primitive",
             file=file,
             key="name",
             way_out=f"begin with a letter or digit; up to {MAX_NAME} letters, digits, blanks and . _ + -",
@@ -373,7 +373,7 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
     kind = str(content.get("kind"))
     if kind not in KINDS:
         raise LibraryError(
-            f"{shown(kind)} is not known", file=file, key="kind", way_out=near_name(kind, KINDS)
+            f"{shortened(repr(kind))} is not known", file=file, key="kind", way_out=near_name(kind, KINDS)
         )
     with np.errstate(over="ignore", invalid="ignore"):
         try:
@@ -429,12 +429,6 @@ def _laid_out(value: Any, indent: str = "") -> str:
     if isinstance(value, (list, tuple)) and any(isinstance(entry, (list, str)) for entry in value):
         return "[\n" + ",\n".join(inner + _laid_out(entry, inner) for entry in value) + f"\n{indent}]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
-
-
-def shown(value: object) -> str:
-    """Return a value as messages show it."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def renamed(primitive: Primitive, name: str) -> Primitive:

@@ -29,6 +29,7 @@ from comove.primitives.arguments import (
     require_count,
     require_positive,
     require_steps,
+    vector,
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP, Recording
@@ -365,20 +366,22 @@ class ProMP:
             If an argument is out of range, or the recordings never vary there and end elsewhere.
         """
         timed = self if duration is None else replace(self, duration=duration)
-        given = (start, start_velocity, goal, goal_velocity)
-        mean, shift = self.mean_parameters, []
-        for k, (value, unit) in enumerate(
-            zip(given, (1.0, timed.duration, 1.0, timed.duration), strict=True)
-        ):
-            if value is None:
-                continue
-            target = numbers(value) * unit
-            if target.shape != (self.n_columns,) or not np.isfinite(target).all():
-                raise OptionError(f"an end of {value!r}", way_out=f"give {self.n_columns} finite numbers")
-            shift += [(c * mean.shape[1] + k, target[c]) for c in range(self.n_columns)]
-        if not shift:
+        ends = {
+            "start": start,
+            "start_velocity": start_velocity,
+            "goal": goal,
+            "goal_velocity": goal_velocity,
+        }
+        mean, of_column = self.mean_parameters, np.arange(self.n_columns) * self.mean_parameters.shape[1]
+        places, targets = [], []
+        for k, (name, value) in enumerate(ends.items()):
+            if value is not None:
+                places.append(of_column + k)
+                unit = timed.duration if name.endswith("velocity") else 1.0
+                targets.append(vector(name, value, self.n_columns) * unit)
+        if not places:
             return timed
-        at, values = np.array([i for i, _ in shift]), np.array([value for _, value in shift])
+        at, values = np.concatenate(places), np.concatenate(targets)
         bound = timed._conditioned(np.eye(mean.size)[at], values, np.zeros((len(at), len(at))))
         parameters, covariance = bound.mean_parameters.copy(), bound.covariance.copy()
         parameters.reshape(-1)[at] = values
@@ -398,10 +401,9 @@ class ProMP:
         ComoveWarning
             If they are more than five standard deviations from those of the recordings.
         """
-        value, n_context = numbers(context), len(self.context_mean)
-        if value.shape != (n_context,) or not np.isfinite(value).all() or not n_context:
-            raise OptionError(f"context = {context!r}", way_out=f"give {n_context} finite numbers")
-        away = value - self.context_mean
+        if not len(self.context_mean):
+            raise OptionError("the distribution depends on no context", way_out="fit it with contexts=")
+        away = vector("context", context, len(self.context_mean)) - self.context_mean
         far = float(np.max(np.abs(away) / np.where(self.context_std > 0, self.context_std, 1.0)))
         if far > FAR:
             warnings.warn(
@@ -518,12 +520,8 @@ class ProMP:
         for order, value in enumerate((point.position, point.velocity)):
             if value is None:
                 continue
-            target = numbers(value)
-            if target.shape != columns.shape or not np.isfinite(target).all():
-                raise OptionError(
-                    f"a via-point with {('position', 'velocity')[order]} {value!r}",
-                    way_out=f"give {len(columns)} finite numbers, one for each coordinate",
-                )
+            what = f"the {('position', 'velocity')[order]} of a via-point"
+            target = vector(what, value, len(columns))
             row = np.zeros((len(columns), *self.mean_parameters.shape))
             row[np.arange(len(columns)), columns] = psi[order]
             rows.append(row.reshape(len(columns), -1))
