@@ -33,7 +33,7 @@ from comove.primitives.arguments import (
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP, Recording
-from comove.primitives.estimation import USUAL, EstimationSettings, estimate, widening
+from comove.primitives.estimation import USUAL, Estimate, EstimationSettings, estimate, widening
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import ExponentialPhase, Phase
 
@@ -187,16 +187,12 @@ class ProMP:
         gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns, settings)
         back = np.kron(np.eye(n_columns), solver(basis, even))
         durations = np.array([time[-1] - time[0] for time in times])
-        notes = _notes(
-            durations,
-            way,
-            gaussian.length,
-            gaussian.chosen,
-            widening(len(times), given.shape[1]),
-            min(map(len, times)) < n_features,
-        )
+        notes = _notes(durations, way, gaussian, widening(len(times), given.shape[1]))
         fewest = min(map(len, times))
         if fewest < n_features:
+            notes += (
+                "a recording has fewer samples than a coordinate has weights: the smoothest fit was taken",
+            )
             warnings.warn(
                 f"a recording has {fewest} samples for {n_features} weights and boundary values of a coordinate: the "
                 "smoothest fit is taken",
@@ -658,21 +654,14 @@ def _contexts(contexts: ArrayLike | None, n: int) -> Array:
     return array
 
 
-def _notes(
-    durations: Array, alignment: Alignment, length: float, chosen: bool, wider: float, few_samples: bool
-) -> tuple[str, ...]:
+def _notes(durations: Array, alignment: Alignment, gaussian: Estimate, wider: float) -> tuple[str, ...]:
     times = f"{durations.min():.4g} to {durations.max():.4g} s"
     how = "equal shares of their durations" if alignment is Alignment.DURATION else "equal places, by warping"
-    why = (
-        "chosen by leaving recordings out in turn" if chosen else "for there are too few recordings to choose"
-    )
-    notes = [
+    why = "chosen by leaving recordings out in turn"
+    if not gaussian.chosen:
+        why = "for there are too few recordings to choose"
+    return (
         f"{len(durations)} recordings of {times}, aligned at {how}",
-        f"correlations over time tapered over {length:g} of the duration, {why}",
+        f"correlations over time tapered over {gaussian.length:g} of the duration, {why}",
         f"variances widened by {wider:.3g}, for {len(durations)} recordings tell no more of the next one",
-    ]
-    if few_samples:
-        notes.append(
-            "a recording has fewer samples than a coordinate has weights: the smoothest fit was taken"
-        )
-    return tuple(notes)
+    )

@@ -43,8 +43,6 @@ MAX_CELLS = 2**26
 """Numbers of one file."""
 MAX_COLUMNS, MAX_NAME = 1000, 200
 """Columns of a file, and characters of a column's name."""
-_ROWS = 50_000
-"""Rows that are written at a time."""
 _UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]")
 _MARKS = ",;\t\r\n"
 """What cannot stand in a name: it separates."""
@@ -121,8 +119,9 @@ def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, Re
     table = np.column_stack(columns)
     with whole_file(path) as file:
         file.write(",".join(header).encode() + b"\n")
-        for first in range(0, len(table), _ROWS):
-            rows = table[first : first + _ROWS].tolist()
+        at_a_time = 50_000  # rows
+        for first in range(0, len(table), at_a_time):
+            rows = table[first : first + at_a_time].tolist()
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows]).encode())
 
 
