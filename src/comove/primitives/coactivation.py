@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import numbers
-from comove.primitives.estimation import USUAL, taper
-from comove.primitives.probabilistic import N_SEEN, ProMP, solver
+from comove.primitives.estimation import USUAL, solver, taper
+from comove.primitives.probabilistic import N_SEEN, ProMP
 
 Array = NDArray[np.float64]
 

@@ -33,16 +33,26 @@ from comove.primitives.arguments import (
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP, Recording
-from comove.primitives.estimation import USUAL, Estimate, EstimationSettings, estimate, widening
+from comove.primitives.estimation import (
+    N_ENDS,
+    USUAL,
+    EstimationSettings,
+    checked_contexts,
+    estimate,
+    features,
+    fitted_parameters,
+    notes_of,
+    solver,
+    widening,
+    without_noise,
+)
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import ExponentialPhase, Phase
 
 Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]
 
-N_ENDS = 4  # parameters of a coordinate that are boundary values: start, start velocity, goal, goal velocity
 FAR = 5.0  # standard deviations from which on a via-point is told to be far
-RIDGE = 1e-7  # of the fit of one recording, relative to the number of its samples
 N_SEEN = 2  # instants for every parameter of a coordinate, at which the covariance is estimated
 MET = 1e-6  # by which exact conditions may be missed, as a share of the movement's extent
 ROUNDING = 1e-14  # relative eigenvalue of the covariance that counts as none
@@ -171,11 +181,11 @@ class ProMP:
         if not isinstance(phase, Phase):
             raise OptionError(f"phase = {phase!r}", way_out="give LinearPhase() or ExponentialPhase()")
         names, times, positions = together(demonstrations)
-        given = _contexts(contexts, len(times))
+        given = checked_contexts(contexts, len(times))
         way = Alignment.named(alignment)
         shares = aligned(times, positions, way, settings.warping)
         basis = motion_basis(n_basis, phase=phase)
-        found = [_fitted(basis, s, y) for s, y in zip(shares, positions, strict=True)]
+        found = [fitted_parameters(basis, s, y) for s, y in zip(shares, positions, strict=True)]
         parameters = np.stack([theta for theta, _ in found])
         n_columns, n_features = parameters.shape[1:]
         extent = max(float(np.ptp(y, axis=0).max()) for y in positions)
@@ -187,7 +197,7 @@ class ProMP:
         gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns, settings)
         back = np.kron(np.eye(n_columns), solver(basis, even))
         durations = np.array([time[-1] - time[0] for time in times])
-        notes = _notes(durations, way, gaussian, widening(len(times), given.shape[1]))
+        notes = notes_of(durations, way, gaussian, widening(len(times), given.shape[1]))
         fewest = min(map(len, times))
         if fewest < n_features:
             notes += (
@@ -208,7 +218,7 @@ class ProMP:
             )
         return cls(
             (back @ gaussian.mean).reshape(n_columns, n_features),
-            _without_noise(back @ gaussian.covariance @ back.T, NEVER * extent),
+            without_noise(back @ gaussian.covariance @ back.T, NEVER * extent),
             noise,
             float(durations.mean()),
             float(durations.std(ddof=1)),
@@ -562,51 +572,6 @@ class ProMP:
         )
 
 
-def features(basis: MotionBasis, s: Array) -> Array:
-    """Return psi: position, velocity and acceleration in unit duration, caused by a unit of every parameter.
-
-    Returns
-    -------
-    array, shape (3, n_steps, 4 + n_basis)
-    """
-    return np.concatenate(basis.at(s), axis=2)
-
-
-def _fitted(basis: MotionBasis, s: Array, position: Array) -> tuple[Array, Array]:
-    """Return the parameters of one recording, shape (n_columns, 4 + n_basis), and the errors of its coordinates."""
-    parameters = (solver(basis, s) @ position).T
-    error = np.sqrt(((position - features(basis, s)[0] @ parameters.T) ** 2).mean(axis=0))
-    return parameters, error
-
-
-def solver(basis: MotionBasis, s: Array) -> Array:
-    """Return the matrix from the positions at shares `s` of the course to the parameters of the nearest movement.
-
-    Both ends are those of the first and the last position exactly.
-
-    Returns
-    -------
-    array, shape (4 + n_basis, n_steps)
-    """
-    psi, free = features(basis, s)[0], np.r_[1, 3 : N_ENDS + basis.n_basis]
-    share = np.gradient(s)[:, None]  # of the course: uneven samples count by the time that they stand for
-    weighted = psi[:, free] * share
-    square = weighted.T @ psi[:, free]
-    square[np.diag_indices(len(free))] += RIDGE * share.sum()
-    solver, ends = np.zeros((psi.shape[1], len(s))), np.zeros((2, len(s)))
-    ends[0, 0], ends[1, -1] = 1.0, 1.0
-    solver[[0, 2]] = ends
-    solver[free] = np.linalg.solve(square, weighted.T)
-    solver[free] -= np.linalg.solve(square, weighted.T @ psi[:, [0, 2]]) @ ends
-    return solver
-
-
-def _without_noise(covariance: Array, least: float) -> Array:
-    """Return a covariance in which what has a standard deviation below `least` does not vary at all."""
-    varies = np.diag(covariance) > least**2
-    return np.where(np.outer(varies, varies), 0.5 * (covariance + covariance.T), 0.0)
-
-
 def covariance_of(name: str, value: ArrayLike, n: int) -> Array:
     """Return a covariance, shape (n, n), from a variance, n variances or a matrix; errors name the argument."""
     array = numbers(value)
@@ -626,42 +591,3 @@ def _pseudo_inverse(matrix: Array) -> Array:
     values, vectors = np.linalg.eigh(matrix)
     kept = values > EXACT * max(float(values[-1]), 1e-300)
     return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-
-
-def _contexts(contexts: ArrayLike | None, n: int) -> Array:
-    if contexts is None:
-        return np.zeros((n, 0))
-    array = numbers(contexts)
-    array = array[:, None] if array.ndim == 1 else array
-    if array.ndim != 2 or len(array) != n or not np.isfinite(array).all():
-        raise OptionError(
-            f"contexts of shape {array.shape} for {n} recordings",
-            way_out="give finite numbers for each of them",
-        )
-    if n < array.shape[1] + 2:
-        raise OptionError(
-            f"{array.shape[1]} task parameters of {n} recordings",
-            key="contexts",
-            way_out=f"give {array.shape[1] + 2} recordings or more",
-        )
-    still = np.flatnonzero(np.ptp(array, axis=0) == 0)
-    if still.size:
-        raise OptionError(
-            f"the task parameter {still[0]} is the same in all recordings",
-            key="contexts",
-            way_out="leave it out",
-        )
-    return array
-
-
-def _notes(durations: Array, alignment: Alignment, gaussian: Estimate, wider: float) -> tuple[str, ...]:
-    times = f"{durations.min():.4g} to {durations.max():.4g} s"
-    how = "equal shares of their durations" if alignment is Alignment.DURATION else "equal places, by warping"
-    why = "chosen by leaving recordings out in turn"
-    if not gaussian.chosen:
-        why = "for there are too few recordings to choose"
-    return (
-        f"{len(durations)} recordings of {times}, aligned at {how}",
-        f"correlations over time tapered over {gaussian.length:g} of the duration, {why}",
-        f"variances widened by {wider:.3g}, for {len(durations)} recordings tell no more of the next one",
-    )

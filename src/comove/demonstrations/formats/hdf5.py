@@ -152,8 +152,7 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
 @contextmanager
 def robomimic_file(path: str | os.PathLike[str]) -> Iterator[Callable[[float], Group]]:
     """Lend a function that makes the group of the episodes for a rate [Hz]; the file appears when all is written."""
-    h5py = extra("h5py", path)
-    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
+    with _written(path) as root:
 
         def begin(rate: float) -> Group:
             data = root.create_group("data")
@@ -201,8 +200,7 @@ def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[s
         )
     rate = even_rate(demos, path)
     qpos = np.concatenate([demos[name].position for name in sorted(demos)], axis=1)
-    h5py = extra("h5py", path)
-    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
+    with _written(path) as root:
         root.attrs["sim"] = False
         root.attrs["fps"] = rate
         put(root, "observations/qpos", qpos)
@@ -213,6 +211,14 @@ def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[s
 FORMAT = Format(
     "HDF5", read, suffixes=(".hdf5", ".h5"), part="episode", parts=episodes, write=write_robomimic
 )
+
+
+@contextmanager
+def _written(path: str | os.PathLike[str]) -> Iterator[Group]:
+    """Lend a new file, which appears when all is written."""
+    h5py = extra("h5py", path)
+    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
+        yield root
 
 
 @contextmanager
