@@ -27,6 +27,9 @@ from comove.primitives.flow import ALPHA_Y, LONG_AFTER, flow, responses, values_
 
 Array = NDArray[np.float64]
 
+TO_ZERO = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0.5], [-10, -6, -1.5], [15, 8, 1.5], [-6, -3, -0.5]])
+"""Coefficients of the quintic on [0, 1] that leads from a position and two derivatives to rest at zero."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bridge:
@@ -50,17 +53,8 @@ class Bridge:
         u = (s - self.begin) / width if width else 1.0
         if u >= 1.0:
             return np.zeros_like(self.gap)
-        p, v, a = self.gap[0], self.gap[1] * width, self.gap[2] * width**2
-        coefficients = np.stack(
-            [
-                p,
-                v,
-                a / 2,
-                -10 * p - 6 * v - 1.5 * a,
-                15 * p + 8 * v + 1.5 * a,
-                -6 * p - 3 * v - 0.5 * a,
-            ]
-        )
+        lengths = width ** np.arange(3)[:, None]
+        coefficients = TO_ZERO @ (self.gap * lengths)
         powers = np.array(
             [
                 [1, u, u**2, u**3, u**4, u**5],
@@ -68,7 +62,7 @@ class Bridge:
                 [0, 0, 2, 6 * u, 12 * u**2, 20 * u**3],
             ]
         )
-        return powers @ coefficients / width ** np.arange(3)[:, None]
+        return powers @ coefficients / lengths
 
 
 @dataclass(frozen=True, eq=False)

@@ -182,21 +182,6 @@ class MovementSequence:
         """Return the duration [s]."""
         return self.begins[-1] + self.parts[-1].duration
 
-    @property
-    def start(self) -> Array:
-        """Return the start of the first movement, shape (n_dims,), [m]."""
-        return self.parts[0].start
-
-    @property
-    def goal(self) -> Array:
-        """Return the end of the last movement, shape (n_dims,), [m]."""
-        return self.parts[-1].goal
-
-    @property
-    def joints(self) -> Array:
-        """Return the points between consecutive movements, array, shape (n_parts - 1, n_dims), [m]."""
-        return np.array([part.goal for part in self.parts[:-1]]).reshape(-1, self.n_dims)
-
     def at(self, time: ArrayLike) -> Trajectory:
         """Return positions and velocities at the times `time` [s], array of shape (n_steps,)."""
         time = np.asarray(time, dtype=float)
@@ -228,8 +213,8 @@ class MovementSequence:
         count = n_basis or min(MAX_BASIS, sum(part.weights.shape[1] for part in self.parts))
         whole = DMP(
             weights=np.zeros((self.n_dims, count)),
-            start=self.start,
-            goal=self.goal,
+            start=first.start,
+            goal=last.goal,
             start_velocity=first.start_velocity,
             goal_velocity=last.goal_velocity,
             duration=self.duration,

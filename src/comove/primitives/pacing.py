@@ -64,24 +64,9 @@ class PacedDMP:
     speed: Array
 
     @property
-    def n_dims(self) -> int:
-        """Return the number of coordinates."""
-        return self.dmp.n_dims
-
-    @property
     def duration(self) -> float:
         """Return the duration [s]."""
         return float(self.time[-1])
-
-    @property
-    def start(self) -> Array:
-        """Return the start, shape (n_dims,), [m]."""
-        return self.dmp.start
-
-    @property
-    def goal(self) -> Array:
-        """Return the goal, shape (n_dims,), [m]."""
-        return self.dmp.goal
 
     def progress_at(self, time: ArrayLike) -> Array:
         """Return the progress, 0 at the start and 1 at the end, at times [s]; arrays, shape (n_steps,)."""
