@@ -174,7 +174,7 @@ def test_slips_are_told():
         slowed(still, velocity=1.0, pace=np.inf)
     with pytest.raises(OptionError, match="rhythmic"):
         slowed(replace(dmp, variant=Variant.RHYTHMIC), velocity=1.0)
-    with pytest.raises(OptionError, match="the movement is"):
+    with pytest.raises(OptionError, match="is no DMP of positions"):
         slowed(None, velocity=1.0)
     with pytest.raises(OptionError, match="dt"):
         slowed(dmp).rate(0.0, 0.0)

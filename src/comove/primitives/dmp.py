@@ -437,6 +437,20 @@ class DMP:
         return default if value is None else vector(name, value, self.n_dims)
 
 
+def require_positions(dmp: object) -> None:
+    """Raise unless a movement is a primitive of positions.
+
+    Raises
+    ------
+    OptionError
+        The message names its class.
+    """
+    if not isinstance(dmp, DMP):
+        raise OptionError(
+            f"a {type(dmp).__name__} is no DMP of positions", way_out="give a DMP, such as pose.translation"
+        )
+
+
 def _goal_velocity(demonstration: Recording) -> Array:
     """Return the recording's velocity at its end, shape (n_dims,), [m/s]."""
     if not hasattr(demonstration, "goal_velocity"):

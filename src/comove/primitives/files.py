@@ -202,10 +202,6 @@ def learn_distribution(
     first = demonstrations[0]
     unit = getattr(next(iter(first.values())) if isinstance(first, Mapping) else first, "unit", "m")
     notes = (*found.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
-    if isinstance(found, PoseProMP):
-        found = replace(found, promp=replace(found.promp, notes=()))
-    else:
-        found = replace(found, notes=())
     return Primitive(name, found, unit, notes=notes)
 
 

@@ -18,7 +18,7 @@ from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
 from comove.primitives.average import mixed
 from comove.primitives.basis import MAX_BASIS
-from comove.primitives.dmp import DMP, VECTORS
+from comove.primitives.dmp import DMP, VECTORS, require_positions
 from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.phase import Phase
 from comove.primitives.variants import Variant
@@ -43,11 +43,12 @@ def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None =
         changed, or a vector, shape (n_dims,)
     about : a point of the mirror, shape (n_dims,); by default the start, or the centre of a rhythmic movement
     """
+    require_positions(dmp)
     if isinstance(normal, str) and normal in tuple(AXES[: dmp.n_dims]):
         normal = AXES.index(normal)
     if isinstance(normal, (int, np.integer)) and not isinstance(normal, bool) and 0 <= normal < dmp.n_dims:
         normal = np.eye(dmp.n_dims)[normal]
-    n = _vector("normal", normal, dmp)
+    n = vector("normal", normal, dmp.n_dims)
     length = np.linalg.norm(n)
     if not length > 0:
         raise OptionError("the mirror's normal is zero", way_out="give a direction")
@@ -134,8 +135,8 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
     ----------
     share : share of b; 0 gives a, 1 gives b, and values outside this range exaggerate the difference
     """
-    _require_positions(a)
-    _require_positions(b)
+    require_positions(a)
+    require_positions(b)
     if a.n_dims != b.n_dims:
         raise OptionError(
             f"movements in {a.n_dims} and {b.n_dims} dimensions cannot be blended",
@@ -316,12 +317,12 @@ def in_space(dmp: DMP, plane: str) -> DMP:
 
 def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
     """Map the movement by ``y -> about + M (y - about)``, M a rotation or reflection times a scale."""
-    _require_positions(dmp)
+    require_positions(dmp)
     along_axes = (np.abs(matrix) > 1e-15).sum(axis=1).max() == 1
     if dmp.variant is Variant.CLASSIC and not along_axes:
         dmp = settled(dmp)
     fixed = dmp.goal if dmp.variant is Variant.RHYTHMIC else dmp.start
-    fixed = fixed if about is None else _vector("about", about, dmp)
+    fixed = fixed if about is None else vector("about", about, dmp.n_dims)
     vectors = ("weights", "start_velocity", "goal_velocity", "learned")
     mapped = replace(
         dmp,
@@ -336,21 +337,9 @@ def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
     return mapped
 
 
-def _require_positions(dmp: DMP) -> None:
-    if not isinstance(dmp, DMP):
-        raise OptionError(
-            f"a {type(dmp).__name__} is no DMP of positions", way_out="give a DMP, such as pose.translation"
-        )
-
-
 def _require_ending(dmp: DMP, doing: str) -> None:
-    _require_positions(dmp)
+    require_positions(dmp)
     if dmp.variant is Variant.RHYTHMIC:
         raise OptionError(
             f"a rhythmic movement never ends and cannot be {doing}", way_out="give one that ends"
         )
-
-
-def _vector(name: str, value: object, dmp: DMP) -> Array:
-    _require_positions(dmp)
-    return vector(name, value, dmp.n_dims)

@@ -52,7 +52,6 @@ from comove.primitives.phase import ExponentialPhase, Phase
 Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]
 
-FAR = 5.0  # standard deviations from which on a via-point is told to be far
 N_SEEN = 2  # instants for every parameter of a coordinate, at which the covariance is estimated
 MET = 1e-6  # by which exact conditions may be missed, as a share of the movement's extent
 ROUNDING = 1e-14  # relative eigenvalue of the covariance that counts as none
@@ -309,6 +308,7 @@ class ProMP:
         position_covariance: ArrayLike = 0.0,
         velocity_covariance: ArrayLike = 0.0,
         manipulator: str | None = None,
+        far: float = 5.0,
     ) -> ProMP:
         """Return the distribution of the movements that pass via-points.
 
@@ -321,6 +321,8 @@ class ProMP:
             [m^2/s^2]; 0 for points that are passed exactly.
         manipulator
             Name of the one whose points are given; all coordinates unless given.
+        far
+            Standard deviations from the mean beyond which a point is warned of.
 
         Raises
         ------
@@ -330,7 +332,7 @@ class ProMP:
         Warns
         -----
         ComoveWarning
-            If a point is more than five standard deviations from the mean; names the distance.
+            If a point is more than `far` standard deviations from the mean; names the distance.
         """
         from scipy.linalg import block_diag  # slow to import
 
@@ -344,7 +346,7 @@ class ProMP:
             if point.velocity is not None:
                 of_velocity = covariance_of("velocity_covariance", velocity_covariance, len(columns))
                 noise = block_diag(noise, of_velocity)
-            self._tell_far(point, row, target, noise)
+            self._tell_far(point, row, target, noise, far)
             rows.append(row)
             targets.append(target)
             noises.append(noise)
@@ -394,7 +396,7 @@ class ProMP:
         covariance[at], covariance[:, at] = 0.0, 0.0
         return replace(bound, mean_parameters=parameters, covariance=covariance)
 
-    def at_context(self, context: ArrayLike) -> ProMP:
+    def at_context(self, context: ArrayLike, far: float = 5.0) -> ProMP:
         """Return the distribution for task parameters, array of shape (n_context,).
 
         Raises
@@ -405,15 +407,15 @@ class ProMP:
         Warns
         -----
         ComoveWarning
-            If they are more than five standard deviations from those of the recordings.
+            If they are more than `far` standard deviations from those of the recordings.
         """
         if not len(self.context_mean):
             raise OptionError("the distribution depends on no context", way_out="fit it with contexts=")
         away = vector("context", context, len(self.context_mean)) - self.context_mean
-        far = float(np.max(np.abs(away) / np.where(self.context_std > 0, self.context_std, 1.0)))
-        if far > FAR:
+        distance = float(np.max(np.abs(away) / np.where(self.context_std > 0, self.context_std, 1.0)))
+        if distance > far:
             warnings.warn(
-                f"the context {context!r} is {far:.3g} standard deviations from those of the recordings",
+                f"the context {context!r} is {distance:.3g} standard deviations from those of the recordings",
                 ComoveWarning,
                 stacklevel=2,
             )
@@ -534,10 +536,10 @@ class ProMP:
             targets.append(target)
         return np.concatenate(rows), np.concatenate(targets)
 
-    def _tell_far(self, point: ViaPoint, rows: Array, target: Array, noise: Array) -> None:
+    def _tell_far(self, point: ViaPoint, rows: Array, target: Array, noise: Array, far: float) -> None:
         away = target - rows @ self.mean_parameters.ravel()
         distance = np.sqrt(away @ _pseudo_inverse(rows @ self.covariance @ rows.T + noise) @ away)
-        if distance > FAR:
+        if distance > far:
             off = np.linalg.norm(away[: np.size(point.position)])
             warnings.warn(
                 f"the via-point at {point.time:g} s is {distance:.3g} standard deviations from what was taught, "
