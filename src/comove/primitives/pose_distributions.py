@@ -286,31 +286,31 @@ def _by_hand(demonstration: object, number: int) -> dict[str, Any]:
 
 def _mean_orientation(recordings: Sequence[Any]) -> Array:
     """Return the mean orientation of recordings, shape (4,): that of the least squared chords (Markley, 2007)."""
-    square = np.zeros((4, 4))
-    for recording in recordings:
-        quaternions = numbers(recording.orientation)
-        share = np.gradient(numbers(recording.time)) / (recording.time[-1] - recording.time[0])
-        square += (quaternions.T * share) @ quaternions
-    mean = np.linalg.eigh(square)[1][:, -1]
+    from scipy.spatial.transform import Rotation
+
+    quaternions = np.concatenate([numbers(recording.orientation) for recording in recordings])
+    shares = [np.abs(np.gradient(numbers(r.time)) / (r.time[-1] - r.time[0])) for r in recordings]
+    seen = Rotation.from_quat(quaternions, scalar_first=True)
+    mean = seen.mean(np.concatenate(shares)).as_quat(scalar_first=True)
     first = mean[np.flatnonzero(np.abs(mean) > 1e-9)[0]]
     return np.asarray(mean * np.sign(first), dtype=np.float64)
 
 
 def _flat(hands: Mapping[str, Any], references: Sequence[Array], number: int) -> Any:
     """Return a recording in coordinates relative to the references: one, or a mapping by manipulator."""
+    from scipy.spatial.transform import Rotation
+
     flat: dict[str, RecordedSamples] = {}
     for (name, part), reference in zip(hands.items(), references, strict=True):
         relative = rotations.quaternion_product(numbers(part.orientation), rotations.conjugate(reference))
-        relative = relative * np.where(relative[:, :1] < 0, -1.0, 1.0)
-        length = np.linalg.norm(relative[:, 1:], axis=1, keepdims=True)
-        angle = 2 * np.arctan2(length, relative[:, :1])
+        vectors = Rotation.from_quat(relative, scalar_first=True).as_rotvec()
+        angle = np.linalg.norm(vectors, axis=1)
         if angle.max(initial=0.0) > MOST_TURN:
             raise DemonstrationError(
                 f"recording {number} turns by {angle.max():.3g} rad away from the mean orientation",
                 key="orientation",
                 way_out=f"cut the recordings, so that each part stays within {MOST_TURN:.3g} rad",
             )
-        vectors = relative[:, 1:] * np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0)
         position = np.concatenate([numbers(part.position), vectors], axis=1)
         flat[name] = RecordedSamples(numbers(part.time), position, unit=getattr(part, "unit", "m"))
     return flat[""] if set(flat) == {""} else flat
