@@ -10,8 +10,6 @@ import pytest
 
 from comove.demonstrations import (
     Demonstration,
-    hdf5_episodes,
-    lerobot_episodes,
     read_csv,
     read_hdf5,
     read_lerobot,
@@ -22,6 +20,7 @@ from comove.demonstrations import (
     write_npz,
     write_rosbag,
 )
+from comove.demonstrations.formats import hdf5, lerobot
 from comove.errors import ComoveError
 from comove.experiments.bench.store import RunStore
 from comove.io.folders import check_target
@@ -54,8 +53,8 @@ READERS = [
     read_lerobot,
 ]
 READERS += [
-    hdf5_episodes,
-    lerobot_episodes,
+    hdf5.episodes,
+    lerobot.episodes,
     Scene.load,
     read_primitive,
     show_library,

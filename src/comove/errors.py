@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import ClassVar
 
 LONGEST_WORD, LONGEST_MESSAGE = 300, 3000
@@ -337,5 +337,14 @@ def near_name(name: str, names: Iterable[str]) -> str:
     names, name = list(names), shortened(str(name))
     near = difflib.get_close_matches(name, names[:MOST_KNOWN], n=1, cutoff=0.6)
     guess = f"did you mean '{near[0]}'? " if near else ""
-    more = f" and {len(names) - MOST_KNOWN} more" if len(names) > MOST_KNOWN else ""
-    return f"{guess}known: {', '.join(names[:MOST_KNOWN])}{more}"
+    return f"{guess}known: {listed(names)}"
+
+
+def listed(names: Sequence[str], most: int = MOST_KNOWN) -> str:
+    """Return names in one line, and how many are left out beyond `most`.
+
+    >>> listed(["a", "b", "c", "d"], 2)
+    'a, b and 2 more'
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

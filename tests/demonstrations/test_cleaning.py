@@ -77,7 +77,7 @@ def test_merging_says_how_many_rows_and_where():
 @pytest.mark.parametrize(("scale", "hinted"), [(1.0, False), (4.9, False), (5.1, True), (1000.0, True)])
 def test_movements_beyond_five_metres_look_like_millimetres(scale, hinted):
     hint = cleaning.unit_hint(100.0 + scale * LINE)
-    assert hint == (f"the movement spans {scale:.4g} m: {cleaning.UNIT_HINT}" if hinted else "")
+    assert hint == (f"the movement spans {scale:.4g} m: {cleaning.UNIT_HINTS['m']}" if hinted else "")
 
 
 def test_joints_beyond_two_turns_look_like_degrees_and_other_units_like_nothing():

@@ -13,9 +13,9 @@ from comove.errors import ConstraintError, DemonstrationError, OptionError
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP
 from comove.primitives.projection import (
-    TURN_LENGTH,
     HandDistance,
     Poses,
+    ProjectionSettings,
     RelativePose,
     SameHeight,
     Separation,
@@ -210,14 +210,16 @@ def test_the_projection_is_the_nearest_point_for_a_distance(seed):
     assert np.abs(moved.orientations - poses.orientations).max() < 1e-9
 
 
-def test_a_radian_counts_as_a_length():
+@pytest.mark.parametrize("turn_length", [0.1, 0.3, 1.0])
+def test_a_radian_counts_as_a_length(turn_length):
     """The tip of a pointer is to be lowered: it moves and turns as much as the metric says."""
 
     def tip(poses):
         return poses.position("a")[:, 2] + 0.6 * poses.rotation("a")[:, 2, 0] + 1e-4
 
-    moved = project(Poses(("a",), np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]])), [tip])
-    share = (0.6 / TURN_LENGTH) ** 2
+    poses = Poses(("a",), np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]]))
+    moved = project(poses, [tip], settings=ProjectionSettings(turn_length=turn_length))
+    share = (0.6 / turn_length) ** 2
     assert moved.positions[0, 0, 2] == pytest.approx(-1e-4 / (1 + share), rel=1e-3)
     assert moved.rotation("a")[0, 2, 0] * 0.6 == pytest.approx(-1e-4 * share / (1 + share), rel=1e-3)
 

@@ -13,7 +13,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError
 from comove.primitives import operations as op
 from comove.primitives.files import Primitive, dumps, learn
-from comove.primitives.library import SUFFIX, Library, rank, shape_distances
+from comove.primitives.library import SUFFIX, Library, shape_distances
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)
@@ -242,11 +242,14 @@ def test_only_movements_of_the_same_dimension_are_compared(library):
         ({"shape": 3}, "shape = 3"),
     ],
 )
-def test_refused(wanted, message):
+def test_refused(library, wanted, message):
     with pytest.raises(OptionError, match=message):
-        rank(list(ALL.values()), **wanted)
+        library.find(**wanted)
 
 
 def test_a_large_library_is_ranked_at_once(tmp_path):
-    many = [Primitive(f"{i}", op.rotate(p.dmp, i / 7)) for i, p in enumerate([*ALL.values()] * 60)]
-    assert [m.name for m in rank(many, shape=ALL["Sine"])[:60]] and len(rank(many, shape=ALL["Sine"])) == 300
+    library = Library(tmp_path)
+    for i, primitive in enumerate([*ALL.values()] * 20):
+        library.add(Primitive(f"{i}", op.rotate(primitive.dmp, i / 7)))
+    found = [int(match.name) % 5 for match in library.find(shape=ALL["Sine"])]
+    assert len(found) == 100 and set(found[:20]) == {SHAPES.index("Sine")}

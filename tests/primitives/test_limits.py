@@ -147,5 +147,5 @@ def test_slips_are_told():
         with pytest.raises(OptionError, match="via"):
             constrained(dmp, via=via)
     for function in (largest, constrained):
-        with pytest.raises(OptionError, match="the movement is"):
+        with pytest.raises(OptionError, match="is no DMP of positions"):
             function(None)

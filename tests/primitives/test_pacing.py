@@ -10,7 +10,7 @@ from scipy.optimize import linprog
 
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
-from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant, largest, slowed
+from comove.primitives import DMP, ExponentialPhase, LinearPhase, PacingSettings, Variant, largest, slowed
 from tests.cases import examples
 
 from .movements import resting_dmp
@@ -56,6 +56,15 @@ def test_along_a_line_it_is_the_trapezoid(way, phase):
     v, a = 1.0, 2.0  # along the line, whose larger share is 4/5
     least = way / v + v / a if way > v**2 / a else 2 * np.sqrt(way / a)
     assert least * (1 - 1e-9) <= paced.duration <= 1.002 * least
+
+
+def test_the_margin_is_left_free():
+    settings = PacingSettings(margin=0.01)
+    exact, slack = (
+        slowed(straight(3.0), velocity=0.8, acceleration=1.6, pace=np.inf, settings=used)
+        for used in (PacingSettings(), settings)
+    )
+    assert slack.duration / exact.duration == pytest.approx(np.sqrt(1.01), rel=1e-3)
 
 
 @examples(6)
@@ -174,7 +183,7 @@ def test_slips_are_told():
         slowed(still, velocity=1.0, pace=np.inf)
     with pytest.raises(OptionError, match="rhythmic"):
         slowed(replace(dmp, variant=Variant.RHYTHMIC), velocity=1.0)
-    with pytest.raises(OptionError, match="the movement is"):
+    with pytest.raises(OptionError, match="is no DMP of positions"):
         slowed(None, velocity=1.0)
     with pytest.raises(OptionError, match="dt"):
         slowed(dmp).rate(0.0, 0.0)

@@ -22,7 +22,7 @@ from comove.primitives import (
     write_primitive,
 )
 from comove.primitives.alignment import Alignment, aligned
-from comove.primitives.estimation import regression, widening
+from comove.primitives.estimation import EstimationSettings, regression, widening
 from tests.cases import examples
 
 DEMOS = [Demonstration.from_lasa("Sine", k) for k in range(7)]
@@ -314,3 +314,11 @@ def test_what_does_not_belong_together_is_told():
         TWO.condition(ViaPoint(0.5, [0, 0]), manipulator="lefd")
     with pytest.raises(OptionError, match="a time from 0"):
         PROMP.condition(ViaPoint(99.0, [0, 0]))
+
+
+def test_the_length_of_the_taper_is_chosen_among_those_that_are_given():
+    takes = [Demonstration.from_lasa("Sine", k) for k in range(5)]
+    given = EstimationSettings(lengths=(0.9,), n_choosing=5)
+    assert "tapered over 0.9 of" in ProMP.fit(takes, n_basis=5, settings=given).notes[1]
+    with pytest.warns(ComoveWarning, match=r"tapered over 0\.3 of"):
+        ProMP.fit(takes, n_basis=5, settings=EstimationSettings(n_choosing=6))

@@ -7,13 +7,10 @@ every instant once. Its `notes` report every change that was made.
 from comove.demonstrations.demonstration import Demonstration, each, each_episode, segment
 from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag, write
 from comove.demonstrations.formats.csv import write as write_csv
-from comove.demonstrations.formats.hdf5 import episodes as hdf5_episodes
 from comove.demonstrations.formats.hdf5 import write_aloha, write_robomimic
 from comove.demonstrations.formats.lasa import names as lasa_names
-from comove.demonstrations.formats.lerobot import episodes as lerobot_episodes
 from comove.demonstrations.formats.lerobot import write as write_lerobot
 from comove.demonstrations.formats.npz import write as write_npz
-from comove.demonstrations.formats.rosbag import topics as rosbag_topics
 from comove.demonstrations.formats.rosbag import write as write_rosbag
 
 read_csv = each(csv.read)
@@ -21,20 +18,15 @@ read_npz = each(npz.read)
 read_rosbag = each(rosbag.read)
 read_hdf5 = each_episode(hdf5.read)
 read_lerobot = each_episode(lerobot.read)
-read_lasa = Demonstration.from_lasa
 
 __all__ = [
     "Demonstration",
-    "hdf5_episodes",
     "lasa_names",
-    "lerobot_episodes",
     "read_csv",
     "read_hdf5",
-    "read_lasa",
     "read_lerobot",
     "read_npz",
     "read_rosbag",
-    "rosbag_topics",
     "segment",
     "write",
     "write_aloha",

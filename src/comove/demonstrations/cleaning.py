@@ -24,19 +24,15 @@ LARGEST = 1e12
 """Numbers beyond this are no measurement, and their squares overflow."""
 SHORTEST = 1e-6
 """Recordings below this duration have no velocity to speak of [s]."""
-MILLIMETRE_EXTENT = 5.0
-"""A hand's movement with a larger extent than this was probably not recorded in metres [m]."""
-TURNS_EXTENT = 4.0 * np.pi
-"""A joint that moves further than this was probably not recorded in radians [rad]."""
+UNIT_EXTENTS = {"m": 5.0, "rad": 4.0 * np.pi}
+"""A movement of a hand or a joint with a larger extent than this was probably recorded in another unit."""
 UNIT_HINTS = {
     "m": "looks like millimetres, divide by 1000",
     "rad": "looks like degrees, convert it with numpy.radians",
 }
 """What a movement in this unit looks like when its numbers are too large."""
-UNIT_HINT = UNIT_HINTS["m"]
-IN_ANY_CASE = f"in metres, as was said, though it {UNIT_HINT}"
+IN_ANY_CASE = f"in metres, as was said, though it {UNIT_HINTS['m']}"
 """Noted where somebody insists: then nothing is warned of."""
-_UNIT_EXTENTS = {"m": MILLIMETRE_EXTENT, "rad": TURNS_EXTENT}
 NORM_TOLERANCE = 1e-3
 """Quaternions whose norm is off by more than this are no rounding, but a mistake."""
 _NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
@@ -195,7 +191,7 @@ def metres(unit: str, file: object = None) -> float:
 def unit_hint(position: NDArray[np.float64], unit: str = "m") -> str:
     """Return a hint if `position`, in `unit`, looks like millimetres or degrees, else ""."""
     extent = np.ptp(position, axis=0).max()
-    if extent <= _UNIT_EXTENTS.get(unit, np.inf):
+    if extent <= UNIT_EXTENTS.get(unit, np.inf):
         return ""
     return f"the movement spans {extent:.4g} {unit}: {UNIT_HINTS[unit]}"
 

@@ -182,7 +182,7 @@ class Demonstration(RecordedSamples):
             raise OptionError(
                 f"the recording says that it is in {self.unit}", key="unit", way_out="leave the unit out"
             )
-        others = tuple(note for note in self.notes if cleaning.UNIT_HINT not in note)
+        others = tuple(note for note in self.notes if cleaning.UNIT_HINTS["m"] not in note)
         if unit == "m":
             hint = cleaning.unit_hint(self.position, "m")
             return replace(self, notes=(*others, cleaning.IN_ANY_CASE)) if hint else self
@@ -276,7 +276,7 @@ class Demonstration(RecordedSamples):
             samples = formats.load(path, manipulator, episode=episode, topic=topic)
             with warnings.catch_warnings():
                 if unit is not None:  # which says what the numbers look like
-                    warnings.filterwarnings("ignore", f".*{cleaning.UNIT_HINT}", ComoveWarning)
+                    warnings.filterwarnings("ignore", f".*{cleaning.UNIT_HINTS['m']}", ComoveWarning)
                 recording = cls.of(samples)
             recording = recording.in_metres(unit)
         else:
@@ -296,7 +296,7 @@ class Demonstration(RecordedSamples):
 
         The name of each movement tells its episode, manipulator or topic.
         """
-        return tuple(map(cls.of, formats.load_all(path)))
+        return tuple(movement for found in cls.load_recordings(path) for movement in found.values())
 
     @classmethod
     def load_recordings(cls, path: str | os.PathLike[str]) -> tuple[dict[str, Demonstration], ...]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import DemonstrationError, near_name
+from comove.errors import DemonstrationError, listed, near_name
 
 
 def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
@@ -37,8 +37,6 @@ MAX_ROWS = 2_000_000
 """Samples that are read from one file."""
 _EVEN_SHARE = 1e-3
 """How far stamps may lie from even ones, in steps, where a format knows only a rate."""
-_SHOWN = 20
-"""Names that a message lists."""
 
 
 @dataclass(frozen=True)
@@ -157,12 +155,11 @@ def select_name(names: Iterable[str], name: str | None, file: object, what: str)
     if name in words:
         return str(name)
     known = [f"{key} ({word})" if isinstance(word, str) else key for key, word in words.items()]
-    listed = _listed(known)
     if name is None:
-        message, way_out = f"it holds {len(words)} {what}s", f"name one of {listed}"
+        message, way_out = f"it holds {len(words)} {what}s", f"name one of {listed(known, 20)}"
     else:
         message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
-        way_out += f"known: {listed}"
+        way_out += f"known: {listed(known, 20)}"
     raise fault(file, what, message, way_out)
 
 
@@ -179,12 +176,7 @@ def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file
     for name in (str(episode), f"{prefix}{episode}"):
         if name in episodes:
             return [name]
-    raise fault(file, "episode", f"there is no episode {episode!r}", f"known: {_listed(episodes)}")
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return ", ".join(names[:_SHOWN]) + more
+    raise fault(file, "episode", f"there is no episode {episode!r}", f"known: {listed(episodes, 20)}")
 
 
 def by_manipulator(
@@ -282,3 +274,23 @@ def even_rate(demos: Mapping[str, RecordedSamples], file: object) -> float:
             "the format keeps a rate and no stamps: write demonstration.resampled(n_steps)",
         )
     return rate
+
+
+def common_rate(episodes: Sequence[Mapping[str, RecordedSamples]], file: object) -> float:
+    """Return the sampling rate of all episodes [Hz], for formats that keep one.
+
+    Raises
+    ------
+    DemonstrationError
+        If the time steps are not even, or the episodes differ in them.
+    """
+    rates = [even_rate(demos, file) for demos in episodes]
+    for index, rate in enumerate(rates):
+        if not math.isclose(rate, rates[0], rel_tol=1e-9):
+            raise fault(
+                file,
+                None,
+                f"episode {index} runs at {rate:.6g} Hz and episode 0 at {rates[0]:.6g} Hz",
+                "the format has one rate: resample the episodes",
+            )
+    return rates[0]

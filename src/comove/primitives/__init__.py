@@ -5,6 +5,7 @@ from comove.primitives.average import AveragedDMP, average
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.primitives.coactivation import coactivated
 from comove.primitives.dmp import DMP
+from comove.primitives.estimation import EstimationSettings
 from comove.primitives.files import (
     Primitive,
     Provenance,
@@ -16,7 +17,7 @@ from comove.primitives.files import (
 from comove.primitives.library import Library, Match
 from comove.primitives.limits import ViaPoint, constrained, largest
 from comove.primitives.online import DMPState, rate_for_lag
-from comove.primitives.pacing import PacedDMP, slowed
+from comove.primitives.pacing import PacedDMP, PacingSettings, slowed
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import VERTICAL, Pose, PoseDMP, PoseState
@@ -28,12 +29,14 @@ __all__ = [
     "AveragedDMP",
     "DMP",
     "DMPState",
+    "EstimationSettings",
     "ExponentialPhase",
     "Library",
     "LinearPhase",
     "Match",
     "MotionBasis",
     "PacedDMP",
+    "PacingSettings",
     "Phase",
     "Pose",
     "PoseDMP",

@@ -2,16 +2,38 @@
 
 from __future__ import annotations
 
-from typing import TypeGuard
+from enum import StrEnum
+from typing import Self, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import OptionError
+from comove.errors import OptionError, near_name
 
 Array = NDArray[np.float64]
 
 MAX_STEPS = 100_000_000
+
+
+class NamedOption(StrEnum):
+    """A choice among names, which is an argument itself or by its name."""
+
+    @classmethod
+    def named(cls, name: str) -> Self:
+        """Return the choice with the given name.
+
+        Raises
+        ------
+        OptionError
+            If there is no such choice; the argument is called as the class in lower case.
+        """
+        try:
+            return cls(name)
+        except ValueError:
+            raise OptionError(
+                f"{cls.__name__.lower()} = {name!r}",
+                way_out=near_name(str(name), [choice.value for choice in cls]),
+            ) from None
 
 
 def is_number(value: object) -> TypeGuard[float]:

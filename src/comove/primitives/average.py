@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ class AveragedDMP:
         """Draw a movement from the Gaussian that the members span; ends and duration vary with the shape."""
         share = rng.standard_normal(len(self.members)) / np.sqrt(len(self.members) - 1)
         share -= share.mean()
-        mean = _mixed(self.mean, self.members, share + 1 / len(self.members))
+        mean = mixed(self.members, share + 1 / len(self.members))
         shortest = min(member.duration for member in self.members)
         return mean if mean.duration >= 0.5 * shortest else mean.towards(duration=0.5 * shortest)
 
@@ -112,23 +113,18 @@ def average(
         DMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
         for demonstration in demonstrations
     )
-    return AveragedDMP(_mixed(members[0], members, np.full(len(members), 1 / len(members))), members)
+    return AveragedDMP(mixed(members, np.full(len(members), 1 / len(members))), members)
 
 
-def _mixed(like: DMP, members: Sequence[DMP], shares: Array) -> DMP:
-    """Return the combination of movements at equal phases, with shares that sum to 1."""
-    duration = float(shares @ [member.duration for member in members])
-
-    def mix(values: Sequence[Array]) -> Array:
-        return np.tensordot(shares, np.stack(values), axes=1)
-
-    return replace(
-        like,
-        weights=mix([member.weights for member in members]),
-        start=mix([member.start for member in members]),
-        goal=mix([member.goal for member in members]),
-        start_velocity=mix([member.start_velocity * member.duration for member in members]) / duration,
-        goal_velocity=mix([member.goal_velocity * member.duration for member in members]) / duration,
-        learned=mix([member.learned for member in members]),
-        duration=duration,
-    )
+def mixed(members: Sequence[DMP], shares: Array) -> DMP:
+    """Return the combination of movements of one basis at equal phases; ``shares``, shape (n_members,), sum to 1."""
+    durations = np.array([member.duration for member in members])
+    duration = float(shares @ durations)
+    mix: dict[str, Any] = {
+        name: np.tensordot(shares, [getattr(member, name) for member in members], axes=1)
+        for name in ("weights", "start", "goal", "learned")
+    }
+    for name in ("start_velocity", "goal_velocity"):
+        paces = np.tensordot(shares * durations, [getattr(member, name) for member in members], axes=1)
+        mix[name] = paces / duration
+    return replace(members[0], duration=duration, **mix)

@@ -15,15 +15,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import numbers
-from comove.primitives.estimation import USUAL_LENGTH, taper
-from comove.primitives.probabilistic import N_SEEN, ProMP, solver
+from comove.primitives.estimation import USUAL, solver, taper
+from comove.primitives.probabilistic import N_SEEN, ProMP
 
 Array = NDArray[np.float64]
 
 FLOOR = 1e-6  # of the mean variance, added to all: what never varies has a finite precision
 
 
-def coactivated(promps: Sequence[ProMP], activations: ArrayLike, *, length: float = USUAL_LENGTH) -> ProMP:
+def coactivated(
+    promps: Sequence[ProMP], activations: ArrayLike, *, length: float = USUAL.usual_length
+) -> ProMP:
     """Return the distribution of movements that several distributions allow, by their activations.
 
     Parameters

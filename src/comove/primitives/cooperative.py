@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,16 +24,12 @@ from comove.demonstrations import Demonstration
 from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
 from comove.geometry import rotations
 from comove.primitives.arguments import instants, is_number, require_steps
-from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
-from comove.primitives.projection import TURN_LENGTH, Constraint, Poses, project
+from comove.primitives.poses import Pose, PoseDMP, PoseEnds, PoseRecording, PoseState
+from comove.primitives.projection import Constraint, Poses, ProjectionSettings, project
 from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]
 
-NUDGE = 1e-6  # durations, over which velocities of projected movements are taken
-MAX_STRETCH = 10.0  # of the movement's speed by the projection
-SMALL_WAY = 1e-3  # m, that is not looked at
-HALVINGS = 16
 ROUNDING = 1e-7  # m
 
 
@@ -70,12 +66,14 @@ class CooperativeDMP:
     constraints : constraints that are met by projection
     mobility : by name, how readily a hand makes way in the projection, relative to the others: 0 for a leader, which
         keeps its own movement; 1 for hands that are not named
+    projection : settings of the projection, which files do not hold
     """
 
     load: PoseDMP | None
     hands: Mapping[str, Pose | PoseDMP]
     constraints: tuple[Constraint, ...] = ()
     mobility: Mapping[str, float] = field(default_factory=dict)
+    projection: ProjectionSettings = field(default_factory=ProjectionSettings)
 
     def __post_init__(self) -> None:
         if not isinstance(self.hands, Mapping):
@@ -138,7 +136,7 @@ class CooperativeDMP:
         return tuple(float(self.mobility.get(name, 1.0)) for name in self.hands)
 
     def _projected(self, poses: Poses) -> Poses:
-        return project(poses, self.constraints, self._mobilities())
+        return project(poses, self.constraints, self._mobilities(), self.projection)
 
     @classmethod
     def from_hand(
@@ -190,57 +188,28 @@ class CooperativeDMP:
         """Return the names of the hands."""
         return tuple(self.hands)
 
-    def towards(
-        self,
-        *,
-        start: Pose | None = None,
-        goal: Pose | None = None,
-        duration: float | None = None,
-        start_velocity: ArrayLike | None = None,
-        goal_velocity: ArrayLike | None = None,
-    ) -> CooperativeDMP:
+    def towards(self, **ends: Unpack[PoseEnds]) -> CooperativeDMP:
         """Return the movement between other poses and velocities of the load, or with another duration [s].
 
         Arguments are as for `PoseDMP.towards`.
         """
-        ends = {
-            "start": start,
-            "goal": goal,
-            "start_velocity": start_velocity,
-            "goal_velocity": goal_velocity,
-        }
-        given: dict[str, Any] = {name: end for name, end in ends.items() if end is not None}
-        if self.load is None and given:
+        duration = ends.get("duration")
+        if self.load is None and any(end is not None for name, end in ends.items() if name != "duration"):
             raise OptionError(
                 "hands that move for themselves have no common start or goal",
                 way_out="change the movement of each",
             )
-        load = None if self.load is None else self.load.towards(duration=duration, **given)
+        load = None if self.load is None else self.load.towards(**ends)
         hands = {
             name: hand.towards(duration=duration) if isinstance(hand, PoseDMP) else hand
             for name, hand in self.hands.items()
         }
         return replace(self, load=load, hands=hands)
 
-    def rollout(
-        self,
-        *,
-        start: Pose | None = None,
-        goal: Pose | None = None,
-        duration: float | None = None,
-        start_velocity: ArrayLike | None = None,
-        goal_velocity: ArrayLike | None = None,
-        n_steps: int = 201,
-    ) -> PoseTrajectory:
+    def rollout(self, *, n_steps: int = 201, **ends: Unpack[PoseEnds]) -> PoseTrajectory:
         """Return samples of the movement of all hands, between other ends of the load if they are given."""
         require_steps(n_steps)
-        dmp = self.towards(
-            start=start,
-            goal=goal,
-            duration=duration,
-            start_velocity=start_velocity,
-            goal_velocity=goal_velocity,
-        )
+        dmp = self.towards(**ends)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
@@ -256,7 +225,7 @@ class CooperativeDMP:
         time = instants(time)
         poses, velocity, spin = self._free(time)
         if self.constraints and len(time):
-            nudge = NUDGE * self.duration
+            nudge = 1e-6 * self.duration  # over which velocities are taken
             poses, behind, ahead = (self._projected(self._free(time + by)[0]) for by in (0.0, -nudge, nudge))
             self._require_no_jump(time, poses)
             span = np.clip(time + nudge, 0.0, nudge) + np.clip(time, 0.0, nudge)  # held before the start
@@ -392,26 +361,34 @@ class CooperativeDMP:
             Poses(poses.manipulators, poses.positions[at], poses.orientations[at])
             for at in (slice(-1), slice(1, None))
         ]
-        longer = _apart(*there) > 2 * _apart(self._free(begin)[0], self._free(end)[0]) + SMALL_WAY
+        own = self._apart(self._free(begin)[0], self._free(end)[0])
+        longer = self._apart(*there) > 2 * own + self.projection.small_way
         begin, end = begin[longer], end[longer]
         if not begin.size:
             return
-        for _ in range(HALVINGS):
+        for _ in range(self.projection.n_halvings):
             middle = 0.5 * (begin + end)
             first, half, last = (
                 self._projected(self._free(instants)[0]) for instants in (begin, middle, end)
             )
-            ways = _apart(first, half), _apart(half, last)
+            ways = self._apart(first, half), self._apart(half, last)
             later = ways[1] > ways[0]
             begin, end = np.where(later, middle, begin), np.where(later, end, middle)
-        own = _apart(self._free(begin)[0], self._free(end)[0])
-        fast = np.maximum(*ways) > MAX_STRETCH * own + ROUNDING
+        own, stretch = self._apart(self._free(begin)[0], self._free(end)[0]), self.projection.stretch
+        fast = np.maximum(*ways) > stretch * own + ROUNDING
         if fast.any():
             raise ConstraintError(
-                f"the projection onto the constraints moves hands more than {MAX_STRETCH:g} times as fast as their "
+                f"the projection onto the constraints moves hands more than {stretch:g} times as fast as their "
                 f"movement near {begin[fast][0]:.4g} s",
                 way_out="begin from a movement that nearly meets them",
             )
+
+    def _apart(self, first: Poses, second: Poses) -> Array:
+        """Return the largest movement of a hand, turns included, between two poses; array, shape (n_steps,) [m]."""
+        moved = np.linalg.norm(second.positions - first.positions, axis=2)
+        cosine = np.abs((first.orientations * second.orientations).sum(axis=2))
+        turned = 2 * np.arccos(np.minimum(cosine, 1.0))
+        return (moved + self.projection.turn_length * turned).max(axis=1)
 
     @property
     def movements(self) -> dict[str, PoseDMP]:
@@ -436,13 +413,3 @@ def _composed(frame: Pose, hand: Pose) -> tuple[Array, Array]:
         frame.position + rotations.matrices(frame.orientation) @ hand.position,
         rotations.quaternion_product(frame.orientation, hand.orientation),
     )
-
-
-def _apart(first: Poses, second: Poses) -> Array:
-    """Return the largest movement of a hand between two sets of poses, array, shape (n_steps,) [m].
-
-    A radian counts as `TURN_LENGTH` metres.
-    """
-    moved = np.linalg.norm(second.positions - first.positions, axis=2)
-    cosine = np.abs((first.orientations * second.orientations).sum(axis=2))
-    return (moved + TURN_LENGTH * 2 * np.arccos(np.minimum(cosine, 1.0))).max(axis=1)

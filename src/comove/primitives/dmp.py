@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
-from typing import Protocol
+from typing import Protocol, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,6 +51,16 @@ class Recording(Protocol):
     @property
     def start_velocity(self) -> Array:
         """Return the velocity at the first sample, shape (n_dims,), [m/s]."""
+
+
+class Ends(TypedDict, total=False):
+    """The arguments of `DMP.towards`."""
+
+    start: ArrayLike | None
+    goal: ArrayLike | None
+    duration: float | None
+    start_velocity: ArrayLike | None
+    goal_velocity: ArrayLike | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,20 +191,27 @@ class DMP:
             phase=phase or variant.usual_phase,
             variant=variant,
         )
-        weights = dmp._shape_of(time, position)
+        fitted = dmp.shaped(time, position)
         if variant is Variant.CLASSIC:
-            weights = np.where(_untaught(dmp, position)[:, None], 0.0, weights)
-        return replace(dmp, weights=weights)
+            untaught = _untaught(dmp, position)[:, None]
+            fitted = replace(fitted, weights=np.where(untaught, 0.0, fitted.weights))
+        return fitted
 
-    def _shape_of(self, time: Array, position: Array) -> Array:
-        """Return the shape weights, shape (n_dims, n_basis), that fit positions between the present ends best."""
+    def shaped(self, time: Array, position: Array) -> DMP:
+        """Return the movement between the same ends whose shape fits the positions best, without a check of them.
+
+        Parameters
+        ----------
+        time : array, shape (n_steps,), from 0 to the duration [s]
+        position : array, shape (n_steps, n_dims), [m]
+        """
         values = self.boundary_values()
 
         def design(block: slice) -> tuple[Array, Array]:
             boundary, shape = self.basis.at(time[block] / self.duration)
             return shape[0], position[block] - boundary[0] @ values
 
-        return _least_squares(design, len(time)).T
+        return replace(self, weights=_least_squares(design, len(time)).T)
 
     @classmethod
     def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:
@@ -282,17 +299,13 @@ class DMP:
             goal_velocity=self._vector("goal_velocity", goal_velocity, ratio @ self.goal_velocity),
         )
 
-    def rollout(
-        self,
-        *,
-        start: ArrayLike | None = None,
-        goal: ArrayLike | None = None,
-        duration: float | None = None,
-        start_velocity: ArrayLike | None = None,
-        goal_velocity: ArrayLike | None = None,
-        n_steps: int = 201,
-    ) -> Trajectory:
+    def rollout(self, *, n_steps: int = 201, **ends: Unpack[Ends]) -> Trajectory:
         """Play the movement, between other ends if they are given.
+
+        Parameters
+        ----------
+        n_steps : number of even samples
+        ends : any of the arguments of `towards`
 
         Returns
         -------
@@ -305,13 +318,7 @@ class DMP:
             If an argument is out of range.
         """
         require_steps(n_steps)
-        dmp = self.towards(
-            start=start,
-            goal=goal,
-            duration=duration,
-            start_velocity=start_velocity,
-            goal_velocity=goal_velocity,
-        )
+        dmp = self.towards(**ends)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def rollouts(self, weights: ArrayLike, n_steps: int = 201) -> Array:
@@ -428,6 +435,20 @@ class DMP:
 
     def _vector(self, name: str, value: ArrayLike | None, default: Array) -> Array:
         return default if value is None else vector(name, value, self.n_dims)
+
+
+def require_positions(dmp: object) -> None:
+    """Raise unless a movement is a primitive of positions.
+
+    Raises
+    ------
+    OptionError
+        The message names its class.
+    """
+    if not isinstance(dmp, DMP):
+        raise OptionError(
+            f"a {type(dmp).__name__} is no DMP of positions", way_out="give a DMP, such as pose.translation"
+        )
 
 
 def _goal_velocity(demonstration: Recording) -> Array:

@@ -15,19 +15,45 @@ movements only (the moments of Student's predictive distribution): S (1 + 1/n) (
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from comove.errors import OptionError
+from comove.primitives.alignment import Alignment, WarpingSettings
+from comove.primitives.arguments import numbers
+from comove.primitives.basis import MotionBasis
 
 Array = NDArray[np.float64]
 
-LENGTHS = (0.1, 0.17, 0.3, 0.5, 0.9, 1.6, 3.0, 6.0)  # durations, tried in turn
-USUAL_LENGTH = 0.3  # where movements are too few to leave one out
-LEAST_TO_CHOOSE = 4  # movements from which on the length is chosen
-MOST_FOLDS = 10  # groups that are left out in turn
-LEAST_FREEDOM = 4  # degrees of freedom that are assumed at least, where two would make the variance infinite
-RIDGE = 1e-9  # of a regression on contexts, relative
+N_ENDS = 4  # parameters of a coordinate that are boundary values: start, start velocity, goal, goal velocity
+
+
+@dataclass(frozen=True)
+class EstimationSettings:
+    """Settings of how a distribution is learned from few movements.
+
+    Attributes
+    ----------
+    lengths : lengths of the taper that are tried in turn [durations]
+    usual_length : length of the taper where movements are too few to leave one out [durations]
+    n_choosing : number of movements from which on the length is chosen
+    n_folds : groups of movements that are left out in turn at most
+    noise : least standard deviation of the noise in positions, as a share of the movement's extent
+    warping : settings of the alignment by warping
+    """
+
+    lengths: tuple[float, ...] = (0.1, 0.17, 0.3, 0.5, 0.9, 1.6, 3.0, 6.0)
+    usual_length: float = 0.3
+    n_choosing: int = 4
+    n_folds: int = 10
+    noise: float = 1e-4
+    warping: WarpingSettings = field(default_factory=WarpingSettings)
+
+
+USUAL = EstimationSettings()
+"""The settings unless others are given."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +76,13 @@ class Estimate:
     chosen: bool
 
 
-def estimate(values: Array, contexts: Array, noise: Array, n_columns: int) -> Estimate:
+def estimate(
+    values: Array,
+    contexts: Array,
+    noise: Array,
+    n_columns: int,
+    settings: EstimationSettings = USUAL,
+) -> Estimate:
     """Estimate a Gaussian over the positions of movements.
 
     Parameters
@@ -59,30 +91,32 @@ def estimate(values: Array, contexts: Array, noise: Array, n_columns: int) -> Es
     contexts : array, shape (n, n_context), less their mean; n_context = 0 for none
     noise : array, shape (n_columns * n_steps,), standard deviation of the noise in the values
     n_columns : number of coordinates
+    settings : how the length of the taper is chosen
     """
     n, n_steps = len(values), values.shape[1] // n_columns
     mean, slopes, sample = regression(values, contexts)
-    length, chosen = USUAL_LENGTH, n - contexts.shape[1] >= LEAST_TO_CHOOSE
-    tapers = {length: taper(n_steps, n_columns, length) for length in LENGTHS}
+    length, chosen = settings.usual_length, n - contexts.shape[1] >= settings.n_choosing
     if chosen:
-        scores = np.zeros(len(LENGTHS))
-        for fold in np.array_split(np.arange(n), min(n, MOST_FOLDS)):
+        tapers = [taper(n_steps, n_columns, length) for length in settings.lengths]
+        scores = np.zeros(len(tapers))
+        for fold in np.array_split(np.arange(n), min(n, settings.n_folds)):
             kept = np.setdiff1d(np.arange(n), fold)
             centre, slope, of_kept = regression(values[kept], contexts[kept])
             away = values[fold] - centre - contexts[fold] @ slope
             of_kept = of_kept * widening(len(kept), contexts.shape[1])
-            scores += [_log_density(of_kept * taper, noise, away) for taper in tapers.values()]
-        length = LENGTHS[int(np.argmax(scores))]
-    return Estimate(mean, widening(n, contexts.shape[1]) * sample * tapers[length], slopes, length, chosen)
+            scores += [_log_density(of_kept * tapered, noise, away) for tapered in tapers]
+        length = settings.lengths[int(np.argmax(scores))]
+    covariance = widening(n, contexts.shape[1]) * sample * taper(n_steps, n_columns, length)
+    return Estimate(mean, covariance, slopes, length, chosen)
 
 
-def regression(values: Array, contexts: Array) -> tuple[Array, Array, Array]:
-    """Return mean at the context 0, slopes and residual covariance of a linear regression."""
+def regression(values: Array, contexts: Array, ridge: float = 1e-9) -> tuple[Array, Array, Array]:
+    """Return mean at the context 0, slopes and residual covariance of a linear regression, with a relative ridge."""
     n, n_context = contexts.shape
     middle, centre = values.mean(axis=0), contexts.mean(axis=0)
     away = contexts - centre
     square = away.T @ away
-    square[np.diag_indices(n_context)] += RIDGE * max(float(np.trace(square)), 1e-300)
+    square[np.diag_indices(n_context)] += ridge * max(float(np.trace(square)), 1e-300)
     slopes = np.zeros((0, len(middle)))
     if n_context:
         slopes = np.linalg.solve(square, away.T @ (values - middle))
@@ -91,8 +125,11 @@ def regression(values: Array, contexts: Array) -> tuple[Array, Array, Array]:
 
 
 def widening(n: int, n_context: int = 0) -> float:
-    """Return the ratio of the variance of the next movement to the sample variance of n movements."""
-    freedom = max(n - 1 - n_context, LEAST_FREEDOM)
+    """Return the ratio of the variance of the next movement to the sample variance of n movements.
+
+    Four degrees of freedom are assumed at least, as two would make the variance infinite.
+    """
+    freedom = max(n - 1 - n_context, 4)
     return (1.0 + 1.0 / n) * freedom / (freedom - 2)
 
 
@@ -109,3 +146,90 @@ def _log_density(covariance: Array, noise: Array, away: Array) -> float:
     root = np.linalg.cholesky(total)
     white = np.linalg.solve(root, away.T)
     return float(-0.5 * (white**2).sum() - len(away) * np.log(np.diag(root)).sum())
+
+
+def features(basis: MotionBasis, s: Array) -> Array:
+    """Return psi: position, velocity and acceleration in unit duration, caused by a unit of every parameter.
+
+    Returns
+    -------
+    array, shape (3, n_steps, 4 + n_basis)
+    """
+    return np.concatenate(basis.at(s), axis=2)
+
+
+def fitted_parameters(basis: MotionBasis, s: Array, position: Array) -> tuple[Array, Array]:
+    """Return the parameters of one recording, shape (n_columns, 4 + n_basis), and the errors of its coordinates."""
+    parameters = (solver(basis, s) @ position).T
+    error = np.sqrt(((position - features(basis, s)[0] @ parameters.T) ** 2).mean(axis=0))
+    return parameters, error
+
+
+def solver(basis: MotionBasis, s: Array, ridge: float = 1e-7) -> Array:
+    """Return the matrix from the positions at shares `s` of the course to the parameters of the nearest movement.
+
+    Both ends are those of the first and the last position exactly. `ridge` is that of the fit, relative to the share
+    of the course.
+
+    Returns
+    -------
+    array, shape (4 + n_basis, n_steps)
+    """
+    psi, free = features(basis, s)[0], np.r_[1, 3 : N_ENDS + basis.n_basis]
+    share = np.gradient(s)[:, None]  # of the course: uneven samples count by the time that they stand for
+    weighted = psi[:, free] * share
+    square = weighted.T @ psi[:, free]
+    square[np.diag_indices(len(free))] += ridge * share.sum()
+    solver, ends = np.zeros((psi.shape[1], len(s))), np.zeros((2, len(s)))
+    ends[0, 0], ends[1, -1] = 1.0, 1.0
+    solver[[0, 2]] = ends
+    solver[free] = np.linalg.solve(square, weighted.T)
+    solver[free] -= np.linalg.solve(square, weighted.T @ psi[:, [0, 2]]) @ ends
+    return solver
+
+
+def without_noise(covariance: Array, least: float) -> Array:
+    """Return a covariance in which what has a standard deviation below `least` does not vary at all."""
+    varies = np.diag(covariance) > least**2
+    return np.where(np.outer(varies, varies), 0.5 * (covariance + covariance.T), 0.0)
+
+
+def checked_contexts(contexts: ArrayLike | None, n: int) -> Array:
+    """Return the contexts of n recordings, shape (n, n_context), after a check; none have n_context = 0."""
+    if contexts is None:
+        return np.zeros((n, 0))
+    array = numbers(contexts)
+    array = array[:, None] if array.ndim == 1 else array
+    if array.ndim != 2 or len(array) != n or not np.isfinite(array).all():
+        raise OptionError(
+            f"contexts of shape {array.shape} for {n} recordings",
+            way_out="give finite numbers for each of them",
+        )
+    if n < array.shape[1] + 2:
+        raise OptionError(
+            f"{array.shape[1]} task parameters of {n} recordings",
+            key="contexts",
+            way_out=f"give {array.shape[1] + 2} recordings or more",
+        )
+    still = np.flatnonzero(np.ptp(array, axis=0) == 0)
+    if still.size:
+        raise OptionError(
+            f"the task parameter {still[0]} is the same in all recordings",
+            key="contexts",
+            way_out="leave it out",
+        )
+    return array
+
+
+def notes_of(durations: Array, alignment: Alignment, gaussian: Estimate, wider: float) -> tuple[str, ...]:
+    """Return how a distribution was learned, in words."""
+    times = f"{durations.min():.4g} to {durations.max():.4g} s"
+    how = "equal shares of their durations" if alignment is Alignment.DURATION else "equal places, by warping"
+    why = "chosen by leaving recordings out in turn"
+    if not gaussian.chosen:
+        why = "for there are too few recordings to choose"
+    return (
+        f"{len(durations)} recordings of {times}, aligned at {how}",
+        f"correlations over time tapered over {gaussian.length:g} of the duration, {why}",
+        f"variances widened by {wider:.3g}, for {len(durations)} recordings tell no more of the next one",
+    )

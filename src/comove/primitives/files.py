@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.demonstrations import Demonstration
-from comove.errors import LibraryError, OptionError, near_name
+from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
 from comove.primitives.average import AveragedDMP
@@ -151,12 +151,8 @@ def learn(
     """
     if poses and period is not None:
         raise OptionError(f"period = {period!r} of poses", way_out="leave it out")
-    dmp: DMP | PoseDMP
-    if poses:
-        dmp = PoseDMP.fit(demonstration, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
-    else:
-        options: dict[str, Any] = {"variant": variant, "phase": phase, "period": period, "at_rest": at_rest}
-        dmp = DMP.fit(demonstration, n_basis=n_basis, **options)
+    options: dict[str, Any] = {"n_basis": n_basis, "variant": variant, "phase": phase, "at_rest": at_rest}
+    dmp = PoseDMP.fit(demonstration, **options) if poses else DMP.fit(demonstration, period=period, **options)
     measures: dict[str, Any] = {}
     for what, error in _errors(dmp, demonstration).items():
         measures |= {f"{what}_rms": float(np.sqrt((error**2).mean())), f"{what}_max": float(error.max())}
@@ -206,10 +202,6 @@ def learn_distribution(
     first = demonstrations[0]
     unit = getattr(next(iter(first.values())) if isinstance(first, Mapping) else first, "unit", "m")
     notes = (*found.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
-    if isinstance(found, PoseProMP):
-        found = replace(found, promp=replace(found.promp, notes=()))
-    else:
-        found = replace(found, notes=())
     return Primitive(name, found, unit, notes=notes)
 
 
@@ -331,7 +323,7 @@ def loads(data: bytes, file: object = None) -> Primitive:
         )
     if content.get("version") != VERSION or isinstance(content["version"], bool):
         raise LibraryError(
-            f"the version {shown(content.get('version'))} is not known",
+            f"the version {shortened(repr(content.get('version')))} is not known",
             file=file,
             key="version",
             way_out=f"this comove {__version__} reads version {VERSION}: update it, or {LEARN_AGAIN}",
@@ -357,7 +349,7 @@ def require_name(name: str, file: object = None) -> str:
         or not name.isprintable()
     ):
         raise LibraryError(
-            f"{shown(name)} cannot name a primitive",
+            f"{shortened(repr(name))} cannot name a primitive",
             file=file,
             key="name",
             way_out=f"begin with a letter or digit; up to {MAX_NAME} letters, digits, blanks and . _ + -",
@@ -377,7 +369,7 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
     kind = str(content.get("kind"))
     if kind not in KINDS:
         raise LibraryError(
-            f"{shown(kind)} is not known", file=file, key="kind", way_out=near_name(kind, KINDS)
+            f"{shortened(repr(kind))} is not known", file=file, key="kind", way_out=near_name(kind, KINDS)
         )
     with np.errstate(over="ignore", invalid="ignore"):
         try:
@@ -433,12 +425,6 @@ def _laid_out(value: Any, indent: str = "") -> str:
     if isinstance(value, (list, tuple)) and any(isinstance(entry, (list, str)) for entry in value):
         return "[\n" + ",\n".join(inner + _laid_out(entry, inner) for entry in value) + f"\n{indent}]"
     return json.dumps(value, ensure_ascii=False, allow_nan=False)
-
-
-def shown(value: object) -> str:
-    """Return a value as messages show it."""
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def renamed(primitive: Primitive, name: str) -> Primitive:

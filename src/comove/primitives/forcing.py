@@ -13,9 +13,7 @@ Array = NDArray[np.float64]
 
 N_INTERVALS = 800
 INTERVAL = 1.0 / N_INTERVALS
-OVERHANG = 0.04  # centres reach this far beyond both ends (a spacing at most): recorded shapes fit best so
-WIDTH = 0.55  # of a Gaussian, in distances between centres: narrow enough to stay well conditioned
-SUPPORT = 1.5  # half of a mollifier's, in distances between centres: two or three of them share every instant
+WIDTH = 0.55  # of a bell, in distances between centres: narrow enough to stay well conditioned
 
 Kernels = Callable[[int, Phase], Array]
 
@@ -38,15 +36,15 @@ def gaussians(n_functions: int, phase: Phase) -> Array:
 def mollifiers(n_functions: int, phase: Phase) -> Array:
     """Compute normalised mollifiers ``exp(-1 / (1 - r^2))`` of the phase times the phase (Ginesi et al., 2021).
 
-    They are smooth, and zero outside a neighbourhood of their centres, so a weight changes only its own part of the
-    movement.
+    They are smooth, and zero farther than 1.5 distances between centres from their own, so two or three of them share
+    every instant, and a weight changes only its own part of the movement.
 
     Returns
     -------
     array, shape (n_knots, n_functions)
     """
     x, away, spacing = _from_centres(n_functions, phase)
-    inside = np.maximum(1.0 - (away / (SUPPORT * spacing)) ** 2, 1e-9)
+    inside = np.maximum(1.0 - (away / (1.5 * spacing)) ** 2, 1e-9)
     log_psi = -1.0 / inside
     psi = np.exp(log_psi - log_psi.max(axis=1, keepdims=True))
     return psi / psi.sum(axis=1, keepdims=True) * x[:, None]
@@ -67,8 +65,11 @@ def von_mises(n_functions: int) -> Array:
 
 
 def _from_centres(n_functions: int, phase: Phase) -> tuple[Array, Array, Array]:
-    """Return the phase at the knots, its distances from the centres, and the distances between centres."""
+    """Return the phase at the knots, its distances from the centres, and the distances between centres.
+
+    The centres reach a twenty-fifth of the duration beyond both ends, a spacing at most: recorded shapes fit best so.
+    """
     x = phase(np.linspace(0.0, 1.0, N_INTERVALS + 1))
-    overhang = min(OVERHANG, 1.0 / n_functions)
+    overhang = min(0.04, 1.0 / n_functions)
     centres = phase(np.linspace(-overhang, 1.0 + overhang, n_functions))
     return x, x[:, None] - centres, np.gradient(centres)

@@ -220,26 +220,20 @@ def _read_place(content: dict[str, Any]) -> Pose:
     return Pose(content["position"], content["orientation_wxyz"])
 
 
-_PAIRS: dict[str, type] = {"distance": HandDistance, "separation": Separation}  # of two hands, with a length
+_CONSTRAINTS: dict[str, type] = {
+    "distance": HandDistance,
+    "separation": Separation,
+    "same height": SameHeight,
+    "relative pose": RelativePose,
+    "upright": Upright,
+}
 
 
 def _write_constraint(constraint: Constraint) -> dict[str, Any]:
-    for name, of in _PAIRS.items():
+    """Return the kind of a constraint and its fields."""
+    for kind, of in _CONSTRAINTS.items():
         if type(constraint) is of:
-            pair: Any = constraint
-            return {
-                "kind": name,
-                "first": pair.first,
-                "second": pair.second,
-                "distance": float(pair.distance),
-            }
-    if isinstance(constraint, SameHeight):
-        return {"kind": "same height", "first": constraint.first, "second": constraint.second}
-    if isinstance(constraint, RelativePose):
-        hands = {"first": constraint.first, "second": constraint.second}
-        return {"kind": "relative pose", **hands, "pose": _write_place(constraint.pose)}
-    if isinstance(constraint, Upright):
-        return {"kind": "upright", "name": constraint.name, "axis": [float(x) for x in constraint.axis]}
+            return {"kind": kind, **{name: _write_field(value) for name, value in vars(constraint).items()}}
     raise OptionError(
         f"the constraint {constraint} cannot be written to a file",
         key="constraints",
@@ -247,16 +241,20 @@ def _write_constraint(constraint: Constraint) -> dict[str, Any]:
     )
 
 
+def _write_field(value: Any) -> Any:
+    """Return a name of a hand, a pose, an axis or a length of a constraint."""
+    if isinstance(value, str):
+        return value
+    return _write_place(value) if isinstance(value, Pose) else np.asarray(value, dtype=float).tolist()
+
+
 def _read_constraint(content: dict[str, Any]) -> Constraint:
-    kind = content["kind"]
-    if kind == "upright":
-        return Upright(content["name"], tuple(content["axis"]))
-    hands = content["first"], content["second"]
-    if kind == "same height":
-        return SameHeight(*hands)
-    if kind == "relative pose":
-        return RelativePose(*hands, _read_place(content["pose"]))
-    return cast(Constraint, _PAIRS[kind](*hands, content["distance"]))
+    fields = {name: value for name, value in content.items() if name != "kind"}
+    if "pose" in fields:
+        fields["pose"] = _read_place(fields["pose"])
+    if "axis" in fields:
+        fields["axis"] = tuple(fields["axis"])
+    return cast(Constraint, _CONSTRAINTS[content["kind"]](**fields))
 
 
 KINDS = {

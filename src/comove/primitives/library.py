@@ -4,7 +4,7 @@ The folder holds one file `NAME.dmp.json` per primitive; the file's name is the 
 
 The distance between a movement and the wanted properties is the root of the sum of the squares of
 
-- the shape distance to a given movement: both movements are sampled at `N_SHAPE` even shares of the duration, centred
+- the shape distance to a given movement: both movements are sampled at 101 even shares of the duration, centred
   at the origin and scaled to unit root mean square; the distance is the root mean square after the best rotation
   (partial Procrustes distance: a metric on shapes, zero for similar movements, not for mirrored ones; at most sqrt(2)
   from two dimensions on);
@@ -37,7 +37,6 @@ from comove.trajectory import interpolated
 Array = NDArray[np.float64]
 
 SUFFIX = ".dmp.json"
-N_SHAPE = 101
 
 Movement = Primitive | DMP | PoseDMP | ProMP | Demonstration
 
@@ -229,7 +228,23 @@ class Library:
         OptionError
             If nothing is wanted, or something is out of range.
         """
-        return rank(list(self), start=start, goal=goal, duration=duration, shape=shape, limit=limit)
+        given = (("start", start), ("goal", goal))
+        wanted = {name: _point(name, value) for name, value in given if value is not None}
+        if not wanted and duration is None and shape is None:
+            raise OptionError("nothing is asked for", way_out="give a start, a goal, a duration or a shape")
+        if duration is not None:
+            require_positive("duration", duration, of="seconds")
+        if limit is not None:
+            require_count("limit", limit)
+        dims = {len(point) for point in wanted.values()}
+        if shape is not None:
+            dims.add(_curve(shape).shape[1])
+        if len(dims) > 1:
+            raise OptionError(
+                "start, goal and shape differ in their dimensions", way_out="give them in one dimension"
+            )
+        primitives = [p for p in self if not dims or p.positions.n_dims in dims]
+        return _ranked(primitives, wanted, duration, shape)[:limit]
 
     def _entries(self) -> list[str]:
         with telling(self.folder, error=LibraryError):
@@ -239,17 +254,9 @@ class Library:
                 return []
 
     def _missing(self, name: str) -> LibraryError:
-        return LibraryError(f"there is no primitive {name!r}", file=self.folder, way_out=self._known(name))
-
-    def _known(self, name: str) -> str:
         names = self.names
-        if not names:
-            return "the library is empty: comove library add DEMO"
-        near, shown = near_name(name, names), names[:20]
-        if shown == names:
-            return near
-        known = f"known: {', '.join(shown)} and {len(names) - len(shown)} more"
-        return f"{near.partition('known: ')[0]}{known}"
+        way_out = near_name(name, names) if names else "the library is empty: comove library add DEMO"
+        return LibraryError(f"there is no primitive {name!r}", file=self.folder, way_out=way_out)
 
     def _taken(self, name: str) -> LibraryError:
         return LibraryError(
@@ -259,57 +266,30 @@ class Library:
         )
 
 
-def rank(
-    primitives: Sequence[Primitive],
-    *,
-    start: ArrayLike | None = None,
-    goal: ArrayLike | None = None,
-    duration: float | None = None,
-    shape: Movement | None = None,
-    limit: int | None = None,
+def _ranked(
+    primitives: Sequence[Primitive], wanted: dict[str, Array], duration: float | None, shape: Movement | None
 ) -> list[Match]:
-    """Rank primitives as `Library.find` does."""
-    given = (("start", start), ("goal", goal))
-    wanted = {name: _point(name, value) for name, value in given if value is not None}
-    if not wanted and duration is None and shape is None:
-        raise OptionError("nothing is asked for", way_out="give a start, a goal, a duration or a shape")
-    if duration is not None:
-        require_positive("duration", duration, of="seconds")
-    if limit is not None:
-        require_count("limit", limit)
-    dims = {len(point) for point in wanted.values()} | (
-        {_curve(shape).shape[1]} if shape is not None else set()
-    )
-    if len(dims) > 1:
-        raise OptionError(
-            "start, goal and shape differ in their dimensions", way_out="give them in one dimension"
-        )
-    primitives = [p for p in primitives if not dims or p.positions.n_dims in dims]
+    """Return the matches of primitives of one dimension, nearest first; what differs by rounding only, by name."""
     if not primitives:
         return []
     terms: dict[str, Array] = {}
+    scaled: dict[str, Array] = {}
     if shape is not None:
-        terms["shape"] = shape_distances([_curve(p) for p in primitives], [_curve(shape)])[:, 0]
-    ends = {name: np.stack([getattr(p.positions, name) for p in primitives]) for name in wanted}
+        distances = shape_distances([_curve(p) for p in primitives], [_curve(shape)])
+        terms["shape"] = scaled["shape"] = distances[:, 0]
     for name, point in wanted.items():
-        terms[name] = np.linalg.norm(ends[name] - point, axis=1)
-    if duration is not None:
-        terms["duration"] = np.array([p.dmp.duration for p in primitives]) / duration
-    scaled = dict(terms)
-    for name in wanted:
+        ends = np.stack([getattr(p.positions, name) for p in primitives])
+        terms[name] = np.linalg.norm(ends - point, axis=1)
         scaled[name] = terms[name] / _way(wanted, primitives)
     if duration is not None:
+        terms["duration"] = np.array([p.dmp.duration for p in primitives]) / duration
         scaled["duration"] = np.log(terms["duration"])
     distance = np.sqrt(sum(term**2 for term in scaled.values()))
-    order = sorted(  # what differs by rounding only is in the order of the names
-        range(len(primitives)), key=lambda i: (round(float(distance[i]), 9), primitives[i].name)
-    )
-    return [
-        Match(
-            primitives[i].name, float(distance[i]), **{name: float(term[i]) for name, term in terms.items()}
-        )
-        for i in order[:limit]
+    matches = [
+        Match(p.name, float(distance[i]), **{name: float(term[i]) for name, term in terms.items()})
+        for i, p in enumerate(primitives)
     ]
+    return sorted(matches, key=lambda match: (round(match.distance, 9), match.name))
 
 
 def shape_distances(a: ArrayLike, b: ArrayLike) -> Array:
@@ -344,10 +324,10 @@ def _normalised(curves: Array) -> Array:
     return np.where(size > 1e-12 * reach, centred / np.where(size > 0, size, 1.0), 0.0)
 
 
-def _curve(movement: Movement) -> Array:
-    """Return the positions at even shares of the duration; array, shape (N_SHAPE, n_dims)."""
+def _curve(movement: Movement, n_samples: int = 101) -> Array:
+    """Return the positions at even shares of the duration; array, shape (n_samples, n_dims)."""
     if isinstance(movement, Demonstration):
-        even = np.linspace(0.0, movement.duration, N_SHAPE)
+        even = np.linspace(0.0, movement.duration, n_samples)
         return interpolated(even, movement.time, movement.position)
     dmp = movement.positions if isinstance(movement, Primitive) else movement
     if isinstance(dmp, ProMP):
@@ -355,7 +335,7 @@ def _curve(movement: Movement) -> Array:
     dmp = dmp.translation if isinstance(dmp, PoseDMP) else dmp
     if not isinstance(dmp, DMP):
         raise OptionError(f"shape = {movement!r}", way_out="give a primitive, a DMP or a Demonstration")
-    return dmp.at(np.linspace(0.0, dmp.duration, N_SHAPE)).position
+    return dmp.at(np.linspace(0.0, dmp.duration, n_samples)).position
 
 
 def _point(name: str, value: ArrayLike) -> Array:

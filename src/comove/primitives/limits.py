@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, vector
 from comove.primitives.basis import MotionBasis
-from comove.primitives.dmp import DMP
+from comove.primitives.dmp import DMP, require_positions
 from comove.primitives.flow import OMEGA
 from comove.primitives.forcing import INTERVAL
 
@@ -231,11 +231,7 @@ def limits_of(name: str, value: ArrayLike | None, dmp: DMP) -> Array:
 
 def ending_basis(dmp: DMP) -> MotionBasis:
     """Return the basis of a movement that ends; raise for others."""
-    if not isinstance(dmp, DMP):
-        raise OptionError(
-            f"the movement is {type(dmp).__name__}",
-            way_out="give a DMP, such as `translation` of one of poses",
-        )
+    require_positions(dmp)
     if not isinstance(dmp.basis, MotionBasis):
         raise OptionError("a rhythmic movement has no end", way_out="give a movement that ends")
     return dmp.basis

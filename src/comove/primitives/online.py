@@ -27,8 +27,8 @@ from comove.primitives.flow import ALPHA_Y, LONG_AFTER, flow, responses, values_
 
 Array = NDArray[np.float64]
 
-SHORTEST_BRIDGE = 0.2  # durations, in which a goal that moved late is reached
-HELD_BRIDGE = 1.0  # periods, in which a cycle takes to its new centre
+TO_ZERO = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0.5], [-10, -6, -1.5], [15, 8, 1.5], [-6, -3, -0.5]])
+"""Coefficients of the quintic on [0, 1] that leads from a position and two derivatives to rest at zero."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,17 +53,8 @@ class Bridge:
         u = (s - self.begin) / width if width else 1.0
         if u >= 1.0:
             return np.zeros_like(self.gap)
-        p, v, a = self.gap[0], self.gap[1] * width, self.gap[2] * width**2
-        coefficients = np.stack(
-            [
-                p,
-                v,
-                a / 2,
-                -10 * p - 6 * v - 1.5 * a,
-                15 * p + 8 * v + 1.5 * a,
-                -6 * p - 3 * v - 0.5 * a,
-            ]
-        )
+        lengths = width ** np.arange(3)[:, None]
+        coefficients = TO_ZERO @ (self.gap * lengths)
         powers = np.array(
             [
                 [1, u, u**2, u**3, u**4, u**5],
@@ -71,7 +62,7 @@ class Bridge:
                 [0, 0, 2, 6 * u, 12 * u**2, 20 * u**3],
             ]
         )
-        return powers @ coefficients / width ** np.arange(3)[:, None]
+        return powers @ coefficients / lengths
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +94,14 @@ class Curve:
         """Return this curve with a bridge from the `former` one, which is left at the phase `s`."""
         return self.bridged(former.at(s) - replace(self, bridge=None).at(s), s)
 
-    def bridged(self, gap: Array, s: float) -> Curve:
-        """Return this curve with a bridge that begins at the difference `gap` (3, n_dims) at the phase `s`."""
+    def bridged(self, gap: Array, s: float, shortest: float = 0.2) -> Curve:
+        """Return this curve with a bridge that begins at the difference `gap` (3, n_dims) at the phase `s`.
+
+        It ends with the movement, but lasts `shortest` durations at least; in a cycle it lasts a period.
+        """
         if self.periodic:
-            return replace(self, bridge=Bridge(gap, s - HELD_BRIDGE, s, s + HELD_BRIDGE))
-        return replace(self, bridge=Bridge(gap, 0.0, s, max(1.0, s + SHORTEST_BRIDGE)))
+            return replace(self, bridge=Bridge(gap, s - 1.0, s, s + 1.0))
+        return replace(self, bridge=Bridge(gap, 0.0, s, max(1.0, s + shortest)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,6 @@ stay.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,10 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
-from comove.primitives.basis import MAX_BASIS, MotionBasis
-from comove.primitives.dmp import DMP, VECTORS
+from comove.primitives.average import mixed
+from comove.primitives.basis import MAX_BASIS
+from comove.primitives.dmp import DMP, VECTORS, require_positions
+from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.phase import Phase
-from comove.primitives.rhythm import RhythmicBasis
 from comove.primitives.variants import Variant
 from comove.trajectory import Trajectory
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 AXES = "xyz"
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}
-N_FIT = 801  # instants at which a movement is compared with its refit
+N_FIT = N_INTERVALS + 1  # instants at which a movement is compared with its refit: the knots
 
 
 def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None = None) -> DMP:
@@ -43,11 +43,12 @@ def mirror(dmp: DMP, normal: str | int | ArrayLike, *, about: ArrayLike | None =
         changed, or a vector, shape (n_dims,)
     about : a point of the mirror, shape (n_dims,); by default the start, or the centre of a rhythmic movement
     """
+    require_positions(dmp)
     if isinstance(normal, str) and normal in tuple(AXES[: dmp.n_dims]):
         normal = AXES.index(normal)
     if isinstance(normal, (int, np.integer)) and not isinstance(normal, bool) and 0 <= normal < dmp.n_dims:
         normal = np.eye(dmp.n_dims)[normal]
-    n = _vector("normal", normal, dmp)
+    n = vector("normal", normal, dmp.n_dims)
     length = np.linalg.norm(n)
     if not length > 0:
         raise OptionError("the mirror's normal is zero", way_out="give a direction")
@@ -119,7 +120,8 @@ def reverse(dmp: DMP, *, n_basis: int | None = None) -> DMP:
         phase=dmp.phase,
         variant=Variant.CLOSED_FORM if dmp.variant is Variant.CLASSIC else dmp.variant,
     )
-    return _fitted(backwards, dmp.at(np.linspace(dmp.duration, 0.0, N_FIT)).position)
+    time = np.linspace(0.0, dmp.duration, N_FIT)
+    return backwards.shaped(time, dmp.at(time[::-1]).position)
 
 
 def blend(a: DMP, b: DMP, share: float) -> DMP:
@@ -133,8 +135,8 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
     ----------
     share : share of b; 0 gives a, 1 gives b, and values outside this range exaggerate the difference
     """
-    _require_positions(a)
-    _require_positions(b)
+    require_positions(a)
+    require_positions(b)
     if a.n_dims != b.n_dims:
         raise OptionError(
             f"movements in {a.n_dims} and {b.n_dims} dimensions cannot be blended",
@@ -150,16 +152,12 @@ def blend(a: DMP, b: DMP, share: float) -> DMP:
     if (a.variant, a.phase, a.weights.shape) != (b.variant, b.phase, b.weights.shape):
         count = max(a.weights.shape[1], b.weights.shape[1])
         a, b = (refitted(dmp, n_basis=count, phase=a.phase, variant=a.variant) for dmp in (a, b))
-    mix = {name: (1 - share) * getattr(a, name) + share * getattr(b, name) for name in _LINEAR}
-    if not mix["duration"] > 0:
+    duration = (1 - share) * a.duration + share * b.duration
+    if not duration > 0:
         raise OptionError(
-            f"share = {share!r} makes a duration of {mix['duration']:.4g} s",
-            way_out="give one nearer to 0 to 1",
+            f"share = {share!r} makes a duration of {duration:.4g} s", way_out="give one nearer to 0 to 1"
         )
-    for name in ("start_velocity", "goal_velocity"):
-        paces = [(1 - share) * a.duration * getattr(a, name), share * b.duration * getattr(b, name)]
-        mix[name] = (paces[0] + paces[1]) / mix["duration"]
-    return replace(a, **mix)
+    return mixed((a, b), np.array([1 - share, share]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,21 +182,6 @@ class MovementSequence:
     def duration(self) -> float:
         """Return the duration [s]."""
         return self.begins[-1] + self.parts[-1].duration
-
-    @property
-    def start(self) -> Array:
-        """Return the start of the first movement, shape (n_dims,), [m]."""
-        return self.parts[0].start
-
-    @property
-    def goal(self) -> Array:
-        """Return the end of the last movement, shape (n_dims,), [m]."""
-        return self.parts[-1].goal
-
-    @property
-    def joints(self) -> Array:
-        """Return the points between consecutive movements, array, shape (n_parts - 1, n_dims), [m]."""
-        return np.array([part.goal for part in self.parts[:-1]]).reshape(-1, self.n_dims)
 
     def at(self, time: ArrayLike) -> Trajectory:
         """Return positions and velocities at the times `time` [s], array of shape (n_steps,)."""
@@ -231,14 +214,15 @@ class MovementSequence:
         count = n_basis or min(MAX_BASIS, sum(part.weights.shape[1] for part in self.parts))
         whole = DMP(
             weights=np.zeros((self.n_dims, count)),
-            start=self.start,
-            goal=self.goal,
+            start=first.start,
+            goal=last.goal,
             start_velocity=first.start_velocity,
             goal_velocity=last.goal_velocity,
             duration=self.duration,
             phase=phase or first.phase,
         )
-        return _fitted(whole, self.rollout(n_steps=N_FIT).position)
+        played = self.rollout(n_steps=N_FIT)
+        return whole.shaped(played.time, played.position)
 
 
 def sequence(*movements: DMP, overlap: float = 0.0) -> MovementSequence:
@@ -314,7 +298,8 @@ def refitted(
         raise OptionError("a rhythmic movement is none that ends", way_out="keep its variant")
     if wanted.variant is Variant.CLASSIC:
         wanted = replace(wanted, variant=Variant.CLOSED_FORM)
-    return _fitted(wanted, dmp.rollout(n_steps=N_FIT).position)
+    played = dmp.rollout(n_steps=N_FIT)
+    return wanted.shaped(played.time, played.position)
 
 
 def in_space(dmp: DMP, plane: str) -> DMP:
@@ -330,17 +315,14 @@ def in_space(dmp: DMP, plane: str) -> DMP:
     return replace(dmp, **{name: laid @ getattr(dmp, name) for name in ("weights", *VECTORS)})
 
 
-_LINEAR = ("weights", "start", "goal", "learned", "duration")
-
-
 def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
     """Map the movement by ``y -> about + M (y - about)``, M a rotation or reflection times a scale."""
-    _require_positions(dmp)
+    require_positions(dmp)
     along_axes = (np.abs(matrix) > 1e-15).sum(axis=1).max() == 1
     if dmp.variant is Variant.CLASSIC and not along_axes:
         dmp = settled(dmp)
     fixed = dmp.goal if dmp.variant is Variant.RHYTHMIC else dmp.start
-    fixed = fixed if about is None else _vector("about", about, dmp)
+    fixed = fixed if about is None else vector("about", about, dmp.n_dims)
     vectors = ("weights", "start_velocity", "goal_velocity", "learned")
     mapped = replace(
         dmp,
@@ -355,34 +337,9 @@ def _mapped(dmp: DMP, matrix: Array, about: ArrayLike | None) -> DMP:
     return mapped
 
 
-def _fitted(dmp: DMP, position: Array) -> DMP:
-    """Return the movement with the weights that fit the positions at `N_FIT` even times best."""
-    of_boundary, of_position = _solver(dmp.basis)
-    return replace(dmp, weights=(of_position @ (position - of_boundary @ dmp.boundary_values())).T)
-
-
-@lru_cache(maxsize=16)
-def _solver(basis: MotionBasis | RhythmicBasis) -> tuple[Array, Array]:
-    """Return the boundary matrix and the pseudo-inverse of the shape matrix at `N_FIT` even times."""
-    boundary, shape = basis.at(np.linspace(0.0, 1.0, N_FIT))
-    return boundary[0], np.linalg.pinv(shape[0])
-
-
-def _require_positions(dmp: DMP) -> None:
-    if not isinstance(dmp, DMP):
-        raise OptionError(
-            f"a {type(dmp).__name__} is no DMP of positions", way_out="give a DMP, such as pose.translation"
-        )
-
-
 def _require_ending(dmp: DMP, doing: str) -> None:
-    _require_positions(dmp)
+    require_positions(dmp)
     if dmp.variant is Variant.RHYTHMIC:
         raise OptionError(
             f"a rhythmic movement never ends and cannot be {doing}", way_out="give one that ends"
         )
-
-
-def _vector(name: str, value: object, dmp: DMP) -> Array:
-    _require_positions(dmp)
-    return vector(name, value, dmp.n_dims)

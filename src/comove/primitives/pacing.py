@@ -31,10 +31,21 @@ from comove.trajectory import Trajectory
 Array = NDArray[np.float64]
 
 FASTEST = 1e4  # pace: what stands still is passed in no time
-ROUNDS = 5  # of both passes
-HALVINGS = 100  # of the interval in which the largest x lies
-ROUNDING = 1e-5  # share of a limit that is left free for what the parabola does not show
 STANDING = 1e-9  # share of the largest velocity below which an end is one at rest
+
+
+@dataclass(frozen=True)
+class PacingSettings:
+    """Settings of the search for the least time along a path.
+
+    Attributes
+    ----------
+    n_rounds : times that both passes are made at most, each with lower limits where they were exceeded
+    margin : share of a limit that is left free for what the parabola between knots does not show
+    """
+
+    n_rounds: int = 5
+    margin: float = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,24 +64,9 @@ class PacedDMP:
     speed: Array
 
     @property
-    def n_dims(self) -> int:
-        """Return the number of coordinates."""
-        return self.dmp.n_dims
-
-    @property
     def duration(self) -> float:
         """Return the duration [s]."""
         return float(self.time[-1])
-
-    @property
-    def start(self) -> Array:
-        """Return the start, shape (n_dims,), [m]."""
-        return self.dmp.start
-
-    @property
-    def goal(self) -> Array:
-        """Return the goal, shape (n_dims,), [m]."""
-        return self.dmp.goal
 
     def progress_at(self, time: ArrayLike) -> Array:
         """Return the progress, 0 at the start and 1 at the end, at times [s]; arrays, shape (n_steps,)."""
@@ -118,6 +114,7 @@ def slowed(
     velocity: ArrayLike | None = None,
     acceleration: ArrayLike | None = None,
     pace: float = 1.0,
+    settings: PacingSettings = PacingSettings(),
 ) -> PacedDMP:
     """Return the movement along its own path in the least time that satisfies the limits.
 
@@ -128,6 +125,7 @@ def slowed(
     ----------
     velocity, acceleration : limits per coordinate; a number or an array of shape (n_dims,), [m/s] and [m/s^2]
     pace : largest pace: 1 for nowhere faster than the movement itself, infinity for as fast as the limits allow
+    settings : how long and how closely is searched
 
     Raises
     ------
@@ -150,13 +148,13 @@ def slowed(
     cap = _largest(slope, fastest, min(float(pace), FASTEST) / dmp.duration)
     rows, bends = _rows(slope, bend, hardest)
     _limit_ends(cap, slope, bends, dmp.duration)
-    for _ in range(ROUNDS):
+    for _ in range(settings.n_rounds):
         x = _forwards(rows, bends, cap, _backwards(rows, bends, cap))
         share = _shares(x, slope, bend, fastest, hardest)
-        if share.max() <= 1.0 + ROUNDING:
+        if share.max() <= 1.0 + settings.margin:
             break
         rows, bends = rows * np.maximum(share, 1.0)[:, None], bends * np.maximum(share, 1.0)[:, None]
-    x /= max(1.0, float(share.max()) + ROUNDING)
+    x /= max(1.0, float(share.max()) + settings.margin)
     speed: Array = np.sqrt(x)
     steps = 2 * INTERVAL / (speed[1:] + speed[:-1])
     return PacedDMP(dmp, np.concatenate([[0.0], np.cumsum(steps)]), speed)
@@ -219,18 +217,14 @@ def _backwards(rows: Array, bends: Array, cap: Array) -> Array:
     reach[-1] = cap[-1]
     for i in range(len(rows) - 1, -1, -1):
         after = (cap[2 * i + 1], reach[i + 1])
-        best, high = 0.0, cap[2 * i]
-        low, most = _range(rows[i], bends[i], high, after)
-        if low <= most:
-            best = high
-        else:
-            for _ in range(HALVINGS):
-                middle = 0.5 * (best + high)
-                low, most = _range(rows[i], bends[i], middle, after)
-                if low <= most:
-                    best = middle
-                else:
-                    high = middle
+        best, high, tried = 0.0, cap[2 * i], cap[2 * i]
+        while high - best > 1e-15 * high:  # more than rounding
+            low, most = _range(rows[i], bends[i], tried, after)
+            if low <= most:
+                best = tried
+            else:
+                high = tried
+            tried = 0.5 * (best + high)
         reach[i] = best
     return reach
 

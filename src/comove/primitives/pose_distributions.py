@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.demonstrations.samples import RecordedSamples
 from comove.errors import DemonstrationError, OptionError
 from comove.geometry import rotations
 from comove.primitives.alignment import Alignment
 from comove.primitives.arguments import numbers
 from comove.primitives.dmp import DMP
+from comove.primitives.estimation import USUAL, EstimationSettings
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import Phase
 from comove.primitives.poses import Pose, PoseDMP, PoseRecording
@@ -71,6 +73,7 @@ class PoseProMP:
         phase: Phase | None = None,
         alignment: Alignment | str = Alignment.DURATION,
         contexts: ArrayLike | None = None,
+        settings: EstimationSettings = USUAL,
     ) -> PoseProMP:
         """Estimate a distribution from several recordings with orientations, as `ProMP.fit` does for positions.
 
@@ -79,7 +82,7 @@ class PoseProMP:
         demonstrations
             Two or more recordings in space; where several manipulators were recorded together, each a mapping by
             their names. Signs of quaternions do not matter.
-        n_basis, phase, alignment, contexts
+        n_basis, phase, alignment, contexts, settings
             As for `ProMP.fit`.
 
         Raises
@@ -98,7 +101,9 @@ class PoseProMP:
                 )
         references = tuple(_mean_orientation([hands[name] for hands in each]) for name in names)
         flat = [_flat(hands, references, i) for i, hands in enumerate(each)]
-        promp = ProMP.fit(flat, n_basis=n_basis, phase=phase, alignment=alignment, contexts=contexts)
+        promp = ProMP.fit(
+            flat, n_basis=n_basis, phase=phase, alignment=alignment, contexts=contexts, settings=settings
+        )
         return cls(promp, references)
 
     @property
@@ -261,20 +266,6 @@ class PoseProMP:
         return np.concatenate([self._coordinates(poses[hand], i) for i, hand in enumerate(names)])
 
 
-@dataclass(frozen=True, eq=False)
-class _Flat:
-    """A recording whose coordinates are position and rotation vector."""
-
-    time: Array
-    position: Array
-    unit: str
-
-    @property
-    def start_velocity(self) -> Array:
-        """Return nothing that is known; distributions estimate it."""
-        return np.zeros(self.position.shape[1])
-
-
 def _by_hand(demonstration: object, number: int) -> dict[str, Any]:
     """Return a recording's parts by manipulator, after a check that they have orientations in space."""
     parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
@@ -295,31 +286,31 @@ def _by_hand(demonstration: object, number: int) -> dict[str, Any]:
 
 def _mean_orientation(recordings: Sequence[Any]) -> Array:
     """Return the mean orientation of recordings, shape (4,): that of the least squared chords (Markley, 2007)."""
-    square = np.zeros((4, 4))
-    for recording in recordings:
-        quaternions = numbers(recording.orientation)
-        share = np.gradient(numbers(recording.time)) / (recording.time[-1] - recording.time[0])
-        square += (quaternions.T * share) @ quaternions
-    mean = np.linalg.eigh(square)[1][:, -1]
+    from scipy.spatial.transform import Rotation
+
+    quaternions = np.concatenate([numbers(recording.orientation) for recording in recordings])
+    shares = [np.abs(np.gradient(numbers(r.time)) / (r.time[-1] - r.time[0])) for r in recordings]
+    seen = Rotation.from_quat(quaternions, scalar_first=True)
+    mean = seen.mean(np.concatenate(shares)).as_quat(scalar_first=True)
     first = mean[np.flatnonzero(np.abs(mean) > 1e-9)[0]]
     return np.asarray(mean * np.sign(first), dtype=np.float64)
 
 
 def _flat(hands: Mapping[str, Any], references: Sequence[Array], number: int) -> Any:
     """Return a recording in coordinates relative to the references: one, or a mapping by manipulator."""
-    flat: dict[str, _Flat] = {}
+    from scipy.spatial.transform import Rotation
+
+    flat: dict[str, RecordedSamples] = {}
     for (name, part), reference in zip(hands.items(), references, strict=True):
         relative = rotations.quaternion_product(numbers(part.orientation), rotations.conjugate(reference))
-        relative = relative * np.where(relative[:, :1] < 0, -1.0, 1.0)
-        length = np.linalg.norm(relative[:, 1:], axis=1, keepdims=True)
-        angle = 2 * np.arctan2(length, relative[:, :1])
+        vectors = Rotation.from_quat(relative, scalar_first=True).as_rotvec()
+        angle = np.linalg.norm(vectors, axis=1)
         if angle.max(initial=0.0) > MOST_TURN:
             raise DemonstrationError(
                 f"recording {number} turns by {angle.max():.3g} rad away from the mean orientation",
                 key="orientation",
                 way_out=f"cut the recordings, so that each part stays within {MOST_TURN:.3g} rad",
             )
-        vectors = relative[:, 1:] * np.where(length > 1e-12, angle / np.maximum(length, 1e-12), 2.0)
         position = np.concatenate([numbers(part.position), vectors], axis=1)
-        flat[name] = _Flat(numbers(part.time), position, getattr(part, "unit", "m"))
+        flat[name] = RecordedSamples(numbers(part.time), position, unit=getattr(part, "unit", "m"))
     return flat[""] if set(flat) == {""} else flat

@@ -20,7 +20,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,10 +43,7 @@ Array = NDArray[np.float64]
 
 VERTICAL = (0.0, 0.0, 1.0)
 UNIT = 1e-3  # by which the norm of a quaternion may be off
-# rad a sample, beyond which a step of the rotation vector that is no step of the body is a jump
-WANDERING = 0.3
 SHARES = (0.0, 0.5, 0.25, 0.375)  # of the turn, at which the reference may lie
-NUDGE = 1e-5  # durations
 
 
 class PoseRecording(Recording, Protocol):
@@ -131,6 +128,16 @@ class PoseState:
     def progress(self) -> float:
         """Return the phase in durations."""
         return self.translation.progress
+
+
+class PoseEnds(TypedDict, total=False):
+    """The arguments of `PoseDMP.towards`."""
+
+    start: Pose | None
+    goal: Pose | None
+    duration: float | None
+    start_velocity: ArrayLike | None
+    goal_velocity: ArrayLike | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,25 +321,16 @@ class PoseDMP:
             turning=self.turning.towards(duration=duration, **turns),
         )
 
-    def rollout(
-        self,
-        *,
-        start: Pose | None = None,
-        goal: Pose | None = None,
-        duration: float | None = None,
-        start_velocity: ArrayLike | None = None,
-        goal_velocity: ArrayLike | None = None,
-        n_steps: int = 201,
-    ) -> PoseTrajectory:
-        """Play the movement, between other ends if they are given (see `towards`); exact at every sample."""
+    def rollout(self, *, n_steps: int = 201, **ends: Unpack[PoseEnds]) -> PoseTrajectory:
+        """Play the movement, between other ends if they are given; exact at every sample.
+
+        Parameters
+        ----------
+        n_steps : number of even samples
+        ends : any of the arguments of `towards`
+        """
         require_steps(n_steps)
-        dmp = self.towards(
-            start=start,
-            goal=goal,
-            duration=duration,
-            start_velocity=start_velocity,
-            goal_velocity=goal_velocity,
-        )
+        dmp = self.towards(**ends)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
@@ -399,10 +397,10 @@ class PoseDMP:
         turning = replace(state.turning, goal=turn, curve=curve, position=values[0], slope=values[1])
         gap = rotations.turn_between(now, self._orientation(values[0]))
         slope = self._slope(gap, self._spin(state), values)
-        later = curve.at(s + NUDGE)  # where both would be a moment later, for the curvature of the bridge
-        then = self.step(state, NUDGE * state.turning.duration)
+        moment = 1e-5  # durations, after which both are looked at again, for the curvature of the bridge
+        later, then = curve.at(s + moment), self.step(state, moment * state.turning.duration)
         gap_then = rotations.turn_between(self.pose(then).orientation, self._orientation(later[0]))
-        bend = (self._slope(gap_then, self._spin(then), later) - slope) / NUDGE
+        bend = (self._slope(gap_then, self._spin(then), later) - slope) / moment
         nothing = replace(state.aside.curve, bridge=None)
         aside = replace(
             state.aside, curve=nothing.bridged(np.stack([gap, slope, bend]), s), position=gap, slope=slope
@@ -523,10 +521,11 @@ def _angles(relative: Array, axis: Array) -> tuple[Array, float]:
     return angles[:, None], float(2 * np.arcsin(np.minimum(across, 1.0)).max())
 
 
-def _require_continuous(vectors: Array, relative: Array) -> None:
+def _require_continuous(vectors: Array, relative: Array, wandering: float = 0.3) -> None:
+    """Raise if rotation vectors jump: a step is far above the body's own, and above `wandering` [rad]."""
     steps = np.linalg.norm(np.diff(vectors, axis=0), axis=1)
     turned = 2 * np.arccos(np.minimum(np.abs((relative[1:] * relative[:-1]).sum(axis=1)), 1.0))
-    jumps = np.flatnonzero(steps > 10 * turned + WANDERING)
+    jumps = np.flatnonzero(steps > 10 * turned + wandering)
     if jumps.size:
         raise DemonstrationError(
             f"sample {jumps[0] + 1} is a whole turn away from the goal and the axis wanders there",

@@ -16,13 +16,12 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
-from comove.primitives.alignment import Alignment, aligned
+from comove.primitives.alignment import NEVER, Alignment, aligned, one_recording, together
 from comove.primitives.arguments import (
     instants,
     is_number,
@@ -30,22 +29,29 @@ from comove.primitives.arguments import (
     require_count,
     require_positive,
     require_steps,
+    vector,
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP, Recording
-from comove.primitives.estimation import estimate, widening
+from comove.primitives.estimation import (
+    N_ENDS,
+    USUAL,
+    EstimationSettings,
+    checked_contexts,
+    estimate,
+    features,
+    fitted_parameters,
+    notes_of,
+    solver,
+    widening,
+    without_noise,
+)
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import ExponentialPhase, Phase
-from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]
 
-N_ENDS = 4  # parameters of a coordinate that are boundary values: start, start velocity, goal, goal velocity
-FAR = 5.0  # standard deviations from which on a via-point is told to be far
-NEVER = 1e-9  # share of the movement's extent below which a standard deviation counts as none
-LEAST_NOISE = 1e-4  # standard deviation of the noise, as a share of the movement's extent
-RIDGE = 1e-7  # of the fit of one recording, relative to the number of its samples
 N_SEEN = 2  # instants for every parameter of a coordinate, at which the covariance is estimated
 MET = 1e-6  # by which exact conditions may be missed, as a share of the movement's extent
 ROUNDING = 1e-14  # relative eigenvalue of the covariance that counts as none
@@ -132,6 +138,7 @@ class ProMP:
         phase: Phase | None = None,
         alignment: Alignment | str = Alignment.DURATION,
         contexts: ArrayLike | None = None,
+        settings: EstimationSettings = USUAL,
     ) -> ProMP:
         """Estimate a distribution from several recordings of one movement.
 
@@ -152,6 +159,8 @@ class ProMP:
             How recordings are aligned in time: `duration`, at equal shares of their durations, or `warping`.
         contexts
             Task parameters of every recording, shape (n_recordings, n_context); the mean is linear in them.
+        settings
+            How the spread is estimated from few recordings, and how they are warped.
 
         Raises
         ------
@@ -170,33 +179,29 @@ class ProMP:
         phase = ExponentialPhase() if phase is None else phase
         if not isinstance(phase, Phase):
             raise OptionError(f"phase = {phase!r}", way_out="give LinearPhase() or ExponentialPhase()")
-        names, times, positions = _read(demonstrations)
-        given = _contexts(contexts, len(times))
+        names, times, positions = together(demonstrations)
+        given = checked_contexts(contexts, len(times))
         way = Alignment.named(alignment)
-        shares = aligned(times, positions, way)
+        shares = aligned(times, positions, way, settings.warping)
         basis = motion_basis(n_basis, phase=phase)
-        found = [_fitted(basis, s, y) for s, y in zip(shares, positions, strict=True)]
+        found = [fitted_parameters(basis, s, y) for s, y in zip(shares, positions, strict=True)]
         parameters = np.stack([theta for theta, _ in found])
         n_columns, n_features = parameters.shape[1:]
         extent = max(float(np.ptp(y, axis=0).max()) for y in positions)
-        noise = np.sqrt(np.mean([error**2 for _, error in found], axis=0) + (LEAST_NOISE * extent) ** 2)
+        noise = np.sqrt(np.mean([error**2 for _, error in found], axis=0) + (settings.noise * extent) ** 2)
         n_seen = N_SEEN * n_features
         even = np.linspace(0.0, 1.0, n_seen)
         values = (parameters @ features(basis, even)[0].T).reshape(len(parameters), -1)
         centre = given.mean(axis=0)
-        gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns)
+        gaussian = estimate(values, given - centre, np.repeat(noise, n_seen), n_columns, settings)
         back = np.kron(np.eye(n_columns), solver(basis, even))
         durations = np.array([time[-1] - time[0] for time in times])
-        notes = _notes(
-            durations,
-            way,
-            gaussian.length,
-            gaussian.chosen,
-            widening(len(times), given.shape[1]),
-            min(map(len, times)) < n_features,
-        )
+        notes = notes_of(durations, way, gaussian, widening(len(times), given.shape[1]))
         fewest = min(map(len, times))
         if fewest < n_features:
+            notes += (
+                "a recording has fewer samples than a coordinate has weights: the smoothest fit was taken",
+            )
             warnings.warn(
                 f"a recording has {fewest} samples for {n_features} weights and boundary values of a coordinate: the "
                 "smoothest fit is taken",
@@ -212,7 +217,7 @@ class ProMP:
             )
         return cls(
             (back @ gaussian.mean).reshape(n_columns, n_features),
-            _without_noise(back @ gaussian.covariance @ back.T, NEVER * extent),
+            without_noise(back @ gaussian.covariance @ back.T, NEVER * extent),
             noise,
             float(durations.mean()),
             float(durations.std(ddof=1)),
@@ -303,6 +308,7 @@ class ProMP:
         position_covariance: ArrayLike = 0.0,
         velocity_covariance: ArrayLike = 0.0,
         manipulator: str | None = None,
+        far: float = 5.0,
     ) -> ProMP:
         """Return the distribution of the movements that pass via-points.
 
@@ -315,6 +321,8 @@ class ProMP:
             [m^2/s^2]; 0 for points that are passed exactly.
         manipulator
             Name of the one whose points are given; all coordinates unless given.
+        far
+            Standard deviations from the mean beyond which a point is warned of.
 
         Raises
         ------
@@ -324,31 +332,25 @@ class ProMP:
         Warns
         -----
         ComoveWarning
-            If a point is more than five standard deviations from the mean; names the distance.
+            If a point is more than `far` standard deviations from the mean; names the distance.
         """
+        from scipy.linalg import block_diag  # slow to import
+
+        if not via:
+            raise OptionError("there is no via-point", way_out="give ViaPoint(time, position)")
         columns = self._columns_of(manipulator)
-        rows, targets, variances = [], [], []
+        rows, targets, noises = [], [], []
         for point in via:
             row, target = self._via_rows(point, columns)
-            known = [covariance_of("position_covariance", position_covariance, len(columns))]
+            noise = covariance_of("position_covariance", position_covariance, len(columns))
             if point.velocity is not None:
-                known.append(covariance_of("velocity_covariance", velocity_covariance, len(columns)))
-            variance = np.zeros((len(target), len(target)))
-            for i, part in enumerate(known):
-                at = slice(i * len(columns), (i + 1) * len(columns))
-                variance[at, at] = part
-            self._tell_far(point, row, target, variance)
+                of_velocity = covariance_of("velocity_covariance", velocity_covariance, len(columns))
+                noise = block_diag(noise, of_velocity)
+            self._tell_far(point, row, target, noise, far)
             rows.append(row)
             targets.append(target)
-            variances.append(variance)
-        if not rows:
-            raise OptionError("there is no via-point", way_out="give ViaPoint(time, position)")
-        total = sum(map(len, targets))
-        noise, first = np.zeros((total, total)), 0
-        for variance in variances:
-            last = first + len(variance)
-            noise[first:last, first:last], first = variance, last
-        return self._conditioned(np.concatenate(rows), np.concatenate(targets), noise)
+            noises.append(noise)
+        return self._conditioned(np.concatenate(rows), np.concatenate(targets), block_diag(*noises))
 
     def towards(
         self,
@@ -372,27 +374,29 @@ class ProMP:
             If an argument is out of range, or the recordings never vary there and end elsewhere.
         """
         timed = self if duration is None else replace(self, duration=duration)
-        given = (start, start_velocity, goal, goal_velocity)
-        mean, shift = self.mean_parameters, []
-        for k, (value, unit) in enumerate(
-            zip(given, (1.0, timed.duration, 1.0, timed.duration), strict=True)
-        ):
-            if value is None:
-                continue
-            target = numbers(value) * unit
-            if target.shape != (self.n_columns,) or not np.isfinite(target).all():
-                raise OptionError(f"an end of {value!r}", way_out=f"give {self.n_columns} finite numbers")
-            shift += [(c * mean.shape[1] + k, target[c]) for c in range(self.n_columns)]
-        if not shift:
+        ends = {
+            "start": start,
+            "start_velocity": start_velocity,
+            "goal": goal,
+            "goal_velocity": goal_velocity,
+        }
+        mean, of_column = self.mean_parameters, np.arange(self.n_columns) * self.mean_parameters.shape[1]
+        places, targets = [], []
+        for k, (name, value) in enumerate(ends.items()):
+            if value is not None:
+                places.append(of_column + k)
+                unit = timed.duration if name.endswith("velocity") else 1.0
+                targets.append(vector(name, value, self.n_columns) * unit)
+        if not places:
             return timed
-        at, values = np.array([i for i, _ in shift]), np.array([value for _, value in shift])
+        at, values = np.concatenate(places), np.concatenate(targets)
         bound = timed._conditioned(np.eye(mean.size)[at], values, np.zeros((len(at), len(at))))
         parameters, covariance = bound.mean_parameters.copy(), bound.covariance.copy()
         parameters.reshape(-1)[at] = values
         covariance[at], covariance[:, at] = 0.0, 0.0
         return replace(bound, mean_parameters=parameters, covariance=covariance)
 
-    def at_context(self, context: ArrayLike) -> ProMP:
+    def at_context(self, context: ArrayLike, far: float = 5.0) -> ProMP:
         """Return the distribution for task parameters, array of shape (n_context,).
 
         Raises
@@ -403,16 +407,15 @@ class ProMP:
         Warns
         -----
         ComoveWarning
-            If they are more than five standard deviations from those of the recordings.
+            If they are more than `far` standard deviations from those of the recordings.
         """
-        value, n_context = numbers(context), len(self.context_mean)
-        if value.shape != (n_context,) or not np.isfinite(value).all() or not n_context:
-            raise OptionError(f"context = {context!r}", way_out=f"give {n_context} finite numbers")
-        away = value - self.context_mean
-        far = float(np.max(np.abs(away) / np.where(self.context_std > 0, self.context_std, 1.0)))
-        if far > FAR:
+        if not len(self.context_mean):
+            raise OptionError("the distribution depends on no context", way_out="fit it with contexts=")
+        away = vector("context", context, len(self.context_mean)) - self.context_mean
+        distance = float(np.max(np.abs(away) / np.where(self.context_std > 0, self.context_std, 1.0)))
+        if distance > far:
             warnings.warn(
-                f"the context {context!r} is {far:.3g} standard deviations from those of the recordings",
+                f"the context {context!r} is {distance:.3g} standard deviations from those of the recordings",
                 ComoveWarning,
                 stacklevel=2,
             )
@@ -433,7 +436,7 @@ class ProMP:
         DemonstrationError
             If the recording is of other manipulators or dimensions.
         """
-        names, time, position, _ = _one(demonstration, 0)
+        names, time, position, _ = one_recording(demonstration, 0)
         if names != self.manipulators or position.shape[1] != self.n_columns:
             raise DemonstrationError(
                 f"the recording has {position.shape[1]} coordinates of {', '.join(names) or 'one hand'}",
@@ -525,22 +528,18 @@ class ProMP:
         for order, value in enumerate((point.position, point.velocity)):
             if value is None:
                 continue
-            target = numbers(value)
-            if target.shape != columns.shape or not np.isfinite(target).all():
-                raise OptionError(
-                    f"a via-point with {('position', 'velocity')[order]} {value!r}",
-                    way_out=f"give {len(columns)} finite numbers, one for each coordinate",
-                )
+            what = f"the {('position', 'velocity')[order]} of a via-point"
+            target = vector(what, value, len(columns))
             row = np.zeros((len(columns), *self.mean_parameters.shape))
             row[np.arange(len(columns)), columns] = psi[order]
             rows.append(row.reshape(len(columns), -1))
             targets.append(target)
         return np.concatenate(rows), np.concatenate(targets)
 
-    def _tell_far(self, point: ViaPoint, rows: Array, target: Array, noise: Array) -> None:
+    def _tell_far(self, point: ViaPoint, rows: Array, target: Array, noise: Array, far: float) -> None:
         away = target - rows @ self.mean_parameters.ravel()
         distance = np.sqrt(away @ _pseudo_inverse(rows @ self.covariance @ rows.T + noise) @ away)
-        if distance > FAR:
+        if distance > far:
             off = np.linalg.norm(away[: np.size(point.position)])
             warnings.warn(
                 f"the via-point at {point.time:g} s is {distance:.3g} standard deviations from what was taught, "
@@ -575,51 +574,6 @@ class ProMP:
         )
 
 
-def features(basis: MotionBasis, s: Array) -> Array:
-    """Return psi: position, velocity and acceleration in unit duration, caused by a unit of every parameter.
-
-    Returns
-    -------
-    array, shape (3, n_steps, 4 + n_basis)
-    """
-    return np.concatenate(basis.at(s), axis=2)
-
-
-def _fitted(basis: MotionBasis, s: Array, position: Array) -> tuple[Array, Array]:
-    """Return the parameters of one recording, shape (n_columns, 4 + n_basis), and the errors of its coordinates."""
-    parameters = (solver(basis, s) @ position).T
-    error = np.sqrt(((position - features(basis, s)[0] @ parameters.T) ** 2).mean(axis=0))
-    return parameters, error
-
-
-def solver(basis: MotionBasis, s: Array) -> Array:
-    """Return the matrix from the positions at shares `s` of the course to the parameters of the nearest movement.
-
-    Both ends are those of the first and the last position exactly.
-
-    Returns
-    -------
-    array, shape (4 + n_basis, n_steps)
-    """
-    psi, free = features(basis, s)[0], np.r_[1, 3 : N_ENDS + basis.n_basis]
-    share = np.gradient(s)[:, None]  # of the course: uneven samples count by the time that they stand for
-    weighted = psi[:, free] * share
-    square = weighted.T @ psi[:, free]
-    square[np.diag_indices(len(free))] += RIDGE * share.sum()
-    solver, ends = np.zeros((psi.shape[1], len(s))), np.zeros((2, len(s)))
-    ends[0, 0], ends[1, -1] = 1.0, 1.0
-    solver[[0, 2]] = ends
-    solver[free] = np.linalg.solve(square, weighted.T)
-    solver[free] -= np.linalg.solve(square, weighted.T @ psi[:, [0, 2]]) @ ends
-    return solver
-
-
-def _without_noise(covariance: Array, least: float) -> Array:
-    """Return a covariance in which what has a standard deviation below `least` does not vary at all."""
-    varies = np.diag(covariance) > least**2
-    return np.where(np.outer(varies, varies), 0.5 * (covariance + covariance.T), 0.0)
-
-
 def covariance_of(name: str, value: ArrayLike, n: int) -> Array:
     """Return a covariance, shape (n, n), from a variance, n variances or a matrix; errors name the argument."""
     array = numbers(value)
@@ -639,137 +593,3 @@ def _pseudo_inverse(matrix: Array) -> Array:
     values, vectors = np.linalg.eigh(matrix)
     kept = values > EXACT * max(float(values[-1]), 1e-300)
     return (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
-
-
-def _contexts(contexts: ArrayLike | None, n: int) -> Array:
-    if contexts is None:
-        return np.zeros((n, 0))
-    array = numbers(contexts)
-    array = array[:, None] if array.ndim == 1 else array
-    if array.ndim != 2 or len(array) != n or not np.isfinite(array).all():
-        raise OptionError(
-            f"contexts of shape {array.shape} for {n} recordings",
-            way_out="give finite numbers for each of them",
-        )
-    if n < array.shape[1] + 2:
-        raise OptionError(
-            f"{array.shape[1]} task parameters of {n} recordings",
-            key="contexts",
-            way_out=f"give {array.shape[1] + 2} recordings or more",
-        )
-    still = np.flatnonzero(np.ptp(array, axis=0) == 0)
-    if still.size:
-        raise OptionError(
-            f"the task parameter {still[0]} is the same in all recordings",
-            key="contexts",
-            way_out="leave it out",
-        )
-    return array
-
-
-def _read(demonstrations: object) -> tuple[tuple[str, ...], list[Array], list[Array]]:
-    """Return the manipulators, and times and positions of all recordings, after a check that they belong together."""
-    if not isinstance(demonstrations, (list, tuple)):
-        raise OptionError(f"demonstrations = {demonstrations!r}", way_out="give a list of recordings")
-    if len(demonstrations) < 2:
-        raise DemonstrationError(
-            f"{len(demonstrations)} recording has no spread", way_out="give two or more, or use DMP.fit"
-        )
-    found = [_one(demonstration, i) for i, demonstration in enumerate(demonstrations)]
-    names, _, first, unit = found[0]
-    for i, (others, _, position, own) in enumerate(found):
-        for what, one, other in (
-            ("is of", ", ".join(names) or "one hand", ", ".join(others) or "one hand"),
-            ("has", f"{first.shape[1]} coordinates", f"{position.shape[1]} coordinates"),
-            ("is in", unit, own),
-        ):
-            if one != other:
-                raise DemonstrationError(
-                    f"recording {i} {what} {other}, recording 0 {what} {one}",
-                    way_out="give recordings of one kind",
-                )
-    times, positions = [time for _, time, _, _ in found], [position for _, _, position, _ in found]
-    _require_spread(times, positions)
-    return names, times, positions
-
-
-def _require_spread(times: list[Array], positions: list[Array]) -> None:
-    seen: dict[bytes, int] = {}
-    for i, (time, position) in enumerate(zip(times, positions, strict=True)):
-        before = seen.setdefault((time - time[0]).tobytes() + position.tobytes(), i)
-        if before != i:
-            raise DemonstrationError(
-                f"recordings {before} and {i} are one and the same", way_out="give each recording once"
-            )
-    even = np.linspace(0.0, 1.0, 101)
-    shares = [(time - time[0]) / (time[-1] - time[0]) for time in times]
-    curves = np.stack(
-        [interpolated(even, s, position) for s, position in zip(shares, positions, strict=True)]
-    )
-    if curves.std(axis=0).max() <= NEVER * np.ptp(curves, axis=(0, 1)).max():
-        raise DemonstrationError(
-            f"the {len(times)} recordings are the same movement and have no spread",
-            way_out="record it anew each time, or use DMP.fit",
-        )
-
-
-def _one(demonstration: object, number: int) -> tuple[tuple[str, ...], Array, Array, str]:
-    """Return manipulators, times, positions of all their coordinates, and the unit of one recording."""
-    parts: Mapping[str, Any] = demonstration if isinstance(demonstration, Mapping) else {"": demonstration}
-    if not parts or not all(hasattr(p, "time") and hasattr(p, "position") for p in parts.values()):
-        raise OptionError(
-            f"recording {number} is {type(demonstration).__name__}",
-            key="demonstrations",
-            way_out="give Demonstrations, or mappings of them by the names of manipulators",
-        )
-    names = () if set(parts) == {""} else tuple(map(str, parts))
-    each = [(numbers(part.time), numbers(part.position)) for part in parts.values()]
-    time = each[0][0]
-    for name, (own, position) in zip(parts, each, strict=True):
-        who = f"recording {number}" + (f", {name!r}," if name else "")
-        if own.ndim != 1 or position.ndim != 2 or len(own) != len(position) or len(own) < 2:
-            raise DemonstrationError(f"{who} is no movement", way_out="give two samples or more of each")
-        bad = np.flatnonzero(~(np.isfinite(position).all(axis=1) & np.isfinite(own)))
-        if bad.size:
-            raise DemonstrationError(
-                f"{who} holds what is no number in row {bad[0]}", way_out="clean it, or leave it out"
-            )
-        if not (np.diff(own) > 0).all():
-            raise DemonstrationError(f"{who} stands still in time", way_out="give increasing times")
-        if not np.array_equal(own, time):
-            raise DemonstrationError(
-                f"{who} has other time stamps than {next(iter(parts))!r}",
-                way_out="bring both to the same duration and resampled(n_steps)",
-            )
-    units = [getattr(part, "unit", "m") for part in parts.values()]
-    if len(set(units)) > 1:
-        raise DemonstrationError(
-            f"recording {number} is in {' and '.join(sorted(set(units)))}", way_out="give one unit"
-        )
-    widths = {position.shape[1] for _, position in each}
-    if len(widths) > 1:
-        raise DemonstrationError(
-            f"recording {number} has manipulators with {' and '.join(map(str, sorted(widths)))} coordinates",
-            way_out="give all the same",
-        )
-    return names, time, np.concatenate([position for _, position in each], axis=1), units[0]
-
-
-def _notes(
-    durations: Array, alignment: Alignment, length: float, chosen: bool, wider: float, few_samples: bool
-) -> tuple[str, ...]:
-    times = f"{durations.min():.4g} to {durations.max():.4g} s"
-    how = "equal shares of their durations" if alignment is Alignment.DURATION else "equal places, by warping"
-    why = (
-        "chosen by leaving recordings out in turn" if chosen else "for there are too few recordings to choose"
-    )
-    notes = [
-        f"{len(durations)} recordings of {times}, aligned at {how}",
-        f"correlations over time tapered over {length:g} of the duration, {why}",
-        f"variances widened by {wider:.3g}, for {len(durations)} recordings tell no more of the next one",
-    ]
-    if few_samples:
-        notes.append(
-            "a recording has fewer samples than a coordinate has weights: the smoothest fit was taken"
-        )
-    return tuple(notes)

@@ -7,7 +7,7 @@ the linearised constraints,
 
     xi = -W J^T (J W J^T)^+ residual,      y <- y + xi_y,      R <- exp(xi_r) R,
 
-with a metric W in which a radian counts as `TURN_LENGTH` metres, times the mobility of each manipulator: a leader has
+with a metric W in which a radian counts as some length, times the mobility of each manipulator: a leader has
 none and keeps its pose, and of two followers the one with twice the mobility makes way twice as far. J is computed by
 central differences.
 """
@@ -28,10 +28,28 @@ from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
-TURN_LENGTH = 0.3  # m, that a radian counts as
 TOLERANCE = 1e-12  # m or rad, below which a constraint is met
-MAX_ITERATIONS = 50
-DIFFERENCE = 1e-6  # m or rad
+DIFFERENCE = 1e-6  # m or rad, of the central differences
+
+
+@dataclass(frozen=True)
+class ProjectionSettings:
+    """Settings of how poses are moved onto constraints.
+
+    Attributes
+    ----------
+    turn_length : length that a radian counts as, about the way from a wrist to what the hand holds [m]
+    n_iterations : Gauss-Newton steps at most; where the constraints can be met, a handful are enough
+    stretch : ratio of the hands' speed after the projection to that before from which on they jump
+    small_way : ways by the projection between two samples that are not looked at for jumps [m]
+    n_halvings : times that an interval in which hands may jump is halved
+    """
+
+    turn_length: float = 0.3
+    n_iterations: int = 50
+    stretch: float = 10.0
+    small_way: float = 1e-3
+    n_halvings: int = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +175,10 @@ class Upright:
 
 
 def project(
-    poses: Poses, constraints: Sequence[Constraint], mobility: Sequence[float] | None = None
+    poses: Poses,
+    constraints: Sequence[Constraint],
+    mobility: Sequence[float] | None = None,
+    settings: ProjectionSettings = ProjectionSettings(),
 ) -> Poses:
     """Return the poses moved onto all constraints, at every sample.
 
@@ -165,6 +186,7 @@ def project(
     ----------
     mobility : of every manipulator, how readily it moves relative to the others, 0 for one that must not; all alike
         by default
+    settings : what a radian counts as, and the number of steps
 
     Raises
     ------
@@ -180,10 +202,12 @@ def project(
         raise OptionError(
             f"mobility = {mobility!r}", way_out=f"give {len(poses.manipulators)} numbers, 0 or more"
         )
-    metric = np.tile(np.repeat([1.0, TURN_LENGTH**-2], 3), len(poses.manipulators)) * np.repeat(moves, 6)
+    metric = np.tile(np.repeat([1.0, settings.turn_length**-2], 3), len(poses.manipulators)) * np.repeat(
+        moves, 6
+    )
     still = moves == 0
     residual = _residual(poses, constraints)
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(settings.n_iterations):
         off = np.flatnonzero(np.abs(residual).max(axis=1) > TOLERANCE)
         if not off.size:
             return poses

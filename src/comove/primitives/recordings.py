@@ -10,12 +10,12 @@ from typing import Any
 
 from comove.demonstrations import Demonstration
 from comove.demonstrations.cleaning import unit_hint
-from comove.demonstrations.formats import is_format
+from comove.demonstrations.formats import is_format, lasa
 from comove.errors import ComoveError, DemonstrationError
 from comove.primitives.files import Primitive, checksum
 
 LASA = "lasa:"
-ALL, N_LASA = ":all", 7  # of the recordings of a shape, and their number
+ALL = ":all"  # of the recordings of a shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +124,7 @@ def _spelt_out(names: Sequence[str]) -> list[str]:
     spelt: list[str] = []
     for named in names:
         if named.startswith(LASA) and named.endswith(ALL):
-            spelt += [f"{named.removesuffix(ALL)}:{k}" for k in range(N_LASA)]
+            spelt += [f"{named.removesuffix(ALL)}:{k}" for k in range(lasa.N_DEMOS)]
         elif is_several(named):
             inner = sorted(p for p in Path(named).iterdir() if p.name[0] != "." and is_format(p))
             if not inner:

@@ -20,14 +20,13 @@ turns the direction of d* into that of d.
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import StrEnum
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import OptionError, near_name
 from comove.geometry.rotations import similarity
+from comove.primitives.arguments import NamedOption
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.primitives.forcing import mollifiers
 from comove.primitives.phase import ExponentialPhase, Phase
@@ -38,7 +37,7 @@ Array = NDArray[np.float64]
 NO_WAY = 1e-9  # displacements below this share of the movement's extent count as none
 
 
-class Variant(StrEnum):
+class Variant(NamedOption):
     """A variant of the dynamic movement primitive.
 
     CLOSED_FORM
@@ -64,22 +63,6 @@ class Variant(StrEnum):
     PASTOR = "pastor"
     DMP_PLUS_PLUS = "dmp++"
     RHYTHMIC = "rhythmic"
-
-    @classmethod
-    def named(cls, name: str) -> Variant:
-        """Return the variant with the given name.
-
-        Raises
-        ------
-        OptionError
-            If there is no such variant.
-        """
-        try:
-            return cls(name)
-        except ValueError:
-            raise OptionError(
-                f"variant = {name!r}", way_out=near_name(str(name), [variant.value for variant in cls])
-            ) from None
 
     @property
     def usual_phase(self) -> Phase:

@@ -146,9 +146,7 @@ def test_bad_files_are_told_by_row_and_column(tmp_path, refused, content, key, s
     refused(read_csv, write(tmp_path, content), key=key, says=says, way_out=way_out)
 
 
-def test_rows_are_counted_across_the_blocks_of_the_parser(tmp_path, refused, monkeypatch):
-    monkeypatch.setattr(csv, "_BLOCK", 2)
-    assert read_csv(write(tmp_path, GOOD))[""].n_steps == 3
+def test_rows_are_counted_as_in_an_editor(tmp_path, refused):
     path = write(tmp_path, GOOD + "# note\n0.3,2,3\n0.4,,4\n")
     refused(read_csv, path, key="row 7, column x", says="cell is empty", way_out="fill in")
     path = write(tmp_path, GOOD + "0.3,2,3\n0.4,1\n0.5,1\n")
@@ -332,12 +330,9 @@ def test_files_that_end_as_they_should_are_read_without_a_word(tmp_path, content
         assert read_csv(write(tmp_path, content))[""].n_steps == 3
 
 
-@pytest.mark.parametrize("n_block", [1, 7, 64])
 @SHARED_FOLDER
 @given(st.data())
-def test_blocks_do_not_show(tmp_path, monkeypatch, n_block, data):
-    """Whatever the size of the blocks, a file of numbers, notes and blank lines is read as line by line."""
-    monkeypatch.setattr(csv, "_BLOCK", n_block)
+def test_notes_and_blank_lines_do_not_show(tmp_path, data):
     lines = data.draw(st.lists(st.sampled_from(["{},1.5", "# {}", "", "  ", "{} , 2e-3 "]), max_size=30))
     rows = [line.format(index) for index, line in enumerate(["{},0", *lines, "{},0"])]
     kept = [[float(cell) for cell in row.split(",")] for row in rows if "," in row]

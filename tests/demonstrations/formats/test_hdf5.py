@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, hdf5_episodes, read_hdf5, write_aloha, write_robomimic
+from comove.demonstrations import Demonstration, read_hdf5, write_aloha, write_robomimic
 from comove.demonstrations.formats import hdf5
 from comove.errors import DemonstrationError
 
@@ -53,7 +53,7 @@ def test_robomimic_is_read_bit_by_bit(path, hand):
     episodes = [{"left": hand(seed), "right": hand(seed + 9)} for seed in range(12)]
     write_robomimic(path, episodes)
     again = read_hdf5(path)
-    assert list(again) == [f"demo_{index}" for index in range(12)] == list(hdf5_episodes(path))
+    assert list(again) == [f"demo_{index}" for index in range(12)] == list(hdf5.episodes(path))
     for episode, written in zip(again.values(), episodes, strict=True):
         assert list(episode) == ["robot0", "robot1"]
         for demo, original in zip(episode.values(), written.values(), strict=True):
@@ -102,7 +102,7 @@ def test_aloha_is_read_bit_by_bit_and_left_comes_first(path, hand):
     write_aloha(path, written)
     ((name, again),) = read_hdf5(path).items()
     assert name == "demo"
-    assert hdf5_episodes(path) == ("demo",)
+    assert hdf5.episodes(path) == ("demo",)
     for arm, demo in again.items():
         assert demo.position.tobytes() == written[arm].position.tobytes()
         np.testing.assert_allclose(demo.time, written[arm].time, atol=1e-15)

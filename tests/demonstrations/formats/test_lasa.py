@@ -6,7 +6,7 @@ import warnings
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, lasa_names, read_lasa
+from comove.demonstrations import Demonstration, lasa_names
 from comove.demonstrations.formats import lasa
 from comove.errors import DemonstrationError
 
@@ -17,7 +17,7 @@ def test_thirty_shapes_seven_times_a_thousand_samples_end_at_the_origin(capsys):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for name in names:
-            for demo in map(lambda index, name=name: read_lasa(name, index), range(7)):
+            for demo in map(lambda index, name=name: Demonstration.from_lasa(name, index), range(7)):
                 assert demo.position.shape == (1000, 2)
                 np.testing.assert_array_equal(demo.goal, 0.0)
                 np.testing.assert_allclose(np.diff(demo.time), demo.duration / 999, rtol=1e-6)
@@ -45,7 +45,7 @@ def test_the_note_tells_the_units():
 def test_what_is_derived_keeps_the_unit_and_is_not_taken_for_millimetres():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        demo = read_lasa("Angle").resampled(50)
+        demo = Demonstration.from_lasa("Angle").resampled(50)
     assert demo.unit == lasa.UNIT
 
 
@@ -53,13 +53,13 @@ def test_an_unknown_shape_proposes_the_near_one():
     with pytest.raises(
         DemonstrationError, match=r"LASA: shape: .*'Angel'; did you mean 'Angle'\? known: Angle"
     ):
-        read_lasa("Angel")
+        Demonstration.from_lasa("Angel")
 
 
 @pytest.mark.parametrize("demo", [-1, 7, 1.0, True, "0"])
 def test_other_recordings_are_refused(demo):
     with pytest.raises(DemonstrationError, match=r"LASA: demo: Angle has no recording .*; choose 0 to 6"):
-        read_lasa("Angle", demo)
+        Demonstration.from_lasa("Angle", demo)
 
 
 def test_missing_data_name_the_command(monkeypatch):

@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, lerobot_episodes, read_lerobot, write_lerobot
+from comove.demonstrations import Demonstration, read_lerobot, write_lerobot
 from comove.demonstrations.formats import lerobot
 from comove.errors import DemonstrationError
 
@@ -83,7 +83,7 @@ def test_what_is_written_is_read_to_the_precision_of_its_numbers(path, hand, dty
     episodes = [pair(hand, seed) for seed in range(3)]
     write_lerobot(path, episodes, dtype=dtype, task="carry")
     again = read_lerobot(path)
-    assert list(again) == ["0", "1", "2"] == list(lerobot_episodes(path))
+    assert list(again) == ["0", "1", "2"] == list(lerobot.episodes(path))
     for episode, written in zip(again.values(), episodes, strict=True):
         assert list(episode) == ["left", "right arm"]
         for name, demo in episode.items():

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration, read_rosbag, rosbag_topics, write_rosbag
+from comove.demonstrations import Demonstration, read_rosbag, write_rosbag
 from comove.demonstrations.formats import rosbag
 from comove.errors import ComoveWarning, DemonstrationError
 
@@ -220,7 +220,7 @@ def test_all_types_are_read(path):
         ]:
             messages.append((topic, kind, stamp, message))
     bag(path, messages)
-    assert list(rosbag_topics(path)) == sorted(t for t in {m[0] for m in messages} if t != "/word")
+    assert list(rosbag.topics(path)) == sorted(t for t in {m[0] for m in messages} if t != "/word")
     demos = read_rosbag(path)
     for topic, demo in demos.items():
         np.testing.assert_array_equal(demo.time, [0.0, 1.0, 2.0], err_msg=topic)

@@ -99,11 +99,6 @@ def load(
     return found if isinstance(found, RecordedSamples) else select(found, manipulator, path)
 
 
-def load_all(path: str | os.PathLike[str]) -> tuple[RecordedSamples, ...]:
-    """Return all movements; see `Demonstration.load_all`."""
-    return tuple(movement for recording in load_recordings(path) for movement in recording.values())
-
-
 def load_recordings(path: str | os.PathLike[str]) -> tuple[dict[str, RecordedSamples], ...]:
     """Return all recordings, each as movements by manipulator; see `Demonstration.load_recordings`."""
     path = Path(path)

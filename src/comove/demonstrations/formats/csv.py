@@ -6,7 +6,7 @@ quaternions of unit norm. Other coordinates are named with their unit: `elbow [r
 seconds, positions are in metres, numbers have a decimal point, the encoding is UTF-8. Blank lines and lines that
 begin with `#` are skipped. Rows are counted as in an editor: the first line of the file is row 1.
 
-NumPy's C parser reads block by block; only if it refuses a block is that block searched for the bad cell.
+NumPy's C parser reads the rows; only if it refuses one are they searched for the bad cell.
 """
 
 from __future__ import annotations
@@ -43,10 +43,6 @@ MAX_CELLS = 2**26
 """Numbers of one file."""
 MAX_COLUMNS, MAX_NAME = 1000, 200
 """Columns of a file, and characters of a column's name."""
-_BLOCK = 2**22
-"""Characters that are parsed at a time."""
-_ROWS = 50_000
-"""Rows that are written at a time."""
 _UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]+)\]")
 _MARKS = ",;\t\r\n"
 """What cannot stand in a name: it separates."""
@@ -123,8 +119,9 @@ def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, Re
     table = np.column_stack(columns)
     with whole_file(path) as file:
         file.write(",".join(header).encode() + b"\n")
-        for first in range(0, len(table), _ROWS):
-            rows = table[first : first + _ROWS].tolist()
+        at_a_time = 50_000  # rows
+        for first in range(0, len(table), at_a_time):
+            rows = table[first : first + at_a_time].tolist()
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows]).encode())
 
 
@@ -305,61 +302,37 @@ def _wrong_columns(path: Path, manipulator: str, found: Mapping[str, int]) -> De
 
 def _read_table(path: Path, names: list[str]) -> NDArray[np.float64]:
     """Parse all rows below the header, shape (n_rows, n_columns), finite."""
-    blocks, cells = [], 0
+    last = 0, ""  # row and text of the last line with content
+
+    def below_header() -> Iterator[str]:
+        nonlocal last
+        for n_rows, last in enumerate(islice(_lines(path), 1, None), start=1):
+            if n_rows * len(names) > MAX_CELLS:
+                raise fault(path, None, f"it has more than {MAX_CELLS:,} numbers", "keep every n-th row")
+            yield last[1]
+
     try:
-        header, _ = next(_lines(path))
-        with open(path, encoding="utf-8-sig") as file:
-            for _ in range(header):
-                file.readline()
-            row, line = header + 1, ""
-            while text := file.read(_BLOCK) + file.readline():
-                lines = text.split("\n")
-                line = lines.pop() or lines[-1] + "\n"
-                if not line.endswith("\n"):
-                    lines.append(line)
-                if (table := _parse(path, names, row, lines)) is not None:
-                    blocks.append(table)
-                    cells += table.size
-                    if cells > MAX_CELLS:
-                        raise fault(
-                            path, None, f"it has more than {MAX_CELLS:,} numbers", "keep every n-th row"
-                        )
-                row += len(lines)
+        if next(below_header(), None) is None:
+            raise fault(path, None, "there are no rows below the header", "record two rows at least")
+        table = np.loadtxt(below_header(), delimiter=",", comments=None, ndmin=2)
     except UnicodeDecodeError:
         raise _not_utf8(path) from None
-    if not blocks:
-        raise fault(path, None, "there are no rows below the header", "record two rows at least")
-    if line.strip() and not line.startswith("#") and not line.endswith("\n"):
+    except ValueError as error:
+        raise _bad_cell(path, names) from error
+    if table.shape[1] != len(names) or not np.isfinite(table).all():
+        raise _bad_cell(path, names)
+    if not last[1].endswith("\n"):
         warnings.warn(
-            f"{path}: row {row - 1}: the last line has no end, so its last number may be cut",
+            f"{path}: row {last[0]}: the last line has no end, so its last number may be cut",
             ComoveWarning,
             stacklevel=4,
         )
-    return np.concatenate(blocks)
-
-
-def _parse(path: Path, names: list[str], row: int, lines: list[str]) -> NDArray[np.float64] | None:
-    """Parse lines from row `row` on; return finite numbers, shape (n_rows, n_columns), or None if there are none."""
-    with contextlib.suppress(ValueError):
-        # Blank and commented lines are rare: only where the parser stumbles they are looked for.
-        table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2) if all(lines) else None
-        if table is not None and table.shape == (len(lines), len(names)) and np.isfinite(table).all():
-            return table
-    block = [(row + i, line) for i, line in enumerate(lines) if line.strip() and not line.startswith("#")]
-    if not block:
-        return None
-    try:
-        table = np.loadtxt([line for _, line in block], delimiter=",", comments=None, ndmin=2)
-    except ValueError as error:
-        raise _bad_cell(path, names, block) from error
-    if table.shape[1] != len(names) or not np.isfinite(table).all():
-        raise _bad_cell(path, names, block)
     return table
 
 
-def _bad_cell(path: Path, names: list[str], block: list[tuple[int, str]]) -> DemonstrationError:
-    """Return the error that describes the first bad row of a block."""
-    for row, line in block:
+def _bad_cell(path: Path, names: list[str]) -> DemonstrationError:
+    """Return the error that describes the first bad row."""
+    for row, line in islice(_lines(path), 1, None):
         cells = [cell.strip() for cell in line.split(",")]
         if len(cells) != len(names):
             return _ragged(path, row, cells, names)

@@ -33,6 +33,7 @@ from comove.demonstrations.samples import (
     RecordedSamples,
     as_episodes,
     by_manipulator,
+    common_rate,
     decoding,
     even_rate,
     fault,
@@ -131,15 +132,8 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
         If the episodes do not fit into one file, or the file cannot be written.
     """
     written = as_episodes(episodes, path)
-    rates = [even_rate(demos, path) for demos in written]
+    rate = common_rate(written, path)
     for index, demos in enumerate(written):
-        if not math.isclose(rates[index], rates[0], rel_tol=1e-9):
-            raise fault(
-                path,
-                None,
-                f"episode {index} runs at {rates[index]:.6g} Hz and episode 0 at {rates[0]:.6g} Hz",
-                "the file has one rate: resample the episodes",
-            )
         for name, demo in demos.items():
             if demo.n_dims != 3 or demo.unit != "m" or demo.axes:
                 raise fault(
@@ -149,7 +143,7 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
                     "robomimic keeps positions x, y, z in metres",
                 )
     with robomimic_file(path) as begin:
-        data = begin(rates[0])
+        data = begin(rate)
         data.attrs["total"] = sum(next(iter(demos.values())).n_steps for demos in written)
         for index, demos in enumerate(written):
             write_demo(data.create_group(f"demo_{index}"), list(demos.values()))
@@ -158,8 +152,7 @@ def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
 @contextmanager
 def robomimic_file(path: str | os.PathLike[str]) -> Iterator[Callable[[float], Group]]:
     """Lend a function that makes the group of the episodes for a rate [Hz]; the file appears when all is written."""
-    h5py = extra("h5py", path)
-    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
+    with _written(path) as root:
 
         def begin(rate: float) -> Group:
             data = root.create_group("data")
@@ -207,8 +200,7 @@ def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[s
         )
     rate = even_rate(demos, path)
     qpos = np.concatenate([demos[name].position for name in sorted(demos)], axis=1)
-    h5py = extra("h5py", path)
-    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
+    with _written(path) as root:
         root.attrs["sim"] = False
         root.attrs["fps"] = rate
         put(root, "observations/qpos", qpos)
@@ -219,6 +211,14 @@ def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[s
 FORMAT = Format(
     "HDF5", read, suffixes=(".hdf5", ".h5"), part="episode", parts=episodes, write=write_robomimic
 )
+
+
+@contextmanager
+def _written(path: str | os.PathLike[str]) -> Iterator[Group]:
+    """Lend a new file, which appears when all is written."""
+    h5py = extra("h5py", path)
+    with whole_path(path) as draft, h5py.File(draft, "w", libver=_VERSIONS) as root:
+        yield root
 
 
 @contextmanager

@@ -37,8 +37,8 @@ from comove.demonstrations.samples import (
     Origin,
     RecordedSamples,
     as_episodes,
+    common_rate,
     decoding,
-    even_rate,
     fault,
     one_of,
 )
@@ -58,8 +58,12 @@ MAX_COLUMN_BYTES = 512 * 2**20
 _BATCH = 65_536
 """Rows that are read at a time."""
 STATE = "observation.state"
-CHUNK_EPISODES = 1000
-"""Episodes of one folder `data/chunk-...`."""
+CHUNK = 1000
+"""Episodes, or files, of one folder `chunk-...`."""
+SCALARS = {"timestamp": "float32"} | dict.fromkeys(
+    ("frame_index", "episode_index", "index", "task_index"), "int64"
+)
+"""Columns of a number a row, which all tables of frames have, and their kinds."""
 _STAMP_TOLERANCE = 1e-4
 """How far LeRobot lets stamps lie from even ones [s]."""
 _PLACE = re.compile(r"\{(episode_chunk|episode_index|chunk_index|file_index)(:0?\d{1,2}d)?\}")
@@ -173,13 +177,9 @@ def write(
             for number, demos in enumerate(written):
                 columns = _columns(demos, fps, number, sum(lengths), dtype)
                 lengths.append(len(columns["index"]))
-                file = draft / f"data/chunk-{number // CHUNK_EPISODES:03d}/episode_{number:06d}.parquet"
+                file = draft / f"data/chunk-{number // CHUNK:03d}/episode_{number:06d}.parquet"
                 file.parent.mkdir(parents=True, exist_ok=True)
-                arrays = {
-                    key: pa.array(values) if values.ndim == 1 else _vectors(pa, values)
-                    for key, values in columns.items()
-                }
-                parquet.write_table(pa.table(arrays), file, write_page_checksum=True)
+                parquet.write_table(arrow_table(pa, columns), file, write_page_checksum=True)
                 stats = {key: _statistics(values) for key, values in columns.items()}
                 statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
         feature = {"dtype": dtype, "shape": [len(names)], "names": names}
@@ -254,7 +254,7 @@ def _episodes_v3(folder: Path) -> list[dict[str, Any]]:
 def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], number: int) -> str:
     """Fill in the path of an episode's rows; only numbers are inserted, and paths out of the folder are refused."""
     pattern = _value(file, info, "data_path", str)
-    chunk_size = info.get("chunks_size") or CHUNK_EPISODES
+    chunk_size = info.get("chunks_size") or CHUNK
     places = {
         "episode_index": number,
         "episode_chunk": number // chunk_size if isinstance(chunk_size, int) and chunk_size > 0 else 0,
@@ -487,16 +487,15 @@ def _value(file: Path, row: Mapping[str, Any], key: str, kind: Any) -> Any:
 
 def _common_fps(path: object, episodes: list[dict[str, RecordedSamples]]) -> int:
     """Return the common sampling rate of all episodes, a whole number [Hz]."""
-    rates = [even_rate(demos, path) for demos in episodes]
-    for number, rate in enumerate(rates):
-        if not math.isclose(rate, round(rates[0]), rel_tol=1e-9):
-            raise fault(
-                path,
-                None,
-                f"episode {number} runs at {rate:.6g} Hz",
-                "LeRobot has one whole number of frames a second: resample the episodes",
-            )
-    return round(rates[0])
+    rate = common_rate(episodes, path)
+    if not math.isclose(rate, round(rate), rel_tol=1e-9):
+        raise fault(
+            path,
+            None,
+            f"episode 0 runs at {rate:.6g} Hz",
+            "LeRobot has a whole number of frames a second: resample the episodes",
+        )
+    return round(rate)
 
 
 def _names(path: object, demos: Mapping[str, RecordedSamples]) -> list[str]:
@@ -524,20 +523,39 @@ def _columns(
         block for demo in demos.values() for block in (demo.position, demo.orientation) if block is not None
     ]
     state = np.concatenate(blocks, axis=1).astype(dtype)
-    frames = np.arange(len(state), dtype=np.int64)
+    vectors = {STATE: state, "action": np.concatenate((state[1:], state[-1:]))}
+    return vectors | scalar_columns(len(state), fps, number, first)
+
+
+def scalar_columns(n_steps: int, fps: float, number: int, before: int) -> dict[str, NDArray]:
+    """Return the columns `SCALARS` of an episode.
+
+    Parameters
+    ----------
+    n_steps, fps : number of frames, and frames a second
+    number : number of the episode in the dataset
+    before : number of frames of the episodes before
+    """
+    frames = np.arange(n_steps, dtype=np.int64)
     return {
-        STATE: state,
-        "action": np.concatenate((state[1:], state[-1:])),
         "timestamp": (frames / fps).astype(np.float32),
         "frame_index": frames,
         "episode_index": np.full_like(frames, number),
-        "index": frames + first,
+        "index": frames + before,
         "task_index": np.zeros_like(frames),
     }
 
 
-def _vectors(pa: Any, values: NDArray) -> Any:
-    return pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+def arrow_table(pa: Any, columns: Mapping[str, NDArray]) -> Any:
+    """Return columns of numbers and of vectors as a table of Arrow; `pa` is the package pyarrow."""
+    return pa.table(
+        {
+            name: pa.array(values)
+            if values.ndim == 1
+            else pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
+            for name, values in columns.items()
+        }
+    )
 
 
 def _statistics(values: NDArray) -> dict[str, list]:
@@ -551,13 +569,15 @@ def _statistics(values: NDArray) -> dict[str, list]:
     }
 
 
+def described_scalars() -> dict[str, Any]:
+    """Return the description of the columns `SCALARS`, in the form that LeRobot gives it."""
+    return {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
+
+
 def _write_meta(
     folder: Path, lengths: list[int], vector: dict[str, Any], fps: int, task: str, robot_type: str
 ) -> None:
     """Write the files that describe the tables; `vector` describes state and action."""
-    scalars = {"timestamp": "float32"} | dict.fromkeys(
-        ("frame_index", "episode_index", "index", "task_index"), "int64"
-    )
     info = {
         "codebase_version": "v2.1",
         "robot_type": robot_type,
@@ -565,14 +585,13 @@ def _write_meta(
         "total_frames": sum(lengths),
         "total_tasks": 1,
         "total_videos": 0,
-        "total_chunks": -(-len(lengths) // CHUNK_EPISODES),
-        "chunks_size": CHUNK_EPISODES,
+        "total_chunks": -(-len(lengths) // CHUNK),
+        "chunks_size": CHUNK,
         "fps": fps,
         "splits": {"train": f"0:{len(lengths)}"},
         "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
         "video_path": None,
-        "features": {STATE: vector, "action": vector}
-        | {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in scalars.items()},
+        "features": {STATE: vector, "action": vector} | described_scalars(),
     }
     (folder / _INFO).write_text(json.dumps(info, indent=4), encoding="utf-8")
     rows = [

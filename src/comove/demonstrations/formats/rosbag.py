@@ -458,17 +458,16 @@ def _write_messages(
         text = "std_msgs/msg/String"
         connection = writer.add_connection("/comove/about", text, typestore=store)
         writer.write(connection, start_ns, encode(store.types[text](data=about), text))
-    queue = []
+    tracks = []
     for name, demo in demos.items():
         topic, kind = _topic_and_type(path, name, demo)
-        connection = writer.add_connection(topic, kind, typestore=store)
-        make = _maker(store, kind, demo, frame_id)
-        stamps = start_ns + np.rint(demo.time * NANO).astype(np.int64)
-        queue += [(int(stamp), connection, kind, make, row) for row, stamp in enumerate(stamps)]
+        tracks.append((topic, kind, demo.time, _maker(store, kind, demo, frame_id)))
     for name, (time, files) in images.items():
         kind = "sensor_msgs/msg/CompressedImage"
-        connection = writer.add_connection(f"/{name}/image/compressed", kind, typestore=store)
-        make = _image_maker(store, kind, files, name)
+        tracks.append((f"/{name}/image/compressed", kind, time, _image_maker(store, kind, files, name)))
+    queue = []
+    for topic, kind, time, make in tracks:
+        connection = writer.add_connection(topic, kind, typestore=store)
         stamps = start_ns + np.rint(time * NANO).astype(np.int64)
         queue += [(int(stamp), connection, kind, make, row) for row, stamp in enumerate(stamps)]
     for stamp, connection, kind, make, row in sorted(queue, key=lambda item: item[0]):

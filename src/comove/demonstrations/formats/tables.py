@@ -76,9 +76,9 @@ def read(
     clock, time_unit = (None, "s") if rate is not None else _clock(path, names, time)
     wanted = places if clock is None else [clock, *places]
     table = _numbers(path, rows, separator, wanted, names)
-    seconds = np.arange(len(rows)) / rate if rate is not None else table[:, 0] * TIMES[time_unit]
+    seconds = np.arange(len(rows)) / rate if rate is not None else table[:, 0] * TIMES[time_unit or "s"]
     step = float(np.median(np.diff(seconds))) if len(rows) > 2 else 0.0
-    if clock is not None and step > SLOW and not _says_unit(names, clock, time):
+    if clock is not None and step > SLOW and time_unit is None:
         raise fault(
             path,
             names[clock],
@@ -203,8 +203,8 @@ def _places(path: Path, names: list[str], columns: Sequence[str] | None) -> list
     return places
 
 
-def _clock(path: Path, names: list[str], time: str | None) -> tuple[int, str]:
-    """Return the column of time, and its unit."""
+def _clock(path: Path, names: list[str], time: str | None) -> tuple[int, str | None]:
+    """Return the column of time, and its unit; None if it is not said."""
     if time is not None:
         place = _found(time, names)
         place = _found(_bare(time), names) if place is None else place
@@ -224,11 +224,7 @@ def _clock(path: Path, names: list[str], time: str | None) -> tuple[int, str]:
             if unit not in TIMES:
                 raise fault(path, "time", f"the unit of time {unit!r} is not known", near_name(unit, TIMES))
             return place, unit
-    return place, "s"
-
-
-def _says_unit(names: list[str], clock: int, time: str | None) -> bool:
-    return any(_UNIT.fullmatch(name) for name in (time or "", names[clock]))
+    return place, None
 
 
 def _numbers(

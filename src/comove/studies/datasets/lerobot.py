@@ -19,25 +19,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.demonstrations.formats.lerobot import CHUNK, STATE, arrow_table, described_scalars, scalar_columns
 from comove.io.files import extra
 from comove.io.videos import PIXELS
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 from comove.studies.videos import CODEC, Video, VideoFile
 
-STATE, ACTION, ENVIRONMENT = "observation.state", "action", "observation.environment_state"
+ACTION, ENVIRONMENT = "action", "observation.environment_state"
 HANDS, IMAGES = "observation.hands", "observation.images."
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 EPISODES = "meta/episodes/chunk-000/file-000.parquet"
-CHUNK = 1000
-"""Files of a folder `chunk-...`."""
 VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 FILE_MB, VIDEO_MB = 100, 200
 """About the size of a file of numbers before it is packed, and of a video [MB]."""
 SAMPLED = 32
 """Pictures of an episode, at most, from which the statistics of a camera are taken."""
-SCALARS = {"timestamp": "float32"} | dict.fromkeys(
-    ("frame_index", "episode_index", "index", "task_index"), "int64"
-)
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carry the load") -> int:
@@ -170,27 +166,8 @@ def frame_columns(episode: EpisodeSamples, number: int, before: int) -> dict[str
     number : number of the episode in the dataset
     before : number of frames of the episodes before
     """
-    frames = np.arange(len(episode.time), dtype=np.int64)
     vectors = {name: values.astype(np.float32) for name, (_, values) in _vectors(episode).items()}
-    return vectors | {
-        "timestamp": (frames / episode.rate).astype(np.float32),
-        "frame_index": frames,
-        "episode_index": np.full_like(frames, number),
-        "index": frames + before,
-        "task_index": np.zeros_like(frames),
-    }
-
-
-def arrow_table(pa: Any, columns: Mapping[str, NDArray]) -> Any:
-    """Return columns of numbers and of vectors as a table of Arrow."""
-    return pa.table(
-        {
-            name: pa.array(values)
-            if values.ndim == 1
-            else pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
-            for name, values in columns.items()
-        }
-    )
+    return vectors | scalar_columns(len(episode.time), episode.rate, number, before)
 
 
 def features_of(first: EpisodeSamples) -> dict[str, Any]:
@@ -200,7 +177,7 @@ def features_of(first: EpisodeSamples) -> dict[str, Any]:
         for key, (names, _) in _vectors(first).items()
     }
     features |= {f"{IMAGES}{name}": _described(video, first.rate) for name, video in first.videos.items()}
-    return features | {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
+    return features | described_scalars()
 
 
 def _described(video: Video, rate: int) -> dict[str, Any]:

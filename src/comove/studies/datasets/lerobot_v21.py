@@ -11,15 +11,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from comove.demonstrations.formats.lerobot import CHUNK, arrow_table
 from comove.io.files import extra
-from comove.studies.datasets.lerobot import (
-    CHUNK,
-    IMAGES,
-    arrow_table,
-    features_of,
-    frame_columns,
-    statistics_of,
-)
+from comove.studies.datasets.lerobot import IMAGES, features_of, frame_columns, statistics_of
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
