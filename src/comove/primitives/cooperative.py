@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
 from comove.geometry import rotations
 from comove.primitives.arguments import instants, is_number, require_steps
-from comove.primitives.poses import Pose, PoseDMP, PoseEnds, PoseRecording, PoseState
+from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
 from comove.primitives.projection import Constraint, Poses, ProjectionSettings, project
 from comove.trajectory import PoseTrajectory
 
@@ -188,28 +188,56 @@ class CooperativeDMP:
         """Return the names of the hands."""
         return tuple(self.hands)
 
-    def towards(self, **ends: Unpack[PoseEnds]) -> CooperativeDMP:
+    def towards(
+        self,
+        *,
+        start: Pose | None = None,
+        goal: Pose | None = None,
+        duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
+    ) -> CooperativeDMP:
         """Return the movement between other poses and velocities of the load, or with another duration [s].
 
         Arguments are as for `PoseDMP.towards`.
         """
-        duration = ends.get("duration")
-        if self.load is None and any(end is not None for name, end in ends.items() if name != "duration"):
+        ends: dict[str, Any] = {
+            "start": start,
+            "goal": goal,
+            "start_velocity": start_velocity,
+            "goal_velocity": goal_velocity,
+        }
+        if self.load is None and any(end is not None for end in ends.values()):
             raise OptionError(
                 "hands that move for themselves have no common start or goal",
                 way_out="change the movement of each",
             )
-        load = None if self.load is None else self.load.towards(**ends)
+        load = None if self.load is None else self.load.towards(duration=duration, **ends)
         hands = {
             name: hand.towards(duration=duration) if isinstance(hand, PoseDMP) else hand
             for name, hand in self.hands.items()
         }
         return replace(self, load=load, hands=hands)
 
-    def rollout(self, *, n_steps: int = 201, **ends: Unpack[PoseEnds]) -> PoseTrajectory:
+    def rollout(
+        self,
+        *,
+        start: Pose | None = None,
+        goal: Pose | None = None,
+        duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
+        n_steps: int = 201,
+    ) -> PoseTrajectory:
         """Return samples of the movement of all hands, between other ends of the load if they are given."""
         require_steps(n_steps)
-        dmp = self.towards(**ends)
+        dmp = self.towards(
+            start=start,
+            goal=goal,
+            duration=duration,
+            start_velocity=start_velocity,
+            goal_velocity=goal_velocity,
+        )
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:

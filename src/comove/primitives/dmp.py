@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
-from typing import Protocol, TypedDict, Unpack
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -51,16 +51,6 @@ class Recording(Protocol):
     @property
     def start_velocity(self) -> Array:
         """Return the velocity at the first sample, shape (n_dims,), [m/s]."""
-
-
-class Ends(TypedDict, total=False):
-    """The arguments of `DMP.towards`."""
-
-    start: ArrayLike | None
-    goal: ArrayLike | None
-    duration: float | None
-    start_velocity: ArrayLike | None
-    goal_velocity: ArrayLike | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,13 +289,17 @@ class DMP:
             goal_velocity=self._vector("goal_velocity", goal_velocity, ratio @ self.goal_velocity),
         )
 
-    def rollout(self, *, n_steps: int = 201, **ends: Unpack[Ends]) -> Trajectory:
+    def rollout(
+        self,
+        *,
+        start: ArrayLike | None = None,
+        goal: ArrayLike | None = None,
+        duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
+        n_steps: int = 201,
+    ) -> Trajectory:
         """Play the movement, between other ends if they are given.
-
-        Parameters
-        ----------
-        n_steps : number of even samples
-        ends : any of the arguments of `towards`
 
         Returns
         -------
@@ -318,7 +312,13 @@ class DMP:
             If an argument is out of range.
         """
         require_steps(n_steps)
-        dmp = self.towards(**ends)
+        dmp = self.towards(
+            start=start,
+            goal=goal,
+            duration=duration,
+            start_velocity=start_velocity,
+            goal_velocity=goal_velocity,
+        )
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def rollouts(self, weights: ArrayLike, n_steps: int = 201) -> Array:

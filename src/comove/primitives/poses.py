@@ -20,7 +20,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Protocol, TypedDict, Unpack, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -128,16 +128,6 @@ class PoseState:
     def progress(self) -> float:
         """Return the phase in durations."""
         return self.translation.progress
-
-
-class PoseEnds(TypedDict, total=False):
-    """The arguments of `PoseDMP.towards`."""
-
-    start: Pose | None
-    goal: Pose | None
-    duration: float | None
-    start_velocity: ArrayLike | None
-    goal_velocity: ArrayLike | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,16 +311,25 @@ class PoseDMP:
             turning=self.turning.towards(duration=duration, **turns),
         )
 
-    def rollout(self, *, n_steps: int = 201, **ends: Unpack[PoseEnds]) -> PoseTrajectory:
-        """Play the movement, between other ends if they are given; exact at every sample.
-
-        Parameters
-        ----------
-        n_steps : number of even samples
-        ends : any of the arguments of `towards`
-        """
+    def rollout(
+        self,
+        *,
+        start: Pose | None = None,
+        goal: Pose | None = None,
+        duration: float | None = None,
+        start_velocity: ArrayLike | None = None,
+        goal_velocity: ArrayLike | None = None,
+        n_steps: int = 201,
+    ) -> PoseTrajectory:
+        """Play the movement, between other ends if they are given (see `towards`); exact at every sample."""
         require_steps(n_steps)
-        dmp = self.towards(**ends)
+        dmp = self.towards(
+            start=start,
+            goal=goal,
+            duration=duration,
+            start_velocity=start_velocity,
+            goal_velocity=goal_velocity,
+        )
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
