@@ -37,8 +37,7 @@ from comove import ProMP
 from comove.coordination.adaptation import covariance_of_hands
 from comove.demonstrations import Demonstration, lasa_names
 from comove.planning import carried_demonstration, movements_of
-from comove.planning.followed import followed
-from comove.planning.precision import precision_root
+from comove.planning.resemblance import followed, precision_root
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import ViaPoint
 

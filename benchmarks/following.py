@@ -24,7 +24,7 @@ from comove.experiments.bench.sets import SETS
 from comove.experiments.examples import example_path
 from comove.geometry.distances import configuration_distance
 from comove.planning import carried_demonstration
-from comove.planning.followed import followed
+from comove.planning.resemblance import followed
 
 N_STEPS = 401
 FREE = 0.05  # m from everything

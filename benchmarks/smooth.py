@@ -25,7 +25,7 @@ import comove
 from comove import LeastJerk, PaperCost
 from comove.experiments.bench.sets import SETS
 from comove.planning import Comove
-from comove.planning.convex.jerk import jerk_cost
+from comove.planning.convex.costs import jerk_cost
 from comove.planning.seeds import minimum_jerk
 
 WAYS = replace(Comove(), n_ways=40, n_idle=20, n_met=40)

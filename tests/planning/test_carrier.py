@@ -8,7 +8,7 @@ import pytest
 from comove import Demonstration
 from comove.coordination.blocks import place
 from comove.planning import Comove, Paper, PaperCost, solve
-from comove.planning.convex.jerk import third_differences
+from comove.planning.convex.costs import third_differences
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
 from comove.planning.seeds import RIDGES, minimum_jerk, profiles

@@ -97,7 +97,7 @@ class Delayed(Comove):
         """Plan with a budget that is spent until what was compiled has been counted."""
         coordinates = load_coordinates(search.scene)
         space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
-        targets_of, found = _planner(search, space, ends), []
+        targets_of, found = _planner(search, space, ends, self), []
         search.deadline = -1e9
         for seconds in (0.0, 2e9):
             search.compiled.seconds += seconds

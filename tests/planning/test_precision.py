@@ -10,9 +10,8 @@ from comove import Demonstration, LeastJerk, ProMP, Scene, solve
 from comove.demonstrations.formats import write
 from comove.errors import OptionError
 from comove.planning import carried_demonstration, movements_of
-from comove.planning.convex.jerk import JerkCost
-from comove.planning.followed import followed
-from comove.planning.precision import LEAST_SPREAD, precision_root
+from comove.planning.convex.costs import JerkCost
+from comove.planning.resemblance import followed, precision_root
 from comove.scenes import demonstration_of
 
 SCENE = {
@@ -47,7 +46,7 @@ def test_the_precision_is_the_inverse_covariance_relative_to_its_mean():
     s = np.linspace(0, 1, len(weight))
     covariance = promp.towards(start=promp.mean.start, goal=promp.mean.goal).covariance_at(s * promp.duration)
     variance = np.trace(covariance, axis1=1, axis2=2).mean() / 2
-    expected = np.linalg.inv(covariance / variance + LEAST_SPREAD**2 * np.eye(2))
+    expected = np.linalg.inv(covariance / variance + 0.1**2 * np.eye(2))
     assert np.abs(weight / expected[:, :1, :1] - expected / expected[:, :1, :1]).max() < 1e-3
     assert weight[80, 1, 1] < 0.1 * weight[150, 1, 1]  # dear where all agree
 

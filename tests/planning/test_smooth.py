@@ -7,7 +7,7 @@ import comove
 from comove import LeastJerk, PaperCost
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
-from comove.planning.convex.jerk import jerk_cost
+from comove.planning.convex.costs import jerk_cost
 from comove.scenes import Scene, demonstration_of, recording_of
 from tests.solved import example, scene_of
 

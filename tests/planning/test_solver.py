@@ -514,8 +514,8 @@ def test_without_the_planner_nothing_is_planned(monkeypatch):
         pytest.fail("the planner ran")
 
     monkeypatch.setattr("comove.planning.methods.plan", plan)
-    monkeypatch.setattr("comove.planning.methods.SETTINGS", MethodSettings(restarts=1))
-    assert not comove.solve(closed(), planner=False, budget=3.0).verified
+    method = Comove(settings=MethodSettings(restarts=1))
+    assert not comove.solve(closed(), method=method, planner=False, budget=3.0).verified
 
 
 @pytest.mark.parametrize(

@@ -29,10 +29,6 @@ from comove.optimisers.models import UNKNOWN, LinearModel, Local, bound_rows, ne
 Array = NDArray[np.float64]
 
 TINY = 1e-150
-DIVERGENCE = 1e3  # growth of the curvature over its least value that no converging run shows
-LONGEST_STEP = 2.0  # of the programme, in root-n lengths of the distribution
-FAR = 100.0  # squared distance a dimension beyond which models are not trusted
-EARLY = 60  # generations in which constraints may still be seen from afar
 INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding
 
 
@@ -52,6 +48,10 @@ class AugmentedLagrangian:
     repairs : largest number of evaluations of the constraints to make the programme's step feasible
     trust : least slope of a constraint's model, in units of its residuals, for the programme to know the constraint
         in a run's first generations; disconnected feasible sets, seen from afar, have no slope
+    early : number of these first generations, in which constraints may still be seen from afar
+    longest : longest step of the programme, in root-n lengths of the distribution
+    far : squared distance a dimension, in units of the distribution, beyond which models are not trusted
+    divergence : growth of the curvature over its least value that no converging run shows
 
     Raises
     ------
@@ -66,15 +66,22 @@ class AugmentedLagrangian:
     adaptation: float = 0.1
     repairs: int = 8
     trust: float = 1.0
+    early: int = 60
+    longest: float = 2.0
+    far: float = 100.0
+    divergence: float = 1e3
 
     def __post_init__(self) -> None:
-        check_positive("penalty", self.penalty)
+        for name in ("penalty", "longest", "far"):
+            check_positive(name, getattr(self, name))
         for name in ("integral", "trust"):
             check_number(name, getattr(self, name), 0.0)
         for name in ("learning", "adaptation"):
             check_number(name, getattr(self, name), 0.0, 1.0)
-        check_number("growth", self.growth, 1.0)
-        check_whole("repairs", self.repairs, 0)
+        for name in ("growth", "divergence"):
+            check_number(name, getattr(self, name), 1.0)
+        for name in ("repairs", "early"):
+            check_whole(name, getattr(self, name), 0)
 
     def start(self, start: Start) -> AugmentedLagrangianRun:
         """Return a new run of the method."""
@@ -128,7 +135,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         )  # an optimum uses the tolerance of an equality
         length = np.sqrt((local.slope[:-1] ** 2).sum(axis=1))
         rough = 1.4826 * local.inflation * np.median(np.abs(local.residual[:, :-1]), axis=0)
-        least = settings.trust * rough if self._es.generation < EARLY else 0.0
+        least = settings.trust * rough if self._es.generation < settings.early else 0.0
         self._length = np.where(length > np.maximum(least, UNKNOWN), length, np.inf)
         gradient = local.slope[-1]
         scale = np.sqrt(length**2 + rough**2)  # by which the values vary within the distribution
@@ -210,7 +217,7 @@ class AugmentedLagrangianRun(OptimiserRun):
         if self._es.generation % 2:
             self._origin = self._es.z[np.argmin(self._values)]
         else:
-            longest = LONGEST_STEP * np.sqrt(len(self._step))
+            longest = self.settings.longest * np.sqrt(len(self._step))
             self._origin = self._step * min(1.0, longest / (np.linalg.norm(self._step) + TINY))
         self._offset, self._margin, self._tries = self._missed.copy(), 1e-9, 0
         self._repair()
@@ -225,7 +232,7 @@ class AugmentedLagrangianRun(OptimiserRun):
             self._rows, self._rows @ self._origin + self._offset + margin, self._free
         )
         self._tries += 1
-        if self._tries > self.settings.repairs or not change @ change <= FAR * len(change):
+        if self._tries > self.settings.repairs or not change @ change <= self.settings.far * len(change):
             self._finish()
             return
         step = es.covariance.scaled((self._origin - change)[None])[0]
@@ -261,9 +268,10 @@ class AugmentedLagrangianRun(OptimiserRun):
         es = self._es
         es.tell(self._values)
         self._end_generation(self._values)
-        if es.generation > 60 and self._curvature > DIVERGENCE * self._least_curvature:
+        if (
+            es.generation > self.settings.early
+            and self._curvature > self.settings.divergence * self._least_curvature
+        ):
             self.reason = Reason.DIVERGED
-        if es.generation > 30:
+        if es.generation > self.settings.early // 2:
             self._least_curvature = min(self._least_curvature, self._curvature)
-        if self.reason is None:
-            self._next()

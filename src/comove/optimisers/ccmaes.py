@@ -48,8 +48,6 @@ from comove.optimisers.method import OptimiserRun, Reason, Request, Start
 
 Array = NDArray[np.float64]
 
-FOLLOWED = 0.3  # of the samples' spread in |h|, by which a band may leave half of them outside
-
 
 @dataclass(frozen=True)
 class Reduction:
@@ -154,6 +152,7 @@ class CCMAES:
     patience : factor on the usual number of generations without progress after which a run has stagnated
     shrinkage : strongest factor on the bands of equalities in a generation; they do not shrink faster than the mean
         follows
+    followed : share of the samples' spread in |h|, by which a band may leave half of them outside
 
     Raises
     ------
@@ -167,12 +166,14 @@ class CCMAES:
     stalls: int = 10
     patience: float = 1.0
     shrinkage: float = 0.9
+    followed: float = 0.3
 
     def __post_init__(self) -> None:
         for name in ("passes", "stalls"):
             check_whole(name, getattr(self, name), 1)
         check_positive("patience", self.patience)
-        check_number("shrinkage", self.shrinkage, 0.0, 1.0)
+        for name in ("shrinkage", "followed"):
+            check_number(name, getattr(self, name), 0.0, 1.0)
 
     def start(self, start: Start) -> CCMAESRun:
         """Return a new run of the method."""
@@ -237,7 +238,7 @@ class CCMAESRun(OptimiserRun):
         if self._pass == 0:
             with np.errstate(invalid="ignore"):  # infinite values have no spread
                 low, middle, high = np.quantile(np.abs(constraints), [0.25, 0.5, 0.75], axis=0)
-                self._inner = middle - FOLLOWED * (high - low)
+                self._inner = middle - self.settings.followed * (high - low)
         if bad.any():
             try:
                 self._learn(self._open[bad], violated[bad])
@@ -335,8 +336,6 @@ class CCMAESRun(OptimiserRun):
         es.tell(np.argsort(order).astype(float))  # ranks
         self._shrink(order[: es.parameters.mu])
         self._end_generation(values)
-        if self.reason is None:
-            self._next()
 
     def _shrink(self, best: NDArray[np.intp]) -> None:
         """Move boundaries to zero with the best samples, and bands to the tolerance while samples lie inside."""

@@ -295,6 +295,10 @@ class CMAES:
     covariance : Covariance
         Model of the distribution's shape; by default a `FullCovariance`.
 
+    Attributes
+    ----------
+    guests : points that still wait to take part; array, shape (n_points, n)
+
     Raises
     ------
     OptionError
@@ -318,7 +322,7 @@ class CMAES:
         self.generation = 0
         self.rng = rng
         self.z = self.y = np.zeros((0, n))
-        self._guests = np.zeros((0, n))
+        self.guests = np.zeros((0, n))
 
     def ask(self) -> Array:
         """Draw the samples of a generation (line 4); array, shape (population, n). The first are guests, if any."""
@@ -326,20 +330,15 @@ class CMAES:
         self.z = self.rng.standard_normal((population, len(self.mean)))
         self.y = self.covariance.scaled(self.z)
         x = self.mean + self.sigma * self.y
-        guests, self._guests = self._guests[:population], self._guests[population:]
+        guests, self.guests = self.guests[:population], self.guests[population:]
         for i, guest in enumerate(guests):
             self.inject(i, guest)
             x[i] = guest
         return x
 
-    @property
-    def guests(self) -> Array:
-        """Return the points that still wait to take part; array, shape (n_points, n)."""
-        return self._guests
-
     def invite(self, points: Array) -> None:
         """Let points take the place of samples in the next generations; array, shape (n_points, n)."""
-        self._guests = np.concatenate([self._guests, points])
+        self.guests = np.concatenate([self.guests, points])
 
     def whitened(self, x: Array) -> Array:
         """Return points in units z of the distribution, (x - mean) = sigma A z; arrays, shape (n_points, n)."""

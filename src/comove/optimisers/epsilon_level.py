@@ -125,8 +125,6 @@ class EpsilonLevelRun(OptimiserRun):
         left = max(0.0, 1.0 - es.generation / self.settings.horizon)
         self.epsilon = self._first * left**3 if left > 0 else 0.0
         self._end_generation(np.where(allowed, objective, np.inf))
-        if self.reason is None:
-            self._next()
 
 
 def corrections(slope: Array, missed: Array) -> Array:

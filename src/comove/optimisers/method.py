@@ -183,9 +183,11 @@ class OptimiserRun(AskAndTell):
         return known
 
     def _end_generation(self, values: Array) -> None:
-        """Set the reason to end, if there is one after a generation with these values, array (population,)."""
+        """Go on after a generation with these values, array (population,), unless there is a reason to end."""
         es = self._es
         self.reason = self._patience.reason(es.standard_deviations(), es.covariance.axis_ratio(), values)
+        if self.reason is None:
+            self._next()
 
 
 class ConstrainedMethod(Protocol):

@@ -22,7 +22,6 @@ from comove.optimisers.simple import Plain, ProjectionRepair
 
 Array = NDArray[np.float64]
 
-EVALUATIONS = 10_000  # a dimension, unless the user says otherwise
 SIGN = "h <= 0 is feasible"
 GROWING = BIPOP(3.0, before=4, least=1)  # where a run of a Lagrangian fails, few samples help soon, or many
 SPREAD = 2.0  # step sizes around x0 in which restarts without bounds begin
@@ -127,7 +126,7 @@ def minimise(
     if not isinstance(vectorized, (bool, np.bool_)):
         raise OptionError(f"vectorized = {vectorized!r}", way_out="give True or False")
     x0, sigma0 = check_start(x0, sigma0)
-    limit = EVALUATIONS * len(x0) if max_evaluations is None else max_evaluations
+    limit = 10_000 * len(x0) if max_evaluations is None else max_evaluations
     for name, value in (("max_evaluations", limit), ("max_seconds", max_seconds), ("target", target)):
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)):
             raise OptionError(f"{value!r} is no number", key=name)

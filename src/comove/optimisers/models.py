@@ -12,8 +12,6 @@ from comove.optimisers.cmaes import CMAES, FullCovariance
 
 Array = NDArray[np.float64]
 
-NEAR = 4.0  # squared distance a dimension, in units of the distribution, at which a point counts half
-RANK = 1e-3  # singular values below this part of the largest carry no slope
 UNKNOWN = 1e-200  # slopes below are no slopes
 
 
@@ -41,13 +39,20 @@ class LinearModel:
     A block form of Broyden's update (1965) in the metric of the search distribution: the slope stays in directions
     about which the newest points give no information. Picklable.
 
+    Parameters
+    ----------
+    n, n_outputs : numbers of variables and of what is modelled
+    capacity : number of points that are stored
+    near : squared distance a dimension, in units of the distribution, at which a point counts half
+    rank : share of the largest singular value below which others carry no slope
+
     Attributes
     ----------
     points : stored points, the newest `capacity`; array, shape (n_points, n)
     """
 
-    def __init__(self, n: int, n_outputs: int, capacity: int) -> None:
-        self.capacity = capacity
+    def __init__(self, n: int, n_outputs: int, capacity: int, near: float = 4.0, rank: float = 1e-3) -> None:
+        self.capacity, self.near, self.rank = capacity, near, rank
         self.points = np.zeros((0, n))
         self._values = np.zeros((0, n_outputs))
         self._slope = np.zeros((n_outputs, n))
@@ -76,13 +81,13 @@ class LinearModel:
         """
         z, values = whitened, self._values
         n = z.shape[1]
-        weight = 1.0 / (1.0 + (z**2).sum(axis=1) / (NEAR * n))
+        weight = 1.0 / (1.0 + (z**2).sum(axis=1) / (self.near * n))
         share = weight / weight.sum()
         root = np.sqrt(weight)[:, None]
         slope = self._slope @ unwhiten
         residual = values - z @ slope.T
         mean, center = share @ residual, share @ z
-        correction = np.linalg.lstsq(root * (z - center), root * (residual - mean), rcond=RANK)[0]
+        correction = np.linalg.lstsq(root * (z - center), root * (residual - mean), rcond=self.rank)[0]
         residual = residual - mean - (z - center) @ correction
         slope = slope + correction.T
         self._slope = slope @ whiten

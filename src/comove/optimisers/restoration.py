@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,10 +12,26 @@ from comove.optimisers.models import UNKNOWN, bound_rows, nearest_feasible
 
 Array = NDArray[np.float64]
 
-DIFFERENCE = 1e-4  # of the step size, for slopes
-SHARES = np.array([1.0, 0.3, 0.1, 0.03])  # of a step that are tried
-STEPS = 15
-LONGEST = 10.0  # step sizes that one step may take
+
+@dataclass(frozen=True)
+class RestorationSettings:
+    """Settings of `Restoration`.
+
+    Attributes
+    ----------
+    difference : difference for slopes, in step sizes of the search
+    shares : shares of a step that are tried
+    steps : largest number of steps
+    longest : longest step, in step sizes of the search
+    """
+
+    difference: float = 1e-4
+    shares: tuple[float, ...] = (1.0, 0.3, 0.1, 0.03)
+    steps: int = 15
+    longest: float = 10.0
+
+
+SETTINGS = RestorationSettings()
 
 
 class Restoration(AskAndTell):
@@ -27,7 +45,8 @@ class Restoration(AskAndTell):
     done : whether it is feasible or no improvement is found
     """
 
-    def __init__(self, start: Start) -> None:
+    def __init__(self, start: Start, settings: RestorationSettings = SETTINGS) -> None:
+        self.settings = settings
         self._start, self.x, self.done = start, start.x, False
         self._steps = 0
         self._values = np.zeros(0)
@@ -44,10 +63,10 @@ class Restoration(AskAndTell):
         self._values = constraints[0]
         missed = self._start.violation(self._values)
         self._steps += 1
-        if not missed.any() or not np.isfinite(missed).all() or self._steps > STEPS:
+        if not missed.any() or not np.isfinite(missed).all() or self._steps > self.settings.steps:
             self._end()
             return
-        width = DIFFERENCE * self._start.sigma
+        width = self.settings.difference * self._start.sigma
         self._widths = np.where(self.x + width <= self._start.upper, width, -width)
         self._wait(Request(self.x + np.diag(self._widths), constraints=True), self._slopes_told)
 
@@ -69,8 +88,8 @@ class Restoration(AskAndTell):
         self._lengths = np.where(known, length, 1.0)
         inside = np.where(free, 0.0, 1e-6)
         step = -rows.T @ nearest_feasible(rows, missed + inside, free)
-        step *= start.sigma * min(1.0, LONGEST / (float(np.linalg.norm(step)) + 1e-300))
-        points = start.inside(self.x + SHARES[:, None] * step)
+        step *= start.sigma * min(1.0, self.settings.longest / (float(np.linalg.norm(step)) + 1e-300))
+        points = start.inside(self.x + np.array(self.settings.shares)[:, None] * step)
         self._wait(Request(points, constraints=True), self._steps_told)
 
     def _steps_told(self, _: Array | None, constraints: Array) -> None:

@@ -15,8 +15,6 @@ from comove.optimisers.method import OptimiserRun, Request, Start, spread
 
 Array = NDArray[np.float64]
 
-OUT = 1e6  # weight of violations that a projection leaves
-
 
 @dataclass(frozen=True)
 class Plain:
@@ -67,13 +65,15 @@ class ProjectionRepair:
     Attributes
     ----------
     project : array, shape (n_points, n) -> array of the same shape, feasible points near the given ones
+    weight : weight of the squared violations that the projection leaves
     """
 
     project: Callable[[Array], Array]
+    weight: float = 1e6
 
     def start(self, start: Start) -> PlainRun:
         """Return a new run of the method."""
-        return PlainRun(start, Plain(), self.project, OUT)
+        return PlainRun(start, Plain(), self.project, self.weight)
 
 
 @dataclass(frozen=True)
@@ -152,5 +152,3 @@ class PlainRun(OptimiserRun):
         moved = (self._sampled - self._inside) / es.standard_deviations()
         es.tell(values + self._spread * (moved**2).sum(axis=1) / len(start.x))
         self._end_generation(values)
-        if self.reason is None:
-            self._next()

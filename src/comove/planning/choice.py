@@ -22,7 +22,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-PIECE = 64  # movements evaluated at once
 N_BASIS = 30  # shape weights a dimension of a transferred movement
 
 Movements = Library | Mapping[str, DMP] | Iterable[Primitive | DMP]
@@ -96,10 +95,9 @@ def best_movement(
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
     cost = Objective(scene, coordinates, objective or PaperCost())
     names, values = list(suited), []
-    for first in range(0, len(names), PIECE):
-        dmps = [suited[name] for name in names[first : first + PIECE]]
-        carried = [CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis) for dmp in dmps]
-        values.append(cost.evaluate(np.concatenate([c.rollouts(c.weights[None], N_STEPS) for c in carried])))
+    for dmp in suited.values():
+        carried = CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis)
+        values.append(cost.evaluate(carried.rollouts(carried.weights[None], N_STEPS)))
         if now() - begun > budget:
             break
     value = Evaluation(*(np.concatenate(arrays) for arrays in zip(*(v[:-1] for v in values), strict=True)))

@@ -30,7 +30,7 @@ from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.objectives.paper import PaperCost
-from comove.planning.search import OutOfTime, Search, stricter
+from comove.planning.search import OutOfTime, Schedule, Search, stricter
 from comove.planning.solution import ProgressCallback
 from comove.primitives import DMP, LinearPhase, Variant, motion_basis
 from comove.primitives.operations import refitted
@@ -40,12 +40,35 @@ from comove.verification.verify import Check, VerifiedMotion, verify
 
 Array = NDArray[np.float64]
 
-POPULATION, LARGEST = 32, 128  # samples a generation, doubled with every second restart
-RESTARTS, COMPARED = 12, 5  # runs at most, and verified runs after which the best is returned
-AGREEING, ALIKE = 3, 0.01  # verified runs that are enough if their costs agree, up to this share
-SIGMA = 0.5  # first step of the coefficients
-GENERATIONS, PATIENCE, GAIN = 400, 40, 0.003  # generations at most, and without such a relative gain
-STRICTER = 4  # times that a rejected combination is improved with a wider margin
+IMPROVING = Schedule(sigma=0.5, generations=400, patience=40, gain=0.003, population=32)
+
+
+@dataclass(frozen=True)
+class CombinationSettings:
+    """Settings of the search for coefficients.
+
+    Attributes
+    ----------
+    schedule : schedule of the first runs; the population is doubled with every second restart
+    largest : largest population
+    restarts : runs at most
+    compared : verified runs after which the best is returned
+    agreeing, alike : verified runs that are enough if their costs agree, up to this share
+    stricter : times that a rejected combination is improved with a wider margin
+    again : first step size after a rejection
+    """
+
+    schedule: Schedule = IMPROVING
+    largest: int = 128
+    restarts: int = 12
+    compared: int = 5
+    agreeing: int = 3
+    alike: float = 0.01
+    stricter: int = 4
+    again: float = 0.05
+
+
+SETTINGS = CombinationSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,6 +118,7 @@ def combine(
     plane: str | None = None,
     checks: Sequence[Check] = (),
     progress: ProgressCallback | None = None,
+    settings: CombinationSettings = SETTINGS,
 ) -> Combination:
     """Combine movements into one that avoids the obstacles of a scene.
 
@@ -108,6 +132,7 @@ def combine(
     objective : weights of equation (4)
     checks : further checks that the motion must pass
     progress : function that is called once a generation
+    settings : settings of the search
 
     Raises
     ------
@@ -129,7 +154,7 @@ def combine(
         checks=checks,
         progress=progress,
     )
-    attempts = Attempts(search, suited)
+    attempts = Attempts(search, suited, settings)
     with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
         attempts.run()
     found = attempts.found()
@@ -251,9 +276,11 @@ class Attempts:
     ----------
     search : search whose objective is in load coordinates
     movements : movements by name, all of the scene's dimension
+    settings : settings of the runs
     """
 
-    def __init__(self, search: Search, movements: dict[str, DMP]):
+    def __init__(self, search: Search, movements: dict[str, DMP], settings: CombinationSettings = SETTINGS):
+        self.settings = settings
         self.search, self.span = search, _Span.of(movements, search.scene, search.objective.coordinates)
         best = best_movement(movements, search.scene, objective=search.objective.weights).best.name
         self.first = list(movements).index(best)
@@ -264,10 +291,12 @@ class Attempts:
 
     def run(self) -> None:
         """Run the optimiser until more runs promise no improvement; raises `OutOfTime` when time is up."""
-        while self.restarts < RESTARTS and not self.enough:
+        settings = self.settings
+        while self.restarts < settings.restarts and not self.enough:
+            grown = settings.schedule.population * 2 ** (self.restarts // 2)
             self.restarts += 1
             begin = self.span.begin(self.restarts, self.first, self.search.rng)
-            self._run_once(begin, min(LARGEST, POPULATION * 2 ** ((self.restarts - 1) // 2)))
+            self._run_once(begin, replace(settings.schedule, population=min(settings.largest, grown)))
 
     def found(self) -> Found:
         """Return the best combination so far; before the first one, the best movement alone."""
@@ -278,14 +307,14 @@ class Attempts:
     @property
     def enough(self) -> bool:
         """Return whether more runs promise no improvement."""
-        alike = sum(cost <= (1 + ALIKE) * min(self.costs) for cost in self.costs)
-        return len(self.costs) >= COMPARED or alike >= AGREEING
+        alike = sum(cost <= (1 + self.settings.alike) * min(self.costs) for cost in self.costs)
+        return len(self.costs) >= self.settings.compared or alike >= self.settings.agreeing
 
-    def _run_once(self, begin: Array, population: int) -> None:
+    def _run_once(self, begin: Array, schedule: Schedule) -> None:
         """Optimise coefficients until their motion is verified, with a stricter objective after each rejection."""
-        objective, coefficients, sigma = self.search.objective, begin, SIGMA
-        for _ in range(1 + STRICTER):
-            coefficients, feasible = self._improve(objective, coefficients, sigma, population)
+        objective, coefficients = self.search.objective, begin
+        for _ in range(1 + self.settings.stricter):
+            coefficients, feasible = self._improve(objective, coefficients, schedule)
             if not feasible:
                 return
             motion = self.span.motion(self.span.combined(coefficients))
@@ -295,19 +324,17 @@ class Attempts:
                 if self.search.best is verdict:  # the cheapest so far
                     self.best = coefficients
                 return
-            objective, sigma = stricter(self.search, objective, verdict), 0.1 * SIGMA
+            objective = stricter(self.search, objective, verdict)
+            schedule = replace(schedule, sigma=self.settings.again)
 
-    def _improve(
-        self, objective: Objective, begin: Array, sigma: float, population: int
-    ) -> tuple[Array, bool]:
+    def _improve(self, objective: Objective, begin: Array, schedule: Schedule) -> tuple[Array, bool]:
         """Run CMA-ES once; return the best coefficients, and whether their motion is feasible at the samples."""
         search = self.search
         search.stage = f"combining {len(begin)} movements"
-        optimiser = CMAES(
-            begin.ravel(), sigma, search.rng, parameters=Parameters.default(begin.size, population)
-        )
+        parameters = Parameters.default(begin.size, schedule.population)
+        optimiser = CMAES(begin.ravel(), schedule.sigma, search.rng, parameters=parameters)
         best, best_value, feasible, reference, waited = begin, np.inf, False, np.inf, 0
-        for _ in range(GENERATIONS):
+        for _ in range(schedule.generations):
             search.check_time()
             samples = optimiser.ask()
             value = objective.evaluate(self.span.configurations(samples.reshape(-1, *begin.shape)))
@@ -322,8 +349,8 @@ class Attempts:
                 if self.search.best is None and best_value < self.least:
                     self.best, self.least = best, best_value
             waited += 1
-            if best_value < reference * (1 - GAIN):
+            if best_value < reference * (1 - schedule.gain):
                 reference, waited = best_value, 0
-            if waited >= PATIENCE:
+            if waited >= schedule.patience:
                 break
         return best, feasible

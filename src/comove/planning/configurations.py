@@ -26,28 +26,44 @@ from comove.coordination.coordinates import (
     Blocks,
     Coordinates,
 )
-from comove.geometry.distances import CENTER, point_distance, segment_distance
-from comove.geometry.solids import (
-    border_distance,
-    count_solids,
-    empty_solid,
-    solid_at,
-    solid_distance,
-)
+from comove.geometry.distances import point_distance, segment_distance
+from comove.geometry.solids import count_solids, empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import count_meshes, signed_distance
 from comove.planning import trees
 from comove.planning.clock import clock_until, worked
-from comove.planning.surroundings import Surroundings, surroundings_of
+from comove.planning.surroundings import (
+    Surroundings,
+    from_border,
+    seen_from,
+    solids_from_mesh,
+    surroundings_of,
+)
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-STEP = 0.1  # m, of an extension of a tree
-CAP = 0.12  # m, cap of clearances beyond the one required
-TOLERANCE = 2e-4  # m, of clearances
 MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
-CREEPING = 40  # steps along an edge that may be shorter than the tolerance
 SOLID_WORK = 10  # cost of a distance of a solid, in distances of segments
+
+
+class SpaceSettings(NamedTuple):
+    """Settings of how a space is searched.
+
+    Attributes
+    ----------
+    step : span of an extension of a tree [m]
+    cap : cap of clearances beyond the one required [m]
+    tolerance : of clearances [m]
+    creeping : steps along an edge that may be shorter than the tolerance
+    """
+
+    step: float = 0.1
+    cap: float = 0.12
+    tolerance: float = 2e-4
+    creeping: int = 40
+
+
+SETTINGS = SpaceSettings()
 
 
 class Space(NamedTuple):
@@ -62,6 +78,7 @@ class Space(NamedTuple):
     cap : largest clearance that is computed [m]
     clock : clock of the time budget; no configuration is free after its deadline
     found : array, shape (2,), numbers of paths found by RRT-Connect and by the forest, which the planner counts
+    settings : settings of the search
     """
 
     blocks: Blocks
@@ -71,9 +88,10 @@ class Space(NamedTuple):
     cap: float
     clock: Array
     found: NDArray[np.int64]
+    settings: SpaceSettings
 
 
-def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
+def configuration_space(scene: Scene, coordinates: Coordinates, settings: SpaceSettings = SETTINGS) -> Space:
     """Return the space of a scene in its load coordinates; its clock has no deadline until one is set (`wind`)."""
     reach = np.array([group.reach for group in coordinates.groups])
     return Space(
@@ -81,9 +99,10 @@ def configuration_space(scene: Scene, coordinates: Coordinates) -> Space:
         reach,
         surroundings_of(scene),
         scene.clearance,
-        CAP + scene.clearance,
+        settings.cap + scene.clearance,
         clock_until(),
         np.zeros(2, dtype=np.int64),
+        settings,
     )
 
 
@@ -93,7 +112,7 @@ def clearance_of(space, q, nodes, floor):
 
     Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
     """
-    around = space.around
+    around, tolerance = space.around, space.settings.tolerance
     bodies = around.edges.shape[0] + count_solids(around.solids) * SOLID_WORK
     obstacles = around.convex.shape[0] + MESH_WORK * count_meshes(around.surfaces)
     if worked(space.clock, 1 + bodies * (1 + obstacles)):
@@ -106,20 +125,16 @@ def clearance_of(space, q, nodes, floor):
         clearance = min(clearance, space.required + 0.5 * (apart - around.separations[i]))
     if clearance <= floor:
         return clearance
-    for e in range(around.edges.shape[0]):
-        a, b, radius = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]], around.radii[e]
-        for axis in range(3):
-            clearance = min(clearance, min(a[axis], b[axis]) - around.lower[axis] - radius)
-            clearance = min(clearance, around.upper[axis] - max(a[axis], b[axis]) - radius)
-        if clearance <= floor:
-            return clearance
+    clearance = min(clearance, from_border(around, nodes))
+    if clearance <= floor:
+        return clearance
     for e in range(around.edges.shape[0]):
         a, b, radius = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]], around.radii[e]
         for j in around.convex:
             distance = segment_distance(
-                around.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, TOLERANCE
+                around.obstacles, j, a[0], a[1], a[2], b[0], b[1], b[2], clearance + radius, tolerance
             )
-            clearance = min(clearance, distance - TOLERANCE - radius)
+            clearance = min(clearance, distance - tolerance - radius)
             if clearance <= floor:
                 return clearance
     clearance = _of_solids(around.solids, around, nodes, clearance, floor)
@@ -134,7 +149,6 @@ def _of_solids(solids, around, nodes, clearance, floor):
     for s in range(solids.shape[0]):
         solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
         solid_at(nodes, solids[s], solid)
-        clearance = min(clearance, border_distance(solid, around.lower, around.upper))
         for j in around.convex:
             if clearance <= floor:
                 return clearance
@@ -152,34 +166,10 @@ def _from_meshes(surfaces, around, nodes, clearance, floor):
             if clearance <= floor:
                 return clearance
             r = around.radii[e]
-            hull = _seen_from(surfaces, mesh, around.obstacles, nodes, around.edges[e])
+            hull = seen_from(surfaces, mesh, around.obstacles, nodes, around.edges[e])
             clearance = min(clearance, signed_distance(surfaces, mesh, hull, clearance + r) - r)
-        clearance = _solids_from_mesh(around.solids, surfaces, mesh, around, nodes, clearance, floor)
+        clearance = solids_from_mesh(around.solids, surfaces, mesh, around.obstacles, nodes, clearance)
     return clearance
-
-
-@kernel
-def _solids_from_mesh(solids, surfaces, mesh, around, nodes, clearance, floor):
-    """Return the clearance [m] of solids from a mesh, at most `clearance`."""
-    if solids is None:
-        return clearance
-    for s in range(solids.shape[0]):
-        if clearance <= floor:
-            return clearance
-        hull = _seen_from(surfaces, mesh, around.obstacles, nodes, solids[s])
-        clearance = min(clearance, signed_distance(surfaces, mesh, hull, clearance))
-    return clearance
-
-
-@kernel
-def _seen_from(surfaces, mesh, obstacles, nodes, corners):
-    """Return the corners of a part of the body as seen from a mesh at its place in the table; shape (n, 3) [m]."""
-    hull, row = np.empty((corners.shape[0], 3)), surfaces.row[mesh]
-    for i in range(corners.shape[0]):
-        for axis in range(3):
-            moved = obstacles[row, CENTER + axis] - surfaces.center[mesh, axis]
-            hull[i, axis] = nodes[corners[i], axis] - moved
-    return hull
 
 
 @kernel
@@ -259,26 +249,26 @@ def _great_circle(p, q, o, width, f, either_sign, out):
 @kernel
 def edge_is_free(space, p, q, margin, scratch, nodes):
     """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q."""
-    length = span(space, p, q)
+    length, tolerance = span(space, p, q), space.settings.tolerance
     travelled, creeping = 0.0, 0
     while travelled < length:
         interpolate(space, p, q, travelled / length, scratch)
         clearance = clearance_of(space, scratch, nodes, 0.0) - margin
-        creeping += clearance < TOLERANCE
-        if clearance <= 0.0 or creeping > CREEPING:
+        creeping += clearance < tolerance
+        if clearance <= 0.0 or creeping > space.settings.creeping:
             return False
-        travelled += max(clearance, TOLERANCE)
+        travelled += max(clearance, tolerance)
     return clearance_of(space, q, nodes, 0.0) > margin
 
 
 @trees.answers(trees.extend, Space)
 @kernel
 def _extend(space, p, q, steps, margin, out):
-    way, scratch = span(space, p, q), np.empty(p.shape[0])
-    interpolate(space, p, q, min(1.0, STEP * steps / max(way, 1e-12)), out)
+    way, far, scratch = span(space, p, q), space.settings.step * steps, np.empty(p.shape[0])
+    interpolate(space, p, q, min(1.0, far / max(way, 1e-12)), out)
     if not edge_is_free(space, p, out, margin, scratch, np.empty((space.blocks.node.shape[0], 3))):
         return trees.BLOCKED
-    return trees.ARRIVED if way <= STEP * steps else trees.FREE
+    return trees.ARRIVED if way <= far else trees.FREE
 
 
 @trees.answers(trees.nearest, Space)

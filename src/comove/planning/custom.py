@@ -22,23 +22,46 @@ from comove.primitives.basis import motion_basis, rollouts
 
 Array = NDArray[np.float64]
 
-N_BASIS, N_FREE = 24, 8  # shape weights a column, and those that are changed: the smoothest
-STEP = 0.02  # m, the first step size: by which the middle of a motion moves
-MARGINS = (5e-4, 2e-3, 5e-3)  # m beyond the scene's clearance and constraints, more after a rejection
-SCALE = 0.01  # m of missing clearance, which count as much as a limit exceeded by 100 %
-MOST_RUNS, WORTH_ANOTHER = 12, 0.01  # runs at most, and the relative gain after which another run follows
-PATIENCE, GAIN = 60, 1e-3  # generations without a relative gain, after which it is enough
+
+@dataclass(frozen=True)
+class CustomSettings:
+    """Settings of the search for what must be sampled.
+
+    Attributes
+    ----------
+    n_basis, n_free : shape weights a column, and those that are changed: the smoothest
+    sigma : first step size, by which the middle of a motion moves [m]
+    margins : margins beyond the scene's clearance and constraints, one after the other after rejections [m]
+    scale : missing clearance that counts as much as a limit exceeded by 100 % [m]
+    runs, worth_another : runs at most, and the relative gain after which another run follows
+    patience, gain : a run ends after `patience` generations without a relative gain of `gain`
+    """
+
+    n_basis: int = 24
+    n_free: int = 8
+    sigma: float = 0.02
+    margins: tuple[float, ...] = (5e-4, 2e-3, 5e-3)
+    scale: float = 0.01
+    runs: int = 12
+    worth_another: float = 0.01
+    patience: int = 60
+    gain: float = 1e-3
 
 
-def improve_own(search: Search, own: OwnFunctions, start: CoordinatedMotion) -> bool:
+SETTINGS = CustomSettings()
+
+
+def improve_own(
+    search: Search, own: OwnFunctions, start: CoordinatedMotion, settings: CustomSettings = SETTINGS
+) -> bool:
     """Improve a motion by the user's functions, and return whether a verified motion was found.
 
     A run that has converged is restarted from its result, as long as restarts improve the objective.
     """
-    margins, verified, before = iter(MARGINS), False, np.inf
+    margins, verified, before = iter(settings.margins), False, np.inf
     margin = next(margins)
-    for _ in range(MOST_RUNS):
-        start = _minimised(search, own, start, margin)
+    for _ in range(settings.runs):
+        start = _minimised(search, own, start, margin, settings)
         if search.judge(start).verified is None:
             wider = next(margins, None)
             if wider is None:
@@ -46,7 +69,7 @@ def improve_own(search: Search, own: OwnFunctions, start: CoordinatedMotion) -> 
             margin = wider
             continue
         verified, value = True, search.worth(start)
-        if search.over() or (np.isfinite(before) and value > before - WORTH_ANOTHER * abs(before)):
+        if search.over() or (np.isfinite(before) and value > before - settings.worth_another * abs(before)):
             break
         before = value
     return verified
@@ -61,12 +84,14 @@ class _Variations:
     search, own : the search, and the user's functions
     start : the motion
     margin : margin that constraints are kept by [m]
+    settings : settings of the search
     """
 
     search: Search
     own: OwnFunctions
     start: CoordinatedMotion
     margin: float
+    settings: CustomSettings
 
     @cached_property
     def kept(self) -> list[tuple[Constraint, float]]:
@@ -79,17 +104,17 @@ class _Variations:
     @property
     def width(self) -> int:
         """Return the number of coordinates of a point."""
-        return int(self.start.coordinates.search.shape[1]) * N_FREE
+        return int(self.start.coordinates.search.shape[1]) * self.settings.n_free
 
     def moved(self, x: Array) -> Array:
         """Return the weights of a population, (n_points, n) -> (n_points, n_columns, n_basis)."""
-        all_weights = np.repeat(self.start.weights[None], len(x), axis=0)
-        all_weights[:, :, :N_FREE] += self.start.coordinates.search @ x.reshape(len(x), -1, N_FREE)
+        all_weights, n_free = np.repeat(self.start.weights[None], len(x), axis=0), self.settings.n_free
+        all_weights[:, :, :n_free] += self.start.coordinates.search @ x.reshape(len(x), -1, n_free)
         return all_weights
 
     def values(self, x: Array) -> tuple[Array, Array]:
         """Return the objectives, (n_points,), and the constraints, (n_points, n): clearance, limits, the user's."""
-        search, scene, start = self.search, self.search.scene, self.start
+        search, scene, start, scale = self.search, self.search.scene, self.start, self.settings.scale
         population = self.moved(x)
         motions = [replace(start, weights=own_weights) for own_weights in population]
         q = rollouts(start.basis, start.boundary, population, N_STEPS)
@@ -101,10 +126,10 @@ class _Variations:
         limits = Limits.of(scene, scene.duration)
         fixed = np.column_stack(
             [
-                (scene.clearance + self.margin - clearance) / SCALE,
+                (scene.clearance + self.margin - clearance) / scale,
                 [limits.excess(own_hands) for own_hands in flat],
                 *(
-                    [(c.error(one, scene.n_dims).max() - most) / SCALE for one in hands]
+                    [(c.error(one, scene.n_dims).max() - most) / scale for one in hands]
                     for c, most in self.kept
                 ),
             ]
@@ -117,9 +142,9 @@ class _Variations:
         return np.array(costs), np.column_stack([fixed, own])
 
 
-def _with_free_weights(search: Search, start: CoordinatedMotion) -> CoordinatedMotion:
+def _with_free_weights(search: Search, start: CoordinatedMotion, n_basis: int) -> CoordinatedMotion:
     """Return the motion in the basis that is searched, fitted to it."""
-    basis = motion_basis(N_BASIS, "jerk")
+    basis = motion_basis(n_basis, "jerk")
     s = np.linspace(0.0, 1.0, len(basis.shape[0]))
     coordinates = load_coordinates(search.scene)
     dmp = CoordinatedDMP(search.scene, coordinates, basis, start.boundary, start.weights)
@@ -127,10 +152,11 @@ def _with_free_weights(search: Search, start: CoordinatedMotion) -> CoordinatedM
 
 
 def _minimised(
-    search: Search, own: OwnFunctions, start: CoordinatedMotion, margin: float
+    search: Search, own: OwnFunctions, start: CoordinatedMotion, margin: float, settings: CustomSettings
 ) -> CoordinatedMotion:
     """Return the best motion of one run of CMA-ES from a motion."""
-    about = _Variations(search, own, _with_free_weights(search, start), margin)
+    free = _with_free_weights(search, start, settings.n_basis)
+    about = _Variations(search, own, free, margin, settings)
     known: dict[bytes, tuple[Array, Array]] = {}
 
     def cached(x: Array) -> tuple[Array, Array]:
@@ -147,15 +173,15 @@ def _minimised(
         best = state.best_fun
         search.tell(float(best), 0.0)
         waited += 1
-        if best < reference - GAIN * abs(reference) or not np.isfinite(reference):
+        if best < reference - settings.gain * abs(reference) or not np.isfinite(reference):
             waited, reference = 0 if np.isfinite(best) else waited, min(best, reference)
         enough = np.isfinite(best) or search.best is not None
-        return search.over() or (waited >= PATIENCE and bool(enough))
+        return search.over() or (waited >= settings.patience and bool(enough))
 
     found = minimise(
         lambda x: cached(x)[0],
         np.zeros(about.width),
-        STEP,
+        settings.sigma,
         constraints=lambda x: cached(x)[1],
         seed=int(search.rng.integers(2**31)),
         callback=over,

@@ -24,7 +24,7 @@ from comove.planning.convex.limits import Limits
 from comove.planning.methods import Quick
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastJerk, PaperCost
-from comove.planning.planner import flat_direction, forest
+from comove.planning.planner import FOREST, flat_direction, forest
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.planning.smooth import smooth_way
@@ -113,7 +113,8 @@ def _search_by_forest(search: Search) -> None:
     if search.scene.n_dims == 3:
         space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
         flat = flat_direction(space.blocks.point)
-        forest(space, flat, ends[0], ends[2], 0.01, np.random.default_rng(0), 2)
+        rng = np.random.default_rng(0)
+        forest(space, flat, ends[0], ends[2], 0.01, rng, 2, FOREST)
 
 
 def _stand_in(kind: SceneKind) -> Search:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count
 from typing import ClassVar
 
@@ -19,11 +20,13 @@ from comove.planning.custom import improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
-from comove.planning.planner import FEW_NODES, MANY_NODES, PLANE_MARGINS, SPACE_MARGINS, plan
-from comove.planning.search import SMALLEST_LOAD, OutOfTime, Schedule, Search, improve, stricter
+from comove.planning.planner import SETTINGS as PLANNER
+from comove.planning.planner import PlannerSettings, plan
+from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
 from comove.planning.smooth import SETTINGS as SMOOTHING
 from comove.planning.smooth import (
+    SmoothingSettings,
     cheaper,
     follows,
     hurry,
@@ -31,10 +34,9 @@ from comove.planning.smooth import (
     smooth_demonstration,
     smooth_way,
 )
+from comove.planning.spacetime import SETTINGS as IN_TIME
 from comove.planning.spacetime import (
-    MARGINS,
-    SHARES,
-    UNLIMITED,
+    SpaceTimeSettings,
     coast,
     plan_in_time,
     spacetime,
@@ -48,12 +50,21 @@ from comove.verification.verify import Report
 Array = NDArray[np.float64]
 
 
+POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
+UNPOLISHED = replace(POLISHING, generations=0)
+GROWING = Schedule(sigma=0.1, generations=600, patience=30, gain=0.01, growth=80)
+MENDING = Schedule(sigma=0.02, generations=300, patience=25, gain=0.005)
+REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
+
+
 @dataclass(frozen=True)
 class MethodSettings:
     """Settings of how the methods below plan, judge and grow; what may be chosen for each method are its own fields.
 
     Attributes
     ----------
+    margins : margins of planned paths, tried in turn, in the plane and in space [m]
+    most_nodes : largest number of nodes of a plan
     n_certified : fits of one path judged, in order of their cost, before the next plan
     n_asked : fits that the carrier is asked about
     most_doubted : judged of these that the carrier takes for impossible: its model of the arms is a little too wide
@@ -66,8 +77,19 @@ class MethodSettings:
     smoothing_share : share of the budget before functions of the user are minimised
     n_starts : smooth motions from which these are minimised
     hopeless : penetration from which on a new start is better than a stricter search [m]
+    mending, growing, repairing : schedules by which a motion that is only too fast is mended, the load grows, and a
+        rejected motion of the whole load is repaired
+    threaded_sigma : first step size of growing from a way that the smallest load has found
+    polishing_again : first step size of polishing after a rejection
+    planner, in_time : settings of the planners, in space and in space and time
+    smoothing : settings of how paths become smooth motions
     """
 
+    margins: tuple[tuple[float, ...], tuple[float, ...]] = (
+        (0.002, 0.004, 0.0005, 0.008),
+        (0.002, 0.004, 0.002, 0.008),
+    )
+    most_nodes: int = 10_000
     n_certified: int = 7
     n_asked: int = 10
     most_doubted: int = 2
@@ -82,16 +104,17 @@ class MethodSettings:
     smoothing_share: float = 0.4
     n_starts: int = 2
     hopeless: float = 0.03
+    mending: Schedule = MENDING
+    growing: Schedule = GROWING
+    threaded_sigma: float = 0.05
+    repairing: Schedule = REPAIRING
+    polishing_again: float = 0.01
+    planner: PlannerSettings = PLANNER
+    in_time: SpaceTimeSettings = IN_TIME
+    smoothing: SmoothingSettings = SMOOTHING
 
 
 SETTINGS = MethodSettings()
-
-POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
-UNPOLISHED = replace(POLISHING, generations=0)
-GROWING = Schedule(sigma=0.1, generations=600, patience=30, gain=0.01, growth=80)
-THREADED = replace(GROWING, sigma=0.05)  # from a way that the smallest load has found
-MENDING = Schedule(sigma=0.02, generations=300, patience=25, gain=0.005)
-REPAIRING = Schedule(sigma=0.01, generations=80, patience=25, gain=0.01)
 
 
 @dataclass(frozen=True)
@@ -117,6 +140,7 @@ class Comove(Method):
     polishing : schedule by which a verified motion is improved
     before : array, shape (n_before, n_columns), earlier path in load coordinates, at even times, with which plans
         among moving obstacles begin; None for none
+    settings : what else the method does
     """
 
     name: ClassVar[str] = "comove"
@@ -127,7 +151,7 @@ class Comove(Method):
     n_basis_growing: int = 20
     n_plans: int = 8
     n_failures: int = 12
-    n_nodes: int = FEW_NODES
+    n_nodes: int = PLANNER.few_nodes
     n_restarts: int = 2
     n_unfit: float = 3
     n_polishings: int = 5
@@ -137,6 +161,7 @@ class Comove(Method):
     n_met: int = 3
     polishing: Schedule = POLISHING
     before: Array | None = field(default=None, compare=False)
+    settings: MethodSettings = SETTINGS
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until no improvement is expected; raises `OutOfTime` when time is up."""
@@ -147,7 +172,7 @@ class Comove(Method):
             self._grow(search, range(1))  # from the demonstration, to stay near it
         if (planner and self._plan(search)) or search.best is not None:
             return
-        if self._grow(search, range(SETTINGS.restarts) if planner else count()):
+        if self._grow(search, range(self.settings.restarts) if planner else count()):
             return
         while not self._plan(search):  # only with the planner: without it the load grows until time is up
             search.check_time()
@@ -165,7 +190,7 @@ class Comove(Method):
             asked=None if search.asked is None else _unsampled(search.asked),
         )
         base.deadline = min(
-            base.deadline, base.started + SETTINGS.smoothing_share * (base.deadline - base.started)
+            base.deadline, base.started + self.settings.smoothing_share * (base.deadline - base.started)
         )
         with suppress(OutOfTime):
             self.run(base, planner=planner)
@@ -180,7 +205,7 @@ class Comove(Method):
         for motion in kept:
             search.judge(motion)
         search.stage = "minimising the objective given"
-        for motion in reversed(kept[-SETTINGS.n_starts :]):
+        for motion in reversed(kept[-self.settings.n_starts :]):
             search.check_time()
             improve_own(search, own, motion)
 
@@ -192,7 +217,7 @@ class Comove(Method):
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
-            _planner_in_time(search, space, ends, self.before) if in_time else _planner(search, space, ends)
+            _planner_in_time(search, space, ends, self) if in_time else _planner(search, space, ends, self)
         )
         if not isinstance(search.aim, PaperCost):
             if self._smooth(search, space, targets_of, ends):
@@ -221,10 +246,10 @@ class Comove(Method):
         starts.sort(key=lambda start: start[0])
         if starts and search.hard and search.carrier is None and starts[0][1].coordinates.kind == "load":
             search.stage = "polishing"
-            for _, dmp in starts[: SETTINGS.n_polished]:
+            for _, dmp in starts[: self.settings.n_polished]:
                 before = search.best_cost
-                cheaper(search, dmp)
-                if search.best_cost > (1 - SETTINGS.worth_another) * before:
+                cheaper(search, dmp, self.settings.smoothing)
+                if search.best_cost > (1 - self.settings.worth_another) * before:
                     break
         elif starts:
             self._polish(search, starts[0][1])
@@ -242,7 +267,9 @@ class Comove(Method):
         dear = search.carrier is not None or search.scene.moving.any() or ends[1].any()
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
-            if idle >= SETTINGS.hasty_idle and (hasty or (search.best is None and search.needed < np.inf)):
+            if idle >= self.settings.hasty_idle and (
+                hasty or (search.best is None and search.needed < np.inf)
+            ):
                 break  # seconds a way, and ways differ less in time than in jerk
             for _ in range(n_drawn):
                 search.check_time()
@@ -263,22 +290,25 @@ class Comove(Method):
             before, needed, search.latest = search.best_cost, search.needed, np.inf
             if tried == 0 and search.taught is not None and follows(search):
                 search.stage = "smoothing the demonstration"
-                smooth_demonstration(search, search.taught)
+                smooth_demonstration(search, search.taught, self.settings.smoothing)
             search.stage = "smoothing"
             # The first target is run with least jerk, or as it was planned in time.
-            done = smooth_way(search, targets[0], np.stack([ends[0], ends[1], goal, ends[3]]))
+            boundary = np.stack([ends[0], ends[1], goal, ends[3]])
+            done = smooth_way(search, targets[0], boundary, self.settings.smoothing)
             tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
             if search.best is None and self._will_do(search):
                 return True
-            gained = search.best_cost < (1 - SETTINGS.worth_another) * before
-            gained |= search.needed < (1 - SETTINGS.worth_another) * needed
+            gained = search.best_cost < (1 - self.settings.worth_another) * before
+            gained |= search.needed < (1 - self.settings.worth_another) * needed
             idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
-            met = 1 if gained else met + (search.latest < (1 + SETTINGS.worth_another) * search.best_cost)
-            if search.best_cost < (1 + SETTINGS.worth_another) * least_worth(search):
+            met = (
+                1 if gained else met + (search.latest < (1 + self.settings.worth_another) * search.best_cost)
+            )
+            if search.best_cost < (1 + self.settings.worth_another) * least_worth(search):
                 break
         # Arms have other limits than the scene's.
         if search.best_motion is not None and hasty and search.carrier is None:
-            hurry(search, search.best_motion, SMOOTHING.fastest)
+            hurry(search, search.best_motion, self.settings.smoothing.fastest, self.settings.smoothing)
         if search.carrier is not None:
             return smooth > 0
         return search.best is not None or search.needed < np.inf  # which no other way would shorten much
@@ -289,7 +319,7 @@ class Comove(Method):
 
     def _nodes(self, failures: int) -> int:
         """Return the number of nodes for the next plan, which grows with the number of failures."""
-        return min(MANY_NODES, self.n_nodes * 2 ** (failures // self.n_restarts))
+        return min(self.settings.most_nodes, self.n_nodes * 2 ** (failures // self.n_restarts))
 
     def _certified_fit(
         self, search: Search, targets: Array, goal: Array, mend: bool
@@ -303,23 +333,23 @@ class Comove(Method):
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
             basis = motion_basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
-            value = search.evaluate_best(dmp, weights, SETTINGS.n_asked)
+            value = search.evaluate_best(dmp, weights, self.settings.n_asked)
             sound = search.objective.feasible(value._replace(possible=np.ones(len(weights), dtype=bool)))
             possible = np.broadcast_to(value.possible, sound.shape)
             missed = np.where(sound, 0.0, 100.0) + np.where(possible, 0.0, 10.0)
             rank = search.objective.search_value(value) + missed
             gentlest = np.argmin(np.maximum(*search.objective.limit_ratios(value)) + missed)
-            for i in (*np.argsort(rank, kind="stable")[: SETTINGS.n_certified], gentlest):
+            for i in (*np.argsort(rank, kind="stable")[: self.settings.n_certified], gentlest):
                 if search.attempt is not None:  # one is judged even if time is up
                     search.check_time()
                 if sound[i] and not possible[i]:
                     doubted += 1
-                    if doubted > SETTINGS.most_doubted:  # of its own check, which knows exactly
+                    if doubted > self.settings.most_doubted:  # of its own check, which knows exactly
                         break
                 if search.judge(dmp.rollout(weights[i])).verified:
                     return float(value.cost[i]), replace(dmp, weights=weights[i])
             # Only too fast or too sudden: that can be mended; likewise a plan in time that smoothing spoilt a little.
-            spoilt = SETTINGS.hopeless if search.scene.moving.any() else 0.0
+            spoilt = self.settings.hopeless if search.scene.moving.any() else 0.0
             free = value.clearance > search.scene.clearance - spoilt
             if hopeful is None and free.any():
                 hopeful = replace(dmp, weights=weights[np.where(free, rank, np.inf).argmin()])
@@ -328,7 +358,10 @@ class Comove(Method):
     def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
         """Return a verified motion near a rejected one and its cost; None if none was found."""
         search.stage = "mending"
-        objective, schedule = search.objective, replace(MENDING, enough=search.carrier is not None)
+        objective, schedule = (
+            search.objective,
+            replace(self.settings.mending, enough=search.carrier is not None),
+        )
         for _ in range(self.n_polishings):
             dmp = improve(search, objective, dmp, schedule)
             verdict = search.judge(dmp.rollout())
@@ -346,7 +379,10 @@ class Comove(Method):
             verdict = search.judge(dmp.rollout())
             if verdict.verified or not search.hard:
                 return
-            objective, schedule = stricter(search, objective, verdict), replace(self.polishing, sigma=0.01)
+            objective, schedule = (
+                stricter(search, objective, verdict),
+                replace(self.polishing, sigma=self.settings.polishing_again),
+            )
 
     def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
         """Optimise motions while the load grows to its full size; return True once one is verified and polished."""
@@ -354,12 +390,15 @@ class Comove(Method):
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
             search.stage = f"growing the load, restart {restart}"
-            guess = first_guess(search, search.objective.coordinates, basis, restart)
-            dmp = threaded(search, along_path, guess) if restart > 0 else guess
+            guess = first_guess(search, search.objective.coordinates, basis, restart, self.settings)
+            dmp = threaded(search, along_path, guess, self.settings) if restart > 0 else guess
             if dmp is None:
                 continue
             objective = along_path
-            dmp = improve(search, objective, dmp, THREADED if restart > 0 else GROWING)
+            schedule = self.settings.growing
+            if restart > 0:
+                schedule = replace(schedule, sigma=self.settings.threaded_sigma)
+            dmp = improve(search, objective, dmp, schedule)
             for _ in range(self.n_polishings):
                 search.check_time()
                 motion = dmp.rollout()
@@ -368,10 +407,10 @@ class Comove(Method):
                     self._polish(search, self._refined(dmp))
                     return True
                 value = search.evaluate(objective, dmp, dmp.weights[None])
-                if value.clearance[0] < -SETTINGS.hopeless:
+                if value.clearance[0] < -self.settings.hopeless:
                     break
                 objective = stricter(search, objective, verdict)
-                dmp = improve(search, objective, dmp, REPAIRING)
+                dmp = improve(search, objective, dmp, self.settings.repairing)
         return False
 
     def _refined(self, dmp: CoordinatedDMP) -> CoordinatedDMP:
@@ -429,11 +468,11 @@ def _unsampled(scene: Scene) -> Scene:
     return replace(scene, constraints=tuple(c for c in scene.constraints if not c.sampled))
 
 
-def _planner(search: Search, space: Space, ends: Array) -> Targets:
+def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targets:
     """Return a planner in space, whose paths are run with several time profiles; `ends` is a boundary at rest."""
     start, goal = ends[0], ends[2]
-    margins = PLANE_MARGINS if search.scene.n_dims == 2 else SPACE_MARGINS
-    grow = plan if search.carrier is None else search.carrier.plan
+    margins = method.settings.margins[search.scene.n_dims - 2]
+    grow = search.carrier.plan if search.carrier else partial(plan, settings=method.settings.planner)
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
@@ -446,20 +485,32 @@ def _planner(search: Search, space: Space, ends: Array) -> Targets:
     return targets
 
 
-def _planner_in_time(search: Search, space: Space, ends: Array, before: Array | None) -> Targets:
+def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) -> Targets:
     """Return a planner in space and time, whose paths are smoothed by several widths; `ends` is a boundary."""
-    scene, (start, velocity, goal, _) = search.scene, ends
-    coasting = coast(velocity, scene.acceleration_limit * scene.duration**2, N_STEPS)
-    world = spacetime(scene, space)
-    limit = min(scene.speed_limit * scene.duration, UNLIMITED * (span(space, start, goal) + space.cap))
+    scene, (start, velocity, goal, _), settings = search.scene, ends, method.settings.in_time
+    coasting = coast(velocity, scene.acceleration_limit * scene.duration**2, N_STEPS, settings)
+    world = spacetime(scene, space, settings)
+    unlimited = settings.unlimited * (span(space, start, goal) + space.cap)
+    limit = min(scene.speed_limit * scene.duration, unlimited)
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
-        speed, margin = limit * SHARES[failures % len(SHARES)], MARGINS[failures % len(MARGINS)]
+        speed = limit * settings.shares[failures % len(settings.shares)]
+        margin = settings.margins[failures % len(settings.margins)]
         wind(space.clock, search.until)
         found = plan_in_time(
-            world, start, goal, speed, margin, search.rng, max_nodes=max_nodes, before=before
+            world,
+            start,
+            goal,
+            speed,
+            margin,
+            search.rng,
+            max_nodes=max_nodes,
+            before=method.before,
+            n_shortcuts=settings.n_shortcuts,
         )
-        return None if found is None else (targets_in_time(space, *found, N_STEPS) + coasting, found[0][-1])
+        if found is None:
+            return None
+        return targets_in_time(space, *found, N_STEPS, settings.smoothings) + coasting, found[0][-1]
 
     return targets
 
@@ -473,27 +524,35 @@ class Projection(Comove):
     coordinates: Callable[[Scene], Coordinates] = projected_coordinates
 
 
-def first_guess(search: Search, coordinates: Coordinates, basis: MotionBasis, restart: int) -> CoordinatedDMP:
+def first_guess(
+    search: Search,
+    coordinates: Coordinates,
+    basis: MotionBasis,
+    restart: int,
+    settings: MethodSettings = SETTINGS,
+) -> CoordinatedDMP:
     """Return the demonstration, if there is one, at every third restart, else the straight way with some turn."""
     if search.taught is not None and restart % 3 == 0:
         return CoordinatedDMP.from_demonstration(search.taught, search.scene, coordinates, basis)
-    boundary = coordinates.boundary(turn=SETTINGS.turns[restart % len(SETTINGS.turns)])
+    boundary = coordinates.boundary(turn=settings.turns[restart % len(settings.turns)])
     weights = np.zeros((coordinates.n_columns, basis.n_basis))
     return CoordinatedDMP(search.scene, coordinates, basis, boundary, weights)
 
 
-def threaded(search: Search, objective: Objective, dmp: CoordinatedDMP) -> CoordinatedDMP | None:
+def threaded(
+    search: Search, objective: Objective, dmp: CoordinatedDMP, settings: MethodSettings = SETTINGS
+) -> CoordinatedDMP | None:
     """Add one bump a round, the best of many random ones, until the smallest load is free; None if it never is."""
     directions, weights, least = dmp.coordinates.search, dmp.weights[None], np.inf
-    for _ in range(SETTINGS.rounds):
+    for _ in range(settings.rounds):
         search.check_time()
-        value = search.evaluate(objective, dmp, weights, SMALLEST_LOAD)
+        value = search.evaluate(objective, dmp, weights, settings.growing.smallest_load)
         fitness = objective.search_value(value)
         i = int(np.argmin(fitness))
         if fitness[i] < least:
             dmp, least = replace(dmp, weights=weights[i]), fitness[i]
         if value.clearance[i] > search.scene.clearance:
             return replace(dmp, weights=weights[i])
-        heights = SETTINGS.spread * search.rng.standard_normal((SETTINGS.draws, directions.shape[1], 1))
-        weights = dmp.weights + directions @ (heights * bumps(dmp.basis, search.rng, SETTINGS.draws)[:, None])
+        heights = settings.spread * search.rng.standard_normal((settings.draws, directions.shape[1], 1))
+        weights = dmp.weights + directions @ (heights * bumps(dmp.basis, search.rng, settings.draws)[:, None])
     return None

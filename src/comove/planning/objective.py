@@ -23,26 +23,16 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.coordination.coordinates import Coordinates
 from comove.coordination.motion import CoordinatedMotion, rollouts
-from comove.geometry.distances import REACH, point_distance, segment_distance
-from comove.geometry.solids import (
-    border_distance,
-    count_solids,
-    empty_solid,
-    move_solid,
-    solid_at,
-    solid_distance,
-)
+from comove.geometry.distances import CENTER, REACH, point_distance, segment_distance
+from comove.geometry.solids import count_solids, empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import signed_distance
 from comove.planning.objectives.paper import PaperCost
-from comove.planning.surroundings import surroundings_of
+from comove.planning.surroundings import from_border, seen_from, solids_from_mesh, surroundings_of
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
 N_STEPS = 201
-SUB_STEP, MAX_SUB_STEPS = 0.01, 6  # m between poses that are checked, and most of them between two samples
-TOLERANCE = 1e-4  # m, of the distance along a load's edge while searching
-NEAR_LIMIT = 0.99  # share of a speed limit that the search keeps to
 
 
 @dataclass(frozen=True)
@@ -60,8 +50,7 @@ class Cost:
         return self.goal + self.velocity + self.obstacle + self.resemblance
 
 
-@dataclass(frozen=True)
-class ContactPenalty:
+class ContactPenalty(NamedTuple):
     """The penalty of obstacles in a search: ``slope * max(0, margin - d) + step * (d <= 0)``.
 
     Here d is the clearance beyond the one that the scene asks for (`limits.clearance`).
@@ -73,6 +62,9 @@ class ContactPenalty:
     step : penalty of contact
     along_path : whether to weight by path length instead of time, so that passing an obstacle fast is not cheaper
     limits : share of the speed and acceleration limits that the search keeps to
+    near : share of the speed limit, lowered by `limits`, from which on a motion counts as too fast
+    between, parts : distance between poses that are checked [m], and most of them between two samples
+    tolerance : of the distance along a load's edge [m]
     """
 
     margin: float = 0.01
@@ -80,6 +72,10 @@ class ContactPenalty:
     step: float = 10.0
     along_path: bool = False
     limits: float = 1.0
+    near: float = 0.99
+    between: float = 0.01
+    parts: int = 6
+    tolerance: float = 1e-4
 
 
 class Evaluation(NamedTuple):
@@ -126,13 +122,13 @@ class Objective:
     scene: Scene
     coordinates: Coordinates
     weights: PaperCost = field(default_factory=PaperCost)
-    penalty: ContactPenalty = ContactPenalty()
+    penalty: ContactPenalty = field(default_factory=ContactPenalty)
     demonstration: Array | None = None
     precision: Array | None = None
 
     def with_penalty(self, **changes: Any) -> Objective:
         """Return the objective with a changed penalty."""
-        return replace(self, penalty=replace(self.penalty, **changes))
+        return replace(self, penalty=self.penalty._replace(**changes))
 
     def evaluate(self, q: Array, size: float = 1.0) -> Evaluation:
         """Evaluate a population of configurations over time.
@@ -154,7 +150,7 @@ class Objective:
         offsets : array, shape (n_steps, n_rows, 3), displacements of obstacles by row of the table [m]; n_steps = 0
             if none moves
         """
-        scene, w, p = self.scene, self.weights, self.penalty
+        scene, w, p, around = self.scene, self.weights, self.penalty, surroundings_of(self.scene)
         n_hands = len(scene.manipulators)
         offsets = offsets.view()
         offsets.setflags(write=False)  # always: kernels are compiled for what may be written, or may not
@@ -163,14 +159,14 @@ class Objective:
             taught, c_res = self.demonstration, w.resemblance
         return Evaluation(
             *_evaluate(
-                surroundings_of(scene),
+                around._replace(obstacles=around.obstacles.copy()),
                 nodes,
                 n_hands,
                 offsets,
                 taught,
                 np.array([w.goal, w.velocity, c_res, scene.duration]),
-                np.array([p.margin + scene.clearance, p.slope, p.step, scene.clearance]),
-                p.along_path,
+                p._replace(margin=p.margin + scene.clearance),
+                scene.clearance,
             )
         )
 
@@ -178,7 +174,8 @@ class Objective:
         """Return what a search minimises: cost plus penalties of obstacles and limits; shape (n_rollouts,)."""
         value = evaluation.cost + evaluation.penalty
         speed, acceleration = self.limit_ratios(evaluation)
-        value = value + np.where(speed > NEAR_LIMIT, 0.5 * (speed - NEAR_LIMIT) + 0.005, 0.0)
+        near = self.penalty.near
+        value = value + np.where(speed > near, 0.5 * (speed - near) + 0.005, 0.0)
         return value + 0.1 * np.maximum(0.0, acceleration - 0.97)
 
     def limit_ratios(self, evaluation: Evaluation) -> tuple[Array, Array]:
@@ -192,7 +189,7 @@ class Objective:
         """Return which rollouts are feasible at the samples; array of bool, shape (n_rollouts,)."""
         speed, acceleration = self.limit_ratios(evaluation)
         clear = evaluation.clearance > self.scene.clearance
-        return clear & (speed <= NEAR_LIMIT) & (acceleration <= 1.0) & evaluation.possible
+        return clear & (speed <= self.penalty.near) & (acceleration <= 1.0) & evaluation.possible
 
     def cost(self, motion: CoordinatedMotion) -> Cost:
         """Return the terms of J of one motion."""
@@ -209,7 +206,7 @@ class Objective:
 
 
 @kernel
-def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, penalty_weights, along_path):
+def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, contact, needed):
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
     c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
     terms, total = np.zeros((n_rollouts, 3)), np.zeros(n_rollouts)
@@ -239,25 +236,26 @@ def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, penalty_wei
         terms[k, 2] *= c_res / n_steps
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
-        penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, offsets, penalty_weights, along_path)
+        penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, offsets, contact, needed)
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @kernel
-def _obstacle_penalty(around, x, offsets, penalty_weights, along_path):
+def _obstacle_penalty(around, x, offsets, contact, needed):
     """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
 
     Parameters
     ----------
-    around : Surroundings
+    around : Surroundings, whose table of obstacles is written to where these move
     x : array, shape (n_steps, n_nodes, 3) [m]
     offsets : array, shape (n_steps, n_rows, 3), displacements of the obstacles; n_steps = 0 if none moves [m]
+    contact : ContactPenalty, whose margin is one of the clearance itself
+    needed : clearance that the scene asks for [m]
     """
-    margin, slope, step = penalty_weights[0], penalty_weights[1], penalty_weights[2]
-    needed = penalty_weights[3]
+    margin = contact.margin
     n_steps, n_rows = x.shape[0], around.obstacles.shape[0]
     near, near_meshes = np.empty(n_rows, dtype=np.int64), np.empty(n_rows, dtype=np.int64)
-    pose, shift = np.empty((x.shape[1], 3)), np.zeros((n_rows, 3))
+    pose, origin = np.empty((x.shape[1], 3)), around.obstacles[:, CENTER : CENTER + 3].copy()
     normals = np.full((count_solids(around.solids), n_rows, 3), 1.0 / sqrt(3.0))  # that parted them last
     # The last sample, counted from 1, at which each obstacle was touched; in the end, how often any was.
     touched = np.zeros(n_rows + 1, dtype=np.int64)
@@ -271,10 +269,11 @@ def _obstacle_penalty(around, x, offsets, penalty_weights, along_path):
         if not longest < 1e6:  # not finite, or as good as
             return np.inf, -np.inf, float(n_rows)
         relative = longest + _farthest(offsets, t, after)
-        parts = min(1 + int(relative / SUB_STEP), MAX_SUB_STEPS)
+        parts = min(1 + int(relative / contact.between), contact.parts)
         reach = cap + thickest + relative
-        n_near, at_border = _near_obstacles(around, x, t, reach, offsets, near)
-        n_meshes = _near_meshes(around.surfaces, x, t, reach, offsets, near_meshes)
+        _move(around.obstacles, origin, offsets, t, after, 0.0)
+        n_near, at_border = _near_obstacles(around, x, t, reach, near)
+        n_meshes = _near_meshes(around.surfaces, around.obstacles, x, t, reach, near_meshes)
         apart = cap
         for i in range(around.separations.shape[0]):
             spare = (
@@ -283,29 +282,22 @@ def _obstacle_penalty(around, x, offsets, penalty_weights, along_path):
             apart = min(apart, needed + spare)
         if n_near == 0 and n_meshes == 0 and not at_border and apart >= cap:
             continue
-        weight = (longest if along_path else 1.0 / n_steps) / parts
+        weight = (longest if contact.along_path else 1.0 / n_steps) / parts
         for part in range(parts):
             _between(x, t, after, part / parts, pose)
-            if offsets.shape[0] > 0:
-                _between(offsets, t, after, part / parts, shift)
+            _move(around.obstacles, origin, offsets, t, after, part / parts)
             sample, d = t + 1 if part == 0 else 0, apart
             if at_border:
-                d = min(d, _from_border(around, pose))
-            d = min(d, _of_rods(around, pose, shift, near[:n_near], cap, sample, touched))
+                d = min(d, from_border(around, pose))
+            d = min(d, _of_rods(around, pose, near[:n_near], cap, sample, touched, contact.tolerance))
+            d = min(d, _of_solids(around.solids, around, pose, near[:n_near], cap, sample, touched, normals))
             d = min(
-                d,
-                _of_solids(around.solids, around, pose, shift, near[:n_near], cap, sample, touched, normals),
-            )
-            d = min(
-                d,
-                _from_meshes(
-                    around.surfaces, around, pose, shift, near_meshes[:n_meshes], cap, sample, touched
-                ),
+                d, _from_meshes(around.surfaces, around, pose, near_meshes[:n_meshes], cap, sample, touched)
             )
             if d < margin:
-                total += weight * slope * (margin - d)
+                total += weight * contact.slope * (margin - d)
             if d <= needed:
-                total += weight * step
+                total += weight * contact.step
             least = min(least, d)
     return total, least, touched[n_rows] / n_steps
 
@@ -341,62 +333,31 @@ def _note(distance, owner, sample, touched):
 
 
 @kernel
-def _from_border(around, pose):
-    """Return the distance [m] of the body from the border of the workspace."""
-    d = np.inf
-    for e in range(around.edges.shape[0]):
-        for i in range(2):
-            for axis in range(3):
-                at = pose[around.edges[e, i], axis]
-                d = min(
-                    d, at - around.lower[axis] - around.radii[e], around.upper[axis] - at - around.radii[e]
-                )
-    return min(d, _solids_from_border(around.solids, pose, around.lower, around.upper))
+def _move(obstacles, origin, offsets, t, after, f):
+    """Move the rows of the table to where obstacles are at a share f of the time between two samples."""
+    for j in range(origin.shape[0] if offsets.shape[0] > 0 else 0):
+        for axis in range(3):
+            moved = offsets[t, j, axis] + f * (offsets[after, j, axis] - offsets[t, j, axis])
+            obstacles[j, CENTER + axis] = origin[j, axis] + moved
 
 
 @kernel
-def _solids_from_border(solids, pose, lower, upper):
-    """Return the distance [m] of solids from the border of the workspace."""
-    d = np.inf
-    if solids is None:
-        return d
-    solid = empty_solid(solids)
-    for s in range(solids.shape[0]):
-        solid_at(pose, solids[s], solid)
-        d = min(d, border_distance(solid, lower, upper))
-    return d
-
-
-@kernel
-def _of_rods(around, pose, shift, near, cap, sample, touched):
+def _of_rods(around, pose, near, cap, sample, touched, tolerance):
     """Return the clearance [m] of the load's rods from the obstacles that are near."""
     d = cap
     for e in range(around.edges.shape[0]):
         p, q, r = pose[around.edges[e, 0]], pose[around.edges[e, 1]], around.radii[e]
         for j in near:
-            x, y, z = shift[j, 0], shift[j, 1], shift[j, 2]
-            distance = (
-                segment_distance(
-                    around.obstacles,
-                    j,
-                    p[0] - x,
-                    p[1] - y,
-                    p[2] - z,
-                    q[0] - x,
-                    q[1] - y,
-                    q[2] - z,
-                    cap + r,
-                    TOLERANCE,
-                )
-                - r
+            distance = segment_distance(
+                around.obstacles, j, p[0], p[1], p[2], q[0], q[1], q[2], cap + r, tolerance
             )
-            d = min(d, distance)
-            _note(distance, around.owners[j], sample, touched)
+            d = min(d, distance - r)
+            _note(distance - r, around.owners[j], sample, touched)
     return d
 
 
 @kernel
-def _of_solids(solids, around, pose, shift, near, cap, sample, touched, normals):
+def _of_solids(solids, around, pose, near, cap, sample, touched, normals):
     """Return the clearance [m] of the load's solids from the obstacles that are near."""
     d = cap
     if solids is None:
@@ -405,52 +366,28 @@ def _of_solids(solids, around, pose, shift, near, cap, sample, touched, normals)
     for s in range(solids.shape[0]):
         solid_at(pose, solids[s], solid)
         for j in near:
-            move_solid(solid, -shift[j, 0], -shift[j, 1], -shift[j, 2])
             distance = solid_distance(around.obstacles, j, solid, cap, normals[s, j])[0]
-            move_solid(solid, shift[j, 0], shift[j, 1], shift[j, 2])
             d = min(d, distance)
             _note(distance, around.owners[j], sample, touched)
     return d
 
 
 @kernel
-def _from_meshes(surfaces, around, pose, shift, near, cap, sample, touched):
+def _from_meshes(surfaces, around, pose, near, cap, sample, touched):
     """Return the clearance [m] of the whole load from the meshes that are near."""
     d = cap
     if surfaces is None:
         return d
     for mesh in near:
-        x, owner = shift[surfaces.row[mesh]], surfaces.owner[mesh]
         for e in range(around.edges.shape[0]):
-            hull, r = _seen_from(x, pose, around.edges[e]), around.radii[e]
+            hull, r = seen_from(surfaces, mesh, around.obstacles, pose, around.edges[e]), around.radii[e]
             distance = signed_distance(surfaces, mesh, hull, cap + r) - r
             d = min(d, distance)
-            _note(distance, owner, sample, touched)
-        distance = _solids_from_mesh(around.solids, surfaces, mesh, pose, x, cap)
+            _note(distance, surfaces.owner[mesh], sample, touched)
+        distance = solids_from_mesh(around.solids, surfaces, mesh, around.obstacles, pose, cap)
         d = min(d, distance)
-        _note(distance, owner, sample, touched)
+        _note(distance, surfaces.owner[mesh], sample, touched)
     return d
-
-
-@kernel
-def _solids_from_mesh(solids, surfaces, mesh, pose, shift, cap):
-    """Return the clearance [m] of the load's solids from a mesh that has moved."""
-    d = cap
-    if solids is None:
-        return d
-    for s in range(solids.shape[0]):
-        d = min(d, signed_distance(surfaces, mesh, _seen_from(shift, pose, solids[s]), cap))
-    return d
-
-
-@kernel
-def _seen_from(shift, pose, corners):
-    """Return corners of the body as seen from an obstacle that has moved; shape (n_corners, 3) [m]."""
-    hull = np.empty((corners.shape[0], 3))
-    for i in range(corners.shape[0]):
-        for axis in range(3):
-            hull[i, axis] = pose[corners[i], axis] - shift[axis]
-    return hull
 
 
 @kernel
@@ -470,14 +407,6 @@ def chord_distance(x, t, after, i, j):
 
 
 @kernel
-def _offset(offsets, t, j):
-    """Return the displacement of an obstacle's centre at a sample [m]."""
-    if offsets.shape[0] == 0:
-        return 0.0, 0.0, 0.0
-    return offsets[t, j, 0], offsets[t, j, 1], offsets[t, j, 2]
-
-
-@kernel
 def _farthest(offsets, t, after):
     """Return the largest distance that any obstacle moves between two samples [m]."""
     farthest = 0.0
@@ -490,16 +419,15 @@ def _farthest(offsets, t, after):
 
 
 @kernel
-def _near_meshes(surfaces, x, t, cutoff, offsets, near):
+def _near_meshes(surfaces, obstacles, x, t, cutoff, near):
     """Write into `near` the meshes whose boxes are within `cutoff` of the body's box; return their number."""
     count = 0
     if surfaces is None:
         return count
     for mesh in range(surfaces.root.shape[0]):
         box, away = surfaces.root[mesh], 0.0
-        ox, oy, oz = _offset(offsets, t, surfaces.row[mesh])
         for axis in range(3):
-            shift = ox if axis == 0 else (oy if axis == 1 else oz)
+            shift = obstacles[surfaces.row[mesh], CENTER + axis] - surfaces.center[mesh, axis]
             low, high = x[t, :, axis].min() - shift, x[t, :, axis].max() - shift
             away = max(away, surfaces.lower[box, axis] - high, low - surfaces.upper[box, axis])
         if away < cutoff:
@@ -509,7 +437,7 @@ def _near_meshes(surfaces, x, t, cutoff, offsets, near):
 
 
 @kernel
-def _near_obstacles(around, x, t, cutoff, offsets, near):
+def _near_obstacles(around, x, t, cutoff, near):
     """Write into `near` the obstacles within `cutoff` of the body's bounding ball.
 
     Returns
@@ -529,11 +457,9 @@ def _near_obstacles(around, x, t, cutoff, offsets, near):
     reach = sqrt(reach) + cutoff
     count, obstacles, lower, upper = 0, around.obstacles, around.lower, around.upper
     for j in around.convex:
-        ox, oy, oz = _offset(offsets, t, j)
-        px, py, pz = cx - ox, cy - oy, cz - oz
-        dx, dy, dz = px - obstacles[j, 1], py - obstacles[j, 2], pz - obstacles[j, 3]
+        dx, dy, dz = cx - obstacles[j, CENTER], cy - obstacles[j, CENTER + 1], cz - obstacles[j, CENTER + 2]
         far = obstacles[j, REACH] + reach
-        if dx * dx + dy * dy + dz * dz < far * far and point_distance(obstacles, j, px, py, pz) < reach:
+        if dx * dx + dy * dy + dz * dz < far * far and point_distance(obstacles, j, cx, cy, cz) < reach:
             near[count] = j
             count += 1
     border = min(cx - lower[0], upper[0] - cx, cy - lower[1], upper[1] - cy)

@@ -1,22 +1,25 @@
-"""The shortest duration of a motion within its limits, from bounds that hold at every instant."""
+"""The shortest durations: of a motion, from bounds of its rates at every instant, and among moving obstacles."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from math import ceil, floor, log10
 
 import numpy as np
 
-from comove.coordination.motion import CoordinatedMotion
+from comove.coordination.coordinates import load_coordinates
+from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.planning.solution import Solution
+from comove.primitives.basis import motion_basis
+from comove.primitives.dmp import DMP
 from comove.scenes.model import MAX_DURATION, MIN_DURATION
 from comove.scenes.scene import Scene
 from comove.verification.bounds import largest_rates
 
 # m/s, m/s^2 and m/s^3, of hands, where a scene has none.
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
-DIGITS = 5  # of a duration that is found
 NONE = dict.fromkeys(LIMITS, 1e6)  # limits so high that they have no effect
-EASE = 1.02  # ratio of the duration that messages name to the shortest found: other starts reach it as well
 ROUNDING = 1e-9  # relative difference of bounds between two computations
 
 
@@ -43,8 +46,11 @@ def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -
 
 
 def too_short(scene: Scene, needed: float) -> str:
-    """Return the message that a duration is too short, and that a little more than `needed` [s] would do."""
-    return f"{scene.duration:g} s are too short for the limits: {rounded_up(EASE * needed, 3):g} s would do"
+    """Return the message that a duration is too short, and that 2 % more than `needed` [s] would do.
+
+    That much is reached from other starts as well.
+    """
+    return f"{scene.duration:g} s are too short for the limits: {rounded_up(1.02 * needed, 3):g} s would do"
 
 
 def least_possible(scene: Scene) -> float:
@@ -62,9 +68,85 @@ def least_possible(scene: Scene) -> float:
     )
 
 
-def rounded_up(duration: float, digits: int = DIGITS) -> float:
+def rounded_up(duration: float, digits: int = 5) -> float:
     """Return a duration, rounded up to some significant digits."""
     if not 0.0 < duration < MAX_DURATION:
         return duration if duration <= 0.0 else MAX_DURATION  # also where an orientation is not defined
     decimals = digits - 1 - floor(log10(duration))
     return round(ceil(duration * (1 + ROUNDING) * 10**decimals) / 10**decimals, decimals)
+
+
+@dataclass(frozen=True)
+class DurationSettings:
+    """Settings of the search for the shortest duration.
+
+    Attributes
+    ----------
+    longer : ratio of a duration to the one tried before
+    near : ratio of the shortest duration with a motion to a shorter one without, which is accurate enough
+    digits : significant digits of durations that are tried
+    share, least : largest share of the budget for the try of one duration, and its least time [s]
+    """
+
+    longer: float = 1.25
+    near: float = 1.03
+    digits: int = 4
+    share: float = 0.2
+    least: float = 0.1
+
+
+SETTINGS = DurationSettings()
+
+
+def alone(scene: Scene, taught: tuple[DMP, ...] | None, n_basis: int = 30) -> float:
+    """Return the least duration of the straight way, or of the demonstration, if there were no obstacles [s].
+
+    Parameters
+    ----------
+    n_basis : shape weights a column of a demonstration
+    """
+    scene = scene.timed(1.0)
+    if taught is None:
+        return in_least_time(CoordinatedMotion.straight(scene), scene).scene.duration
+    coordinates, basis = load_coordinates(scene), motion_basis(n_basis, "jerk")
+    motion = CoordinatedDMP.from_demonstration(taught, scene, coordinates, basis).rollout()
+    return in_least_time(motion, scene).scene.duration
+
+
+def shortest(
+    attempt: Callable[[float], Solution],
+    least: float,
+    over: Callable[[], bool],
+    *,
+    closely: bool,
+    settings: DurationSettings = SETTINGS,
+) -> list[Solution]:
+    """Try increasing durations until a motion is verified; then, if `closely`, bisect down to the last that failed.
+
+    A duration longer than a successful one may fail, as obstacles are elsewhere at each instant: the result is the
+    shortest success among the durations tried.
+
+    Parameters
+    ----------
+    attempt : function that searches for a motion of a given duration [s]
+    least : first duration [s]
+    over : function that returns whether to end
+
+    Returns
+    -------
+    list of all tries, at least one; the last is the shortest verified one, if there is any
+    """
+    shorter, duration = 0.0, rounded_up(least, settings.digits)
+    tries = [attempt(duration)]
+    while not tries[-1].verified and duration < MAX_DURATION and not over():
+        shorter, duration = duration, rounded_up(settings.longer * duration, settings.digits)
+        tries.append(attempt(duration))
+    while closely and tries[-1].verified and not over():
+        found = tries[-1]
+        middle = rounded_up(np.sqrt(shorter * found.scene.duration), settings.digits)
+        if shorter == 0.0 or found.scene.duration < settings.near * shorter or middle >= found.scene.duration:
+            break
+        tried = attempt(middle)
+        tries = [*tries[:-1], found, tried] if tried.verified else [*tries[:-1], tried, found]
+        shorter = shorter if tried.verified else middle
+    return tries

@@ -31,23 +31,45 @@ from comove.errors import OptionError
 from comove.optimisers.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optimisers.method import Start
 from comove.planning.method import Method
-from comove.planning.methods import first_guess, threaded
+from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
-from comove.planning.search import SMALLEST_LOAD, Search, stricter
+from comove.planning.search import Search, stricter
 from comove.primitives.basis import motion_basis
 from comove.primitives.phase import Phase
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-FIRST_BAND = 0.2  # of the distance
-INSIDE = 0.9  # share of the tolerance to which the band narrows: hands also move between the samples
-LEAST = 1e-6, 1e-3  # of the distance: a tolerance below the first is replaced by the second
 OPTIMISER = CCMAES(passes=8, patience=1e6, reduction=Reduction(size=0.2))
-ENOUGH = 0.3  # share of feasible samples from which the schedules go on; with fewer they go back
-PACE = 2.0  # progress in generations, per share of feasible samples beyond that
-WAIT = 100  # generations without progress, after which another attempt is made
-NARROWED, GROWN = 0.95, 0.4  # progress at which the band has its final width, and the load its size
+
+
+@dataclass(frozen=True)
+class BandSettings:
+    """Settings of the schedules by which the band narrows and the load grows.
+
+    Attributes
+    ----------
+    first : half width of the first band, as a share of the distance
+    inside : share of the tolerance to which the band narrows: hands also move between the samples
+    least, instead : tolerance, as a share of the distance, below which another is used instead, and that one
+    enough : share of feasible samples from which the schedules go on; with fewer they go back
+    pace : progress in generations, per share of feasible samples beyond that
+    wait : generations without progress, after which another attempt is made
+    narrowed, grown : progress at which the band has its final width, and the load its size
+    """
+
+    first: float = 0.2
+    inside: float = 0.9
+    least: float = 1e-6
+    instead: float = 1e-3
+    enough: float = 0.3
+    pace: float = 2.0
+    wait: int = 100
+    narrowed: float = 0.95
+    grown: float = 0.4
+
+
+BANDS = BandSettings()
 
 
 @dataclass(frozen=True)
@@ -68,6 +90,7 @@ class Paper(Method):
     centring : cost of errors as large as their bands
     threading : whether the movement's middle navigates the environment first
     phase : phase of the forcing term; linear unless given
+    bands : settings of the schedules
     """
 
     name: ClassVar[str] = "paper"
@@ -84,6 +107,7 @@ class Paper(Method):
     centring: float = 0.5
     threading: bool = True
     phase: Phase | None = None
+    bands: BandSettings = BANDS
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until a motion is verified; no path is planned. Raises `OutOfTime` when time is up."""
@@ -132,7 +156,7 @@ class Paper(Method):
         progress = furthest = 0.0 if self.narrowing or self.growing else 1.0
         finished, waited = 0, 0
         best, best_value, latest = None, np.inf, dmp.weights
-        while run.reason is None and finished < self.finishing and waited < WAIT:
+        while run.reason is None and finished < self.finishing and waited < self.bands.wait:
             if search.over():  # what there is, judged and labelled
                 search.judge(dmp.rollout(latest))
             search.check_time()
@@ -145,8 +169,7 @@ class Paper(Method):
                     share = (missed <= 0).all(axis=1).mean()
                 run.tell(None, missed)
                 continue
-            grown = min(1.0, progress / GROWN) if self.growing else 1.0
-            size = SMALLEST_LOAD + (1 - SMALLEST_LOAD) * grown
+            size = replace(GROWING, growth=self.bands.grown).size(progress) if self.growing else 1.0
             value = search.evaluate(objective, dmp, weights, size)
             fitness = objective.search_value(value)
             i = int(np.argmin(fitness))
@@ -160,7 +183,7 @@ class Paper(Method):
                 if found[i] < best_value:
                     best, best_value = dmp.rollout(weights[i]), float(found[i])
             stuck = search.hard and not (value.clearance > scene.clearance).any()
-            step = min(PACE * (share - ENOUGH), 0.0 if stuck else np.inf)
+            step = min(self.bands.pace * (share - self.bands.enough), 0.0 if stuck else np.inf)
             if self.narrowing or self.growing:
                 progress = min(1.0, max(0.0, progress + step / self.generations))
             if progress > furthest:
@@ -186,7 +209,7 @@ class Paper(Method):
     def _reach(self, search: Search, dmp: CoordinatedDMP) -> float:
         """Return a width of the band that enough of the first samples meet [m]; it grows with the number of hands."""
         draws = self.sigma * search.rng.standard_normal((self.population, *dmp.weights.shape))
-        return float(np.quantile(self._errors(dmp, dmp.weights + draws).max(axis=1), ENOUGH))
+        return float(np.quantile(self._errors(dmp, dmp.weights + draws).max(axis=1), self.bands.enough))
 
     def _errors(self, dmp: CoordinatedDMP, weights: Array) -> Array:
         """Return the `window_errors` of rollouts; weights have the shape (n_rollouts, n_columns, n_basis)."""
@@ -201,11 +224,12 @@ class Paper(Method):
         progress : progress of the narrowing, from 0 to 1
         least : least half width at the beginning [m]
         """
-        widths = []
+        bands, widths = self.bands, []
         for c in scene.distances:
-            final = INSIDE * (c.tolerance if c.tolerance > LEAST[0] * c.distance else LEAST[1] * c.distance)
-            share = min(1.0, progress / NARROWED) if self.narrowing else 1.0
-            first = max(FIRST_BAND * c.distance, least)
+            held = c.tolerance if c.tolerance > bands.least * c.distance else bands.instead * c.distance
+            final = bands.inside * held
+            share = min(1.0, progress / bands.narrowed) if self.narrowing else 1.0
+            first = max(bands.first * c.distance, least)
             widths.append(first * (final / first) ** share)
         return np.repeat(widths, 2 * self.windows)
 

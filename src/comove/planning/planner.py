@@ -6,7 +6,9 @@ conservative advancement.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,21 +31,60 @@ from comove.planning.trees import copy_to, rrt_connect, shortened
 
 Array = NDArray[np.float64]
 
-FEW_NODES, MANY_NODES = 1000, 10000  # of a first attempt (restarts beat long attempts), and of the last
-BRIEF_NODES, BRIEF_FOREST = 200, 250  # of brief attempts by either planner, for paths that are easy
-SURE = 3  # lead of the forest in paths found, after which RRT-Connect is not tried any more
-N_SHORTCUTS = 100
-N_BRIDGES, BRIDGES = 32, 0.3  # bridges in the forest before other nodes are added, and their share afterwards
-SLIDES = (2.4, 1.8, 1.2, 0.6)  # lengths of slides between two obstacles, in terms of the reach
-# Random steps by which a pose in collision may escape, and by which a bridge finds room. As plain numbers each would
-# be a type of its own, for which a kernel is compiled anew.
-RETRACTIONS, SETTLING = np.int64(30), np.int64(16)
-PROJECTIONS = 4  # onto each of two obstacles, for points that face each other
-IN_PLACE, STAYS = 0.3, 0.3  # of the usual step, and of the reach: limits that keep a bridge in its window
-TOURNAMENT = 2  # nodes drawn to find one worth expanding
-NEIGHBOURS, CONNECT_WITHIN = 6, 0.5  # of the forest; m
-PLANE_MARGINS = (0.002, 0.004, 0.0005, 0.008)  # m, tried in turn
-SPACE_MARGINS = (0.002, 0.004, 0.002, 0.008)
+
+class ForestSettings(NamedTuple):
+    """Settings of the forest.
+
+    Attributes
+    ----------
+    n_bridges, bridges : number of bridges before other nodes are added, and their share afterwards
+    slides : lengths of slides between two obstacles, in terms of the reach
+    retractions, settling : random steps by which a pose in collision may escape, and by which a bridge finds room
+    projections : projections onto each of two obstacles, for points that face each other
+    in_place, stays : limits that keep a bridge in its window: of its steps, in terms of the usual step, and of all of
+        them together, in terms of the reach
+    tournament : nodes drawn to find one worth expanding
+    neighbours, within : number of nodes that a new one is connected to, and their largest distance [m]
+    """
+
+    n_bridges: int = 32
+    bridges: float = 0.3
+    slides: tuple[float, float, float, float] = (2.4, 1.8, 1.2, 0.6)
+    retractions: int = 30
+    settling: int = 16
+    projections: int = 4
+    in_place: float = 0.3
+    stays: float = 0.3
+    tournament: int = 2
+    neighbours: int = 6
+    within: float = 0.5
+
+
+FOREST = ForestSettings()
+
+
+@dataclass(frozen=True)
+class PlannerSettings:
+    """Settings of `plan`.
+
+    Attributes
+    ----------
+    few_nodes : number of nodes of a first attempt: restarts beat long attempts
+    brief, brief_forest : numbers of nodes of brief attempts by RRT-Connect and the forest, for paths that are easy
+    sure : lead of the forest in paths found, after which RRT-Connect is not tried any more
+    n_shortcuts : number of shortcuts that are tried
+    forest : settings of the forest
+    """
+
+    few_nodes: int = 1000
+    brief: int = 200
+    brief_forest: int = 250
+    sure: int = 3
+    n_shortcuts: int = 100
+    forest: ForestSettings = FOREST
+
+
+SETTINGS = PlannerSettings()
 
 
 def plan(
@@ -54,7 +95,8 @@ def plan(
     rng: np.random.Generator,
     *,
     required: float = 0.0,
-    max_nodes: int = FEW_NODES,
+    max_nodes: int = SETTINGS.few_nodes,
+    settings: PlannerSettings = SETTINGS,
 ) -> Array | None:
     """Plan and shorten a path from start to goal that keeps a margin; None if none is found.
 
@@ -71,18 +113,19 @@ def plan(
     scratch, nothing = np.empty((space.blocks.node.shape[0], 3)), np.empty((0, len(start)))
     at_ends = min(clearance_of(space, q, scratch, 0.0) for q in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
-    for grows_forest, most in _turns(space, max_nodes):
+    for grows_forest, most in _turns(space, max_nodes, settings):
         if grows_forest:
-            path = forest(space, flat_direction(space.blocks.point), start, goal, margin, rng, most)
+            flat = flat_direction(space.blocks.point)
+            path = forest(space, flat, start, goal, margin, rng, most, settings.forest)
         else:
             path = rrt_connect(space, start, goal, margin, rng, most, 20 * most, nothing)
         if len(path) > 0:
             space.found[int(grows_forest)] += 1
-            return continuous(space, shortened(space, path, margin, rng, N_SHORTCUTS))
+            return continuous(space, shortened(space, path, margin, rng, settings.n_shortcuts))
     return None
 
 
-def _turns(space: Space, max_nodes: int) -> list[tuple[bool, int]]:
+def _turns(space: Space, max_nodes: int, settings: PlannerSettings) -> list[tuple[bool, int]]:
     """Return planners in the order of use: for each, whether it is the forest, and its number of nodes.
 
     In the plane RRT-Connect suffices, and for several bodies there is no other. In space each of the two is much
@@ -90,14 +133,14 @@ def _turns(space: Space, max_nodes: int) -> list[tuple[bool, int]]:
     """
     if space.blocks.n_dims == 2 or len(space.blocks.kind) > 1:
         return [(False, max_nodes)]
-    lead, few = space.found[1] - space.found[0], min(max_nodes, FEW_NODES)
-    if lead >= SURE:
+    lead, few = space.found[1] - space.found[0], min(max_nodes, settings.few_nodes)
+    if lead >= settings.sure:
         return [(True, max_nodes)]
     if lead > 0:
-        return [(False, BRIEF_NODES), (True, max_nodes)]
+        return [(False, settings.brief), (True, max_nodes)]
     if lead < 0:
         return [(False, few), (True, max_nodes)]
-    return [(False, BRIEF_NODES), (True, min(few, BRIEF_FOREST)), (False, few), (True, max_nodes)]
+    return [(False, settings.brief), (True, min(few, settings.brief_forest)), (False, few), (True, max_nodes)]
 
 
 def continuous(space: Space, path: Array) -> Array:
@@ -158,7 +201,7 @@ def sample(space, path, reached, at, out):
 
 
 @kernel
-def forest(space, flat, start, goal, margin, rng, max_nodes):
+def forest(space, flat, start, goal, margin, rng, max_nodes, settings):
     """Grow trees from windows, existing nodes and free space until start and goal are in one; return the path.
 
     In space a bar must enter a window nearly end-on, and a flat body must enter a slot edge-on, which uniform samples
@@ -176,6 +219,7 @@ def forest(space, flat, start, goal, margin, rng, max_nodes):
     new, ends, scratch = np.empty(n_columns), np.empty(n_columns), np.empty(n_columns)
     along = np.zeros(5)
     nodes = np.empty((space.blocks.node.shape[0], 3))
+    work = scratch, nodes
     if edge_is_free(space, start, goal, margin, scratch, nodes):
         return tree[:2].copy()
     for trial in range(40 * max_nodes):
@@ -183,24 +227,24 @@ def forest(space, flat, start, goal, margin, rng, max_nodes):
             break
         draw = rng.random()
         between = -1  # one of the two obstacles, if the new pose is between two
-        if (count < N_BRIDGES and trial < 1000) or draw < BRIDGES:
-            between = _bridge(space, flat, rng, margin, new, scratch, nodes)
+        if (count < settings.n_bridges and trial < 1000) or draw < settings.bridges:
+            between = _bridge(space, flat, rng, margin, new, work, settings)
             found = between >= 0
-        elif draw < BRIDGES + 0.6 * (1.0 - BRIDGES):
-            i = _node_to_expand(member, room, count, rng)
+        elif draw < settings.bridges + 0.6 * (1.0 - settings.bridges):
+            i = _node_to_expand(member, room, count, rng, settings)
             _perturb(space, tree[i], 1.0, rng.random() < 0.5, rng, new)
-            found = _retract(space, new, margin, margin, (RETRACTIONS, 1.0), rng, scratch, nodes)
+            found = _retract(space, new, margin, margin, (settings.retractions, 1.0), rng, work)
         else:
             random_configuration(space, rng, new)
             found = clearance_of(space, new, nodes, 0.0) > margin
         if not found:
             continue
         if between >= 0:
-            along = _way_through(space, new, between, margin, ends, scratch, nodes)
+            along = _way_through(space, new, between, margin, ends, work, settings)
         copy_to(new, tree[count])
         member[count], room[count] = count, clearance_of(space, new, nodes, 0.0)
         count += 1
-        n_links = _link(space, (tree, member), count, links, n_links, margin, scratch, nodes)
+        n_links = _link(space, (tree, member), count, links, n_links, margin, work, settings)
         if between >= 0 and count + 2 <= max_nodes:
             middle = count - 1
             for side in range(2):
@@ -212,19 +256,19 @@ def forest(space, flat, start, goal, margin, rng, max_nodes):
                 member[count], room[count] = member[middle], clearance_of(space, new, nodes, 0.0)
                 links[n_links, 0], links[n_links, 1] = middle, count
                 count, n_links = count + 1, n_links + 1
-                n_links = _link(space, (tree, member), count, links, n_links, margin, scratch, nodes)
+                n_links = _link(space, (tree, member), count, links, n_links, margin, work, settings)
         if member[0] == member[1]:
             return _path_through(tree, links, n_links, count)
     return np.empty((0, n_columns))
 
 
 @kernel
-def _way_through(space, q, j, margin, out, scratch, nodes):
+def _way_through(space, q, j, margin, out, work, settings):
     """Return the direction, (3,), in which a pose slides furthest both ways, and both signed lengths [m] after it.
 
     A bar slides along its own axis, another body along one of those of obstacle j.
     """
-    n_dims, kind = space.blocks.n_dims, space.blocks.kind[0]
+    (scratch, nodes), n_dims, kind = work, space.blocks.n_dims, space.blocks.kind[0]
     best, along = np.zeros(5), np.zeros(5)
     for axis in range(1 if kind == DIRECTION else 3):
         for row in range(n_dims):
@@ -233,7 +277,7 @@ def _way_through(space, q, j, margin, out, scratch, nodes):
             )
         for side in range(2):
             along[3 + side] = 0.0
-            for share in SLIDES:
+            for share in settings.slides:
                 length = (1.0 - 2.0 * side) * share * space.reach[0]
                 if _slid(space, q, along, length, out) and edge_is_free(
                     space, q, out, margin, scratch, nodes
@@ -258,14 +302,14 @@ def _slid(space, q, along, length, out):
 
 
 @kernel
-def _link(space, trees, count, links, n_links, margin, scratch, nodes):
+def _link(space, trees, count, links, n_links, margin, work, settings):
     """Connect the newest node to its nearest neighbours in other trees; return the new number of links."""
-    (tree, member), new = trees, count - 1
+    (tree, member), (scratch, nodes), new = trees, work, count - 1
     distances = np.empty(new)
     for i in range(new):
         distances[i] = span(space, tree[i], tree[new])
-    for _ in range(NEIGHBOURS):
-        near, least = -1, CONNECT_WITHIN
+    for _ in range(settings.neighbours):
+        near, least = -1, settings.within
         for i in range(new):
             if member[i] != member[new] and distances[i] < least:
                 near, least = i, distances[i]
@@ -283,10 +327,10 @@ def _link(space, trees, count, links, n_links, margin, scratch, nodes):
 
 
 @kernel
-def _node_to_expand(member, room, count, rng):
+def _node_to_expand(member, room, count, rng, settings):
     """Return a random node, preferably of a tree without start and goal, else one with little clearance."""
     best, least = 0, np.inf
-    for _ in range(TOURNAMENT):
+    for _ in range(settings.tournament):
         i = rng.integers(0, count)
         if member[i] != member[0] and member[i] != member[1]:
             return i
@@ -296,7 +340,7 @@ def _node_to_expand(member, room, count, rng):
 
 
 @kernel
-def _bridge(space, flat, rng, margin, out, scratch, nodes):
+def _bridge(space, flat, rng, margin, out, work, settings):
     """Write a free pose centred between two obstacles near each other; return one of them, -1 if none is found."""
     obstacles, n_obstacles = space.around.obstacles, space.around.obstacles.shape[0]
     n_dims, widest = space.blocks.n_dims, 2.0 * space.reach[0]
@@ -313,7 +357,7 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
             low = max(space.around.lower[axis], obstacles[j, CENTER + axis] - obstacles[j, REACH])
             high = min(space.around.upper[axis], obstacles[j, CENTER + axis] + obstacles[j, REACH])
             a[axis] = low + rng.random() * (high - low)
-        for _ in range(PROJECTIONS):
+        for _ in range(settings.projections):
             _onto(obstacles, k, a, b)
             _onto(obstacles, j, b, a)
         gap, inside = 0.0, True
@@ -329,12 +373,12 @@ def _bridge(space, flat, rng, margin, out, scratch, nodes):
             random_orientation(space.blocks.kind[0], n_dims, n_dims, rng, out)
             if space.blocks.kind[0] == QUATERNION and trial % 2 == 0:
                 _fit(space, j, flat, rng, out[n_dims:])
-            if not _retract(space, out, margin, space.cap, (SETTLING, IN_PLACE), rng, scratch, nodes):
+            if not _retract(space, out, margin, space.cap, (settings.settling, settings.in_place), rng, work):
                 continue
             moved = 0.0
             for axis in range(n_dims):
                 moved += (out[axis] - middle[axis]) ** 2
-            if moved < (STAYS * space.reach[0]) ** 2:
+            if moved < (settings.stays * space.reach[0]) ** 2:
                 return j
     return -1
 
@@ -440,7 +484,7 @@ def quaternion_of(r, out):
 
 
 @kernel
-def _retract(space, q, margin, wished, trials, rng, scratch, nodes):
+def _retract(space, q, margin, wished, trials, rng, work):
     """Move a pose, in place, by random steps that gain clearance, until it has the clearance that is wished for.
 
     Hardly any random pose is free in a narrow passage, but many are near a free one. `trials` are the number of steps
@@ -450,8 +494,8 @@ def _retract(space, q, margin, wished, trials, rng, scratch, nodes):
     -------
     bool, whether the pose has more clearance than the margin
     """
-    (n_trials, widest), clearance = trials, clearance_of(space, q, nodes, -np.inf)
-    size = widest
+    (n_trials, widest), (scratch, nodes) = trials, work
+    clearance, size = clearance_of(space, q, nodes, -np.inf), widest
     for _ in range(n_trials):
         if clearance > wished:
             return True

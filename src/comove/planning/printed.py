@@ -28,8 +28,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-CONVERGED = 1e-9  # share of the first step size at which the search has converged
-
 
 @dataclass(frozen=True)
 class Printed(Method):
@@ -41,6 +39,7 @@ class Printed(Method):
     population : K, samples a generation
     sigma : sigma_0, first step size
     phase : phase of (1b)
+    converged : share of the first step size at which the search has converged
     """
 
     name: ClassVar[str] = "printed"
@@ -49,6 +48,7 @@ class Printed(Method):
     population: int = 16
     sigma: float = 0.05
     phase: Phase = ExponentialPhase()
+    converged: float = 1e-9
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Run Algorithm 1 until it converges or breaks down; no path is planned. Raises `OutOfTime` if time is up."""
@@ -70,7 +70,7 @@ class Printed(Method):
         def handed_out() -> None:
             search.judge(dmp.rollout(weights(run.mean[None])[0]))
 
-        while run.sigma > CONVERGED * self.sigma:
+        while run.sigma > self.converged * self.sigma:
             try:
                 points, open_points = run.sample(), np.ones(self.population, dtype=bool)
                 while open_points.any():

@@ -17,7 +17,7 @@ from comove.optimisers import CMAES, DiagonalCovariance, Parameters
 from comove.planning.clock import now
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import Space
-from comove.planning.convex.jerk import jerk_cost
+from comove.planning.convex.costs import jerk_cost
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.programme import Follower
 from comove.planning.objective import N_STEPS, Evaluation, Objective
@@ -29,13 +29,6 @@ from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
-
-POPULATION = 16
-MARGIN_STEP = 0.004  # m, by which the margin widens after a rejection
-CONTACT_SCALE = 0.01  # m
-EASY_PROGRESS = 3  # generations that one counts as while most samples are free
-SMALLEST_STEP = 0.1  # of the first step size, while the load grows
-SMALLEST_LOAD = 0.05  # share of its size from which the load grows
 
 
 class OutOfTime(Exception):
@@ -325,7 +318,8 @@ class Search:
         missed = max(-(report.separation_spare_min or 0.0), report.constraint_excess_max or 0.0)
         depth = max(0.0, scene.clearance - report.clearance_min, missed)
         excess = max(report.limit_ratios(scene))
-        violation = (1.0 + depth / CONTACT_SCALE if depth > 0 else 0.0) + 1.0 - 1.0 / (1.0 + excess)
+        centimetres = 100.0 * depth  # each of which counts as much as limits that are exceeded without end
+        violation = (1.0 + centimetres if depth > 0 else 0.0) + 1.0 - 1.0 / (1.0 + excess)
         return np.inf if np.isnan(violation) else violation
 
     def tell(self, cost: float, violation: float) -> None:
@@ -354,20 +348,28 @@ class Schedule:
         with growth ends with the first feasible free sample of the full load, or `patience` generations without
         growth.
     enough : whether to end with the first feasible sample
+    population : samples a generation
+    smallest_load : share of its size from which the load grows
+    easy : generations that one counts as while most samples are free
+    smallest_step : least step size while the load grows, as a share of the first: it must be able to follow
     """
 
     sigma: float
     generations: int
     patience: int
     gain: float
-    growth: int = 0
+    growth: float = 0.0
     enough: bool = False
+    population: int = 16
+    smallest_load: float = 0.05
+    easy: int = 3
+    smallest_step: float = 0.1
 
-    def size(self, progress: int) -> float:
+    def size(self, progress: float) -> float:
         """Return the size of the load after some progress, which counts in generations; 1 for the real load."""
         if progress >= self.growth:
             return 1.0
-        return SMALLEST_LOAD + (1.0 - SMALLEST_LOAD) * progress / self.growth
+        return self.smallest_load + (1.0 - self.smallest_load) * progress / self.growth
 
 
 def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule: Schedule) -> CoordinatedDMP:
@@ -379,7 +381,7 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
         np.zeros(n),
         schedule.sigma,
         search.rng,
-        parameters=Parameters.default(n, POPULATION, separable=True),
+        parameters=Parameters.default(n, schedule.population, separable=True),
         covariance=DiagonalCovariance(n),
     )
     best, best_value, reference, waited = dmp.weights, np.inf, np.inf, 0
@@ -391,15 +393,15 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
         value = search.evaluate(objective, dmp, samples, size)
         fitness = objective.search_value(value)
         optimiser.tell(fitness)
-        if size < 1.0:  # the step must be able to follow the growing load
+        if size < 1.0:
             spread = np.sqrt((optimiser.standard_deviations() ** 2).mean())
-            optimiser.sigma *= max(1.0, SMALLEST_STEP * schedule.sigma / spread)
+            optimiser.sigma *= max(1.0, schedule.smallest_step * schedule.sigma / spread)
         i = int(np.argmin(fitness))
         search.tell(float(value.cost[i]), float(fitness[i] - value.cost[i]))
         free = value.penalty == 0.0
         if size < 1.0:
             passing = value.clearance[i] > search.scene.clearance or not search.hard
-            grown = EASY_PROGRESS if free.mean() > 0.5 else int(passing)
+            grown = schedule.easy if free.mean() > 0.5 else int(passing)
             progress, waited = progress + grown, 0 if grown else waited + 1
         else:
             if fitness[i] < best_value:
@@ -415,15 +417,20 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
     return replace(dmp, weights=best)
 
 
-def stricter(search: Search, objective: Objective, verdict: Verdict) -> Objective:
+def stricter(search: Search, objective: Objective, verdict: Verdict, *, widening: float = 0.004) -> Objective:
     """Return the objective with a wider margin or lower limits, whichever a rejected motion missed.
 
     If the motion satisfies the scene, the carrier must have rejected it: it is replaced by a more careful one.
+
+    Parameters
+    ----------
+    verdict : on the rejected motion
+    widening : length by which the margin widens [m]
     """
     scene, penalty, report = objective.scene, objective.penalty, verdict.report
     changes: dict[str, float] = {}
     if not (report.clearance_min >= scene.clearance and (report.separation_spare_min or 0.0) >= 0):
-        changes["margin"] = penalty.margin + MARGIN_STEP
+        changes["margin"] = penalty.margin + widening
     ratio = max(report.limit_ratios(scene))
     if ratio > 1:
         changes["limits"] = penalty.limits * max(0.8, 0.998 / ratio)

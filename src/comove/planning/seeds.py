@@ -23,7 +23,6 @@ PROFILES = ((1.0, 1.0), (1.0, 0.7), (2.0, 1.0), (3.0, 1.0), (4.5, 1.0), (3.0, 0.
 RAMPS = (0.06, 0.15)  # shares of the time at both ends in which the speed of `steady` changes
 GENTLE = [0, len(PROFILES), len(PROFILES) + 1]  # minimum jerk, and a steady pace
 RIDGES = (1e-7, 1e-6, 1e-5, 1e-4, 1e-3)
-NARROWEST, WIDEST = 0.025, 0.15  # widths of a bump, in durations
 
 
 def minimum_jerk(t: Array) -> Array:
@@ -90,14 +89,21 @@ def fit(
     return CoordinatedDMP(scene, coordinates, basis, boundary, weights[0]), weights
 
 
-def bumps(basis: MotionBasis, rng: np.random.Generator, count: int) -> Array:
+def bumps(
+    basis: MotionBasis, rng: np.random.Generator, count: int, widths: tuple[float, float] = (0.025, 0.15)
+) -> Array:
     """Return weights of bumps of unit height with flat tops, at random times and of random widths.
+
+    Parameters
+    ----------
+    widths : least and largest width [durations]
 
     Returns
     -------
     array, shape (count, n_basis)
     """
-    width = NARROWEST * (WIDEST / NARROWEST) ** rng.uniform(size=(count, 1))
+    narrowest, widest = widths
+    width = narrowest * (widest / narrowest) ** rng.uniform(size=(count, 1))
     away = (np.linspace(0.0, 1.0, N_STEPS) - rng.uniform(size=(count, 1))) / width
     return np.exp(-0.5 * away**4) @ _ridge_solvers(basis)[0].T
 

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
-from comove.planning.convex.jerk import Anchored, JerkCost, squares
+from comove.planning.convex.costs import Anchored, JerkCost, PaperSquares, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
-from comove.planning.convex.paper import PaperSquares
+from comove.planning.convex.programme import SETTINGS as CONVEX
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
@@ -50,6 +50,7 @@ class SmoothingSettings:
     unmet : relative excess, summed over limits, beyond which the duration is too short
     gentle : weight of the jerk beside the duration, both relative to their initial values
     faster : largest radius of the trust region where the duration is minimised [m]
+    convex : settings of the programmes
     """
 
     n_basis: tuple[int, ...] = (16, 24, 40)
@@ -71,12 +72,13 @@ class SmoothingSettings:
     unmet: float = 1.5e-2
     gentle: float = 1e-3
     faster: float = 0.2
+    convex: ConvexSettings = CONVEX
 
 
-SETTINGS, CONVEX = SmoothingSettings(), ConvexSettings()
+SETTINGS = SmoothingSettings()
 
 
-def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
+def smooth_way(search: Search, way: Array, boundary: Array, smoothing: SmoothingSettings = SETTINGS) -> bool:
     """Optimise a path that touches nothing, verify the motion, and return whether it is verified.
 
     Parameters
@@ -84,34 +86,38 @@ def smooth_way(search: Search, way: Array, boundary: Array) -> bool:
     way : array, shape (N_STEPS, n_columns), path in load coordinates, at even times
     boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
     """
-    programme, z, reference = _along(search, way, boundary)
+    programme, z, reference = _along(search, way, boundary, smoothing)
     if search.carrier is not None:
-        return _carried(search, search.carrier, programme, z, reference)
-    return _verified(search, programme, z, reference)
+        return _carried(search, search.carrier, programme, z, reference, smoothing)
+    return _verified(search, programme, z, reference, smoothing)
 
 
-def _along(search: Search, way: Array, boundary: Array) -> tuple[ConvexProgramme, Array, Array]:
+def _along(
+    search: Search, way: Array, boundary: Array, smoothing: SmoothingSettings
+) -> tuple[ConvexProgramme, Array, Array]:
     """Return a programme with enough weights to follow a path, the fitted weights, and the path at its samples."""
-    for n_basis in SETTINGS.n_basis:
+    for n_basis in smoothing.n_basis:
         programme = _programme(search, boundary, n_basis)
         n_fine, n_columns = programme.fine.base.shape
         fine = np.linspace(0.0, N_STEPS - 1, n_fine)
         reference = interpolated(fine, np.arange(float(N_STEPS)), way[:, :n_columns])
-        for ridge in SETTINGS.ridges:
+        for ridge in smoothing.ridges:
             z = programme.fit(reference, ridge)
             off = np.abs((programme.fine.q(z) - reference) / programme.scale[:n_columns]).max()
-            if off < SETTINGS.near:
+            if off < smoothing.near:
                 return programme, z, reference
     return programme, z, reference
 
 
-def smooth_demonstration(search: Search, taught: tuple[DMP, ...]) -> bool:
+def smooth_demonstration(
+    search: Search, taught: tuple[DMP, ...], smoothing: SmoothingSettings = SETTINGS
+) -> bool:
     """Adapt the demonstration to the scene, verify the motion, and return whether it is verified."""
     scene = search.scene
-    basis, coordinates = motion_basis(SETTINGS.n_basis[-1], "jerk"), load_coordinates(scene)
+    basis, coordinates = motion_basis(smoothing.n_basis[-1], "jerk"), load_coordinates(scene)
     dmp = CoordinatedDMP.from_demonstration(taught, scene, coordinates, basis)
     return _verified(
-        search, _programme(search, dmp.boundary, SETTINGS.n_basis[-1]), dmp.weights.ravel(), None
+        search, _programme(search, dmp.boundary, smoothing.n_basis[-1]), dmp.weights.ravel(), None, smoothing
     )
 
 
@@ -140,37 +146,48 @@ def _squares(search: Search, smooth: LeastJerk, n_samples: int) -> JerkCost:
     return squares(search.scene, smooth, objective.demonstration, n_samples, objective.precision)
 
 
-def _verified(search: Search, programme: ConvexProgramme, z: Array, reference: Array | None) -> bool:
+def _verified(
+    search: Search,
+    programme: ConvexProgramme,
+    z: Array,
+    reference: Array | None,
+    smoothing: SmoothingSettings,
+) -> bool:
     """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
     smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
-    settings = replace(CONVEX, wish=smooth.wish)
+    settings = replace(smoothing.convex, wish=smooth.wish)
     cost = _squares(search, smooth, len(programme.coarse.base))
     if cost.precision is not None:  # steep valleys and flat grounds: begin near the best, or be stuck
         even = optimise(programme, replace(cost, precision=None), z, settings, reference, search.over)
         z, reference = even.z, None
         search.evaluations += even.iterations
         search.judge(programme.motion(z))
-    for attempt in range(SETTINGS.attempts):
+    for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings, reference)
         verdict, reference = search.judge(programme.motion(z)), None
         verified = verdict.verified is not None
-        if verdict.report.clearance_min < search.scene.clearance - SETTINGS.hopeless:
+        if verdict.report.clearance_min < search.scene.clearance - smoothing.hopeless:
             return False
-        if verified or too_fast(programme, z):
+        if verified or too_fast(programme, z, smoothing):
             break
-        settings = _stricter(settings, attempt)
+        settings = _stricter(settings, attempt, smoothing)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
-    hasty = isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z))
+    hasty = isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z, smoothing))
     if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
         detail = (
-            SETTINGS.fast if isinstance(search.aim, LeastTime) else SETTINGS.fastest
+            smoothing.fast if isinstance(search.aim, LeastTime) else smoothing.fastest
         )  # what a message names must do
-        return hurry(search, programme.motion(z), detail) or verified
+        return hurry(search, programme.motion(z), detail, smoothing) or verified
     return verified
 
 
 def _carried(
-    search: Search, carrier: Carrier, programme: ConvexProgramme, z: Array, reference: Array
+    search: Search,
+    carrier: Carrier,
+    programme: ConvexProgramme,
+    z: Array,
+    reference: Array,
+    smoothing: SmoothingSettings,
 ) -> bool:
     """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
 
@@ -183,19 +200,19 @@ def _carried(
     anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.coarse.base) - 1)])
     aim = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
     taught, smooth = _squares(search, aim, len(anchor)), squares(search.scene, aim, None, len(anchor))
-    settings, found = replace(CONVEX, wish=aim.wish), False
+    settings, found = replace(smoothing.convex, wish=aim.wish), False
     along: Array | None = reference
     at: Array | None = None
     if search.best is None and not search.paced:
         nearest = _optimised(
-            search, programme, Anchored(smooth, anchor, SETTINGS.pulls[-1]), z, settings, reference
+            search, programme, Anchored(smooth, anchor, smoothing.pulls[-1]), z, settings, reference
         )
         found = search.judge(programme.motion(nearest)).verified is not None
     free = _optimised(search, programme, smooth, z, settings, reference)
     programme.follower = carrier.along(nodes)
     if programme.is_followed(free) and search.judge(programme.motion(free)).verified is not None:
         at = free
-    for pull in SETTINGS.pulls if at is None else ():
+    for pull in smoothing.pulls if at is None else ():
         z = _optimised(search, programme, Anchored(smooth, anchor, pull), z, settings, along)
         verdict, along = search.judge(programme.motion(z)), None
         if verdict.verified is not None:
@@ -204,21 +221,21 @@ def _carried(
         if not programme.is_followed(z):  # it asks for too much: arms are thinner than what stands for them
             programme.follower = None
         elif verdict.report.clearance_min < search.scene.clearance:
-            settings = _stricter(settings, 0)
+            settings = _stricter(settings, 0, smoothing)
         elif programme.follower is not None:
             programme.follower = programme.follower.stricter()
     if at is None or taught.demonstration is None:
         return found or at is not None
     jerk, _ = programme.value(smooth, at, 0.0)
-    if any(abs(jerk - other) < SETTINGS.alike * other for other in search.drawn):
+    if any(abs(jerk - other) < smoothing.alike * other for other in search.drawn):
         return True
     search.drawn.append(jerk)
     # With all of its weight, arms would be stretched further, and take longer.
-    nearer = replace(settings, radius=SETTINGS.again, least=SETTINGS.roughly)
-    for share in SETTINGS.shares[:1] if search.paced else SETTINGS.shares:
+    nearer = replace(settings, radius=smoothing.again, least=smoothing.roughly)
+    for share in smoothing.shares[:1] if search.paced else smoothing.shares:
         cost = replace(taught, pull=share * taught.pull)
         ahead = _optimised(search, programme, cost, at, nearer)
-        parts = (at + part * (ahead - at) for part in SETTINGS.parts)
+        parts = (at + part * (ahead - at) for part in smoothing.parts)
         at = next((z for z in parts if search.judge(programme.motion(z)).verified is not None), at)
     return True
 
@@ -239,28 +256,37 @@ def _optimised(
     return outcome.z
 
 
-def cheaper(search: Search, dmp: CoordinatedDMP) -> None:
+def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = SETTINGS) -> None:
     """Optimise a motion along its path by equation (4), and have it verified."""
     scene, weights, taught = search.scene, search.objective.weights, search.objective.demonstration
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
     programme = ConvexProgramme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
-    cost, z, settings = PaperSquares(weights, scene.goal.ravel(), taught), dmp.weights.ravel(), CONVEX
-    for attempt in range(SETTINGS.attempts):
+    cost, z, settings = (
+        PaperSquares(weights, scene.goal.ravel(), taught),
+        dmp.weights.ravel(),
+        smoothing.convex,
+    )
+    for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
         verdict = search.judge(programme.motion(z))
         if verdict.verified is not None:
             return
-        settings = _stricter(settings, attempt)
+        settings = _stricter(settings, attempt, smoothing)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(scene))
 
 
-def too_fast(programme: ConvexProgramme, z: Array) -> bool:
+def too_fast(programme: ConvexProgramme, z: Array, smoothing: SmoothingSettings) -> bool:
     """Return whether limits are exceeded in the given duration, by more than the error of sampling."""
-    return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > SETTINGS.unmet
+    return programme.limits.excess(programme.hands(programme.coarse.q(z))[1]) > smoothing.unmet
 
 
-def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) -> bool:
+def hurry(
+    search: Search,
+    motion: CoordinatedMotion,
+    detail: tuple[int, int],
+    smoothing: SmoothingSettings = SETTINGS,
+) -> bool:
     """Make a motion as fast as the limits allow, verify it, and return whether it is verified.
 
     If the given duration is too short for it, the duration that would suffice is noted in `search.needed`.
@@ -271,28 +297,28 @@ def hurry(search: Search, motion: CoordinatedMotion, detail: tuple[int, int]) ->
     """
     search.stage = "gaining time"
     n_basis, n_coarse = detail
-    n_basis = min(n_basis, max(SETTINGS.fast[0], SETTINGS.most_weights // motion.coordinates.n_columns))
+    n_basis = min(n_basis, max(smoothing.fast[0], smoothing.most_weights // motion.coordinates.n_columns))
     coordinates, basis = motion.coordinates, motion_basis(n_basis, "jerk")
     limits = search.limits or Limits.of(search.scene, search.scene.duration)
     programme = ConvexProgramme(
         search.scene, coordinates, basis, motion.boundary, n_coarse=n_coarse, limits=limits
     )
-    z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], SETTINGS.ridges[-1])
+    z = programme.fit(motion.at(np.linspace(0.0, 1.0, len(programme.fine.base)))[0], smoothing.ridges[-1])
     _, hands = programme.hands(programme.coarse.q(z))
     gentle = squares(search.scene, LeastJerk(), None)
     jerk, pace = float((gentle.residuals(hands) ** 2).sum()), limits.pace(hands)
     if not (jerk > 0 and pace > 0):
         return False
-    cost = replace(gentle, weight=SETTINGS.gentle / jerk, haste=1.0 / pace)
-    settings = replace(CONVEX, wish=0.0, most=SETTINGS.faster)
-    for attempt in range(SETTINGS.attempts):
+    cost = replace(gentle, weight=smoothing.gentle / jerk, haste=1.0 / pace)
+    settings = replace(smoothing.convex, wish=0.0, most=smoothing.faster)
+    for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
         motion = programme.motion(z)
         if search.judge(motion).verified is not None:
             return True
         if _note_slower(search, motion):
             return False
-        settings = _stricter(settings, attempt)
+        settings = _stricter(settings, attempt, smoothing)
     return False
 
 
@@ -308,12 +334,12 @@ def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
     return True
 
 
-def _stricter(settings: ConvexSettings, attempt: int) -> ConvexSettings:
+def _stricter(settings: ConvexSettings, attempt: int, smoothing: SmoothingSettings) -> ConvexSettings:
     """Return settings with wider margins, for the next try after a rejection."""
     more = attempt + 1
     return replace(
         settings,
-        radius=SETTINGS.again,
-        margin=CONVEX.margin + more * SETTINGS.more,
-        border_margin=CONVEX.border_margin + more * SETTINGS.more_border,
+        radius=smoothing.again,
+        margin=smoothing.convex.margin + more * smoothing.more,
+        border_margin=smoothing.convex.border_margin + more * smoothing.more_border,
     )

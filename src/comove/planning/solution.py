@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import comove
 from comove.coordination.motion import CoordinatedMotion
-from comove.planning.followed import Followed
 from comove.planning.objective import Cost
 from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost
+from comove.planning.resemblance import Followed
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.verify import Report, VerifiedMotion

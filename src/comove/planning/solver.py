@@ -17,17 +17,24 @@ from comove.planning.arguments import carried_demonstration, check_options, list
 from comove.planning.clock import now
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
-from comove.planning.followed import Followed, followed
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove, Quick
 from comove.planning.objective import ContactPenalty, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
 from comove.planning.objectives.own import OwnFunctions, own
-from comove.planning.pace import NONE, least_possible, too_short, with_limits
-from comove.planning.precision import precision_root
+from comove.planning.pace import (
+    NONE,
+    DurationSettings,
+    alone,
+    least_possible,
+    shortest,
+    too_short,
+    with_limits,
+)
+from comove.planning.pace import SETTINGS as DURATIONS
+from comove.planning.resemblance import Followed, followed, precision_root
 from comove.planning.search import Carrier, Interruption, OutOfTime, Search
-from comove.planning.shortest import alone, shortest
 from comove.planning.solution import ProgressCallback, Solution
 from comove.primitives.dmp import DMP
 from comove.primitives.operations import scale
@@ -37,10 +44,6 @@ from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
-
-IN_HASTE = 0.5  # least share of the budget for the fastest motion, where a search in time found none
-TRY, SHORT = 0.2, 0.1  # largest share of the budget for the try of one duration, and its least time [s]
-COMMON = (0.3, 5.0)  # m, longest sides of workspaces that are not rescaled
 
 
 def solve(
@@ -213,8 +216,13 @@ def _default_objective(
     return LeastJerk() if scene.is_timed or taught is not None else LeastTime()
 
 
-def _solved(problem: Problem) -> Solution:
-    """Solve a problem, by the procedure that suits its duration."""
+def _solved(problem: Problem, in_haste: float = 0.5) -> Solution:
+    """Solve a problem, by the procedure that suits its duration.
+
+    Parameters
+    ----------
+    in_haste : least share of the budget for the fastest motion, where a search in time found none
+    """
     if problem.is_hopeless:
         return _at_pace(_in_least_time(problem), problem)
     if not problem.is_timed and problem.scene.moving.any():
@@ -223,7 +231,7 @@ def _solved(problem: Problem) -> Solution:
     if solution.verified or solution.interrupted or needed == np.inf:
         return solution
     if problem.own is None:  # limits that are tight are met by the fastest motion, if by any
-        left = max(problem.budget - solution.solve_time_s, IN_HASTE * problem.budget)
+        left = max(problem.budget - solution.solve_time_s, in_haste * problem.budget)
         slow = _in_least_time(replace(problem, budget=left))
         if slow.verified:
             return _joined(solution, slow, _at_pace(slow, problem))
@@ -293,7 +301,7 @@ def _searched(problem: Problem) -> tuple[Solution, float]:
     if not asked.is_timed:
         scene = scene.limited(speed=None, acceleration=None, jerk=None)
     weights = objective if isinstance(objective, PaperCost) else PaperCost()
-    penalty = ContactPenalty() if problem.hard else ContactPenalty(margin=0.0, step=weights.obstacle)
+    penalty = ContactPenalty() if problem.hard else ContactPenalty(margin=0.0, step=float(weights.obstacle))
     carried = None if taught is None else carried_demonstration(taught, scene)
     search = Search(
         objective=Objective(
@@ -360,7 +368,7 @@ def _solution(problem: Problem, search: Search) -> Solution:
     )
 
 
-def _among_moving(problem: Problem) -> Solution:
+def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> Solution:
     """Solve a problem of open duration with moving obstacles, by trying durations one after the other.
 
     Raises
@@ -384,16 +392,17 @@ def _among_moving(problem: Problem) -> Solution:
         return problem.budget - (now() - started)
 
     def attempt(duration: float, method: Method, most: float) -> Solution:
-        budget = max(min(most, left()), SHORT)
+        budget = max(min(most, left()), settings.least)
         done.append(_solved(replace(problem, scene=asked.timed(duration), method=method, budget=budget)))
         return done[-1]
 
     quick = Quick() if isinstance(method, Comove) and method.smooths else method
     found = shortest(
-        lambda duration: attempt(duration, quick, TRY * problem.budget),
+        lambda duration: attempt(duration, quick, settings.share * problem.budget),
         alone(asked, problem.taught),
         lambda: left() < 0 or (bool(done) and done[-1].interrupted),
         closely=hasty,
+        settings=settings,
     )[-1]
     if found.verified and not done[-1].interrupted and left() > 0:
         better = attempt(found.scene.duration, method, left())
@@ -433,15 +442,19 @@ def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
 
 
 def of_common_size(
-    scene: Scene, demonstration: tuple[DMP, ...] | None
+    scene: Scene, demonstration: tuple[DMP, ...] | None, sides: tuple[float, float] = (0.3, 5.0)
 ) -> tuple[Scene, tuple[DMP, ...] | None]:
     """Scale a scene that is much smaller or larger than a metre to a metre, and its demonstration with it.
 
     Margins, steps and tolerances of the search are made for scenes of some decimetres to a few metres.
+
+    Parameters
+    ----------
+    sides : longest sides of workspaces that are left as they are, at least and at most [m]
     """
     side = _side(scene)
     begun = scene.begins > 0 or any(group.start_twist.any() for group in scene.groups)
-    if COMMON[0] <= side <= COMMON[1] or begun:
+    if sides[0] <= side <= sides[1] or begun:
         return scene, demonstration
     if demonstration is not None:
         demonstration = tuple(scale(own, 1.0 / side) for own in demonstration)

@@ -9,6 +9,8 @@ of its span and theirs.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -18,9 +20,6 @@ from comove.compiled import kernel
 from comove.geometry.distances import CENTER
 from comove.planning import trees
 from comove.planning.configurations import (
-    CREEPING,
-    STEP,
-    TOLERANCE,
     Space,
     clearance_of,
     interpolate,
@@ -33,17 +32,46 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_INTERVALS = 400  # intervals between the times at which the obstacles' positions are stored
-TIME_STEP = 0.05  # durations, largest extension of a tree
-WAITING = 0.2  # probability that a sample is a configuration of the tree at another time
-N_SHORTCUTS = 150
-SHARES = (0.6, 0.8, 0.9, 0.7)  # of the speed limit, tried in turn: smoothed motions are faster in between
-UNLIMITED = 5.0  # largest speed, in straight ways a duration, if nothing limits the speed
-MARGINS = (0.02, 0.01, 0.005, 0.015)  # m, tried in turn
-# Width of the smoothing, and time for acceleration and braking together, in durations.
-SMOOTHINGS = ((0.003, 0.06), (0.01, 0.1), (0.02, 0.15), (0.03, 0.25), (0.04, 0.4), (0.05, 0.6), (0.07, 0.9))
-# The initial velocity fades in so many times the time to brake, within these shares of the duration.
-FADING, SHORTEST_LONGEST = 6.0, (0.05, 0.9)
+
+@dataclass(frozen=True)
+class SpaceTimeSettings:
+    """Settings of the planner in space and time, and of how its paths become motions.
+
+    Attributes
+    ----------
+    n_intervals : intervals between the times at which the obstacles' positions are stored
+    time_step : largest extension of a tree [durations]
+    waiting : probability that a sample is a configuration of the tree at another time
+    n_shortcuts : number of shortcuts that are tried
+    shares : shares of the speed limit, tried in turn: smoothed motions are faster in between
+    unlimited : largest speed if nothing limits the speed [straight ways a duration]
+    margins : margins of the clearance, tried in turn [m]
+    smoothings : widths of the smoothing, each with a time for acceleration and braking together [durations]
+    fading, fades : time in which an initial velocity fades, in times to brake, and its least and largest share of the
+        duration
+    """
+
+    n_intervals: int = 400
+    time_step: float = 0.05
+    waiting: float = 0.2
+    n_shortcuts: int = 150
+    shares: tuple[float, ...] = (0.6, 0.8, 0.9, 0.7)
+    unlimited: float = 5.0
+    margins: tuple[float, ...] = (0.02, 0.01, 0.005, 0.015)
+    smoothings: tuple[tuple[float, float], ...] = (
+        (0.003, 0.06),
+        (0.01, 0.1),
+        (0.02, 0.15),
+        (0.03, 0.25),
+        (0.04, 0.4),
+        (0.05, 0.6),
+        (0.07, 0.9),
+    )
+    fading: float = 6.0
+    fades: tuple[float, float] = (0.05, 0.9)
+
+
+SETTINGS = SpaceTimeSettings()
 
 
 class SpaceTime(NamedTuple):
@@ -53,9 +81,10 @@ class SpaceTime(NamedTuple):
     ----------
     space : space with a table of obstacles that `set_time` moves
     origin : array, shape (n_rows, 3), centres of the obstacles at time 0 [m]
-    offsets : array, shape (N_INTERVALS + 1, n_rows, 3), displacements of the obstacles at even times [m]
+    offsets : array, shape (n_intervals + 1, n_rows, 3), displacements of the obstacles at even times [m]
     fastest : largest speed of the obstacles [m a duration]
     speed : limit of the speed of a node [m a duration]
+    time_step, waiting : as in `SpaceTimeSettings`
     clock : that of the space
     """
 
@@ -64,17 +93,21 @@ class SpaceTime(NamedTuple):
     offsets: Array
     fastest: float
     speed: float
+    time_step: float
+    waiting: float
     clock: Array
 
 
-def spacetime(scene: Scene, space: Space) -> SpaceTime:
+def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> SpaceTime:
     """Return the space of a scene together with the motion of its obstacles."""
-    offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, N_INTERVALS + 1)))
-    fastest = np.linalg.norm(np.diff(offsets, axis=0), axis=2).max(initial=0.0) * N_INTERVALS
+    offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, settings.n_intervals + 1)))
+    fastest = np.linalg.norm(np.diff(offsets, axis=0), axis=2).max(initial=0.0) * settings.n_intervals
     table = space.around.obstacles.copy()
     origin = table[:, CENTER : CENTER + 3].copy()
     space = space._replace(around=space.around._replace(obstacles=table))
-    return SpaceTime(space, origin, offsets, float(fastest), np.inf, space.clock)
+    return SpaceTime(
+        space, origin, offsets, float(fastest), np.inf, settings.time_step, settings.waiting, space.clock
+    )
 
 
 def plan_in_time(
@@ -87,6 +120,7 @@ def plan_in_time(
     *,
     max_nodes: int,
     before: Array | None = None,
+    n_shortcuts: int = SETTINGS.n_shortcuts,
 ) -> tuple[Array, Array] | None:
     """Plan and shorten a path from the start at time 0 to the goal at time 1; None if none is found.
 
@@ -97,6 +131,7 @@ def plan_in_time(
     margin : clearance that is kept beyond the scene's [m]; less if the ends have less
     max_nodes : number of nodes after which planning ends
     before : array, shape (n_before, n_columns), path of an earlier plan, at even times from 0 to 1
+    n_shortcuts : number of shortcuts that are tried
 
     Returns
     -------
@@ -116,17 +151,23 @@ def plan_in_time(
     path = rrt_connect(world, *ends, margin, rng, max_nodes, 40 * max_nodes, before)
     if len(path) == 0:
         return None
-    path = shortened(world, path, margin, rng, N_SHORTCUTS)
+    path = shortened(world, path, margin, rng, n_shortcuts)
     return continuous(space, path[:, :-1]), path[:, -1].copy()
 
 
-def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Array:
+def targets_in_time(
+    space: Space,
+    path: Array,
+    times: Array,
+    n_steps: int,
+    smoothings: Sequence[tuple[float, float]] = SETTINGS.smoothings,
+) -> Array:
     """Smooth a path by several widths, at rest at both ends; array, shape (n_smoothings, n_steps, n_columns)."""
     from scipy.ndimage import gaussian_filter1d  # a fifth of a second that only moving obstacles are worth
 
     s, smooth = np.linspace(0.0, 1.0, n_steps), []
     way = np.empty((n_steps, path.shape[1]))
-    for width, ease in SMOOTHINGS:
+    for width, ease in smoothings:
         sample(space, path, times, _eased(s, ease), way)
         mirrored = np.pad(way, ((n_steps // 2,) * 2, (0, 0)), mode="reflect", reflect_type="odd")
         filtered = gaussian_filter1d(mirrored, width * n_steps, axis=0)
@@ -134,7 +175,9 @@ def targets_in_time(space: Space, path: Array, times: Array, n_steps: int) -> Ar
     return np.stack(smooth)
 
 
-def coast(velocity: Array, acceleration: float, n_steps: int) -> Array:
+def coast(
+    velocity: Array, acceleration: float, n_steps: int, settings: SpaceTimeSettings = SETTINGS
+) -> Array:
     """Return the displacement by which an initial velocity, which fades, changes a movement that begins at rest.
 
     Parameters
@@ -147,7 +190,7 @@ def coast(velocity: Array, acceleration: float, n_steps: int) -> Array:
     array, shape (n_steps, n_columns)
     """
     s = np.linspace(0.0, 1.0, n_steps)[:, None]
-    fading = np.clip(FADING * np.linalg.norm(velocity) / acceleration, *SHORTEST_LONGEST)
+    fading = np.clip(settings.fading * np.linalg.norm(velocity) / acceleration, *settings.fades)
     return velocity * s * np.clip(1.0 - s / fading, 0.0, None) ** 3
 
 
@@ -176,6 +219,7 @@ def set_time(world, t):
 def edge_is_free_in_time(world, p, q, margin):
     """Return whether the body is slow enough, and keeps the clearance `margin` [m], along the edge from p to q."""
     space, s, t, moved = world.space, p[-1], q[-1], span(world.space, p, q)
+    tolerance = space.settings.tolerance
     if moved > world.speed * abs(t - s):
         return False
     length = moved + world.fastest * abs(t - s)
@@ -186,10 +230,10 @@ def edge_is_free_in_time(world, p, q, margin):
         interpolate(space, p, q, f, at)
         set_time(world, s + f * (t - s))
         clearance = clearance_of(space, at, nodes, 0.0) - margin
-        creeping += clearance < TOLERANCE
-        if clearance <= 0.0 or creeping > CREEPING:
+        creeping += clearance < tolerance
+        if clearance <= 0.0 or creeping > space.settings.creeping:
             return False
-        travelled += max(clearance, TOLERANCE)
+        travelled += max(clearance, tolerance)
     set_time(world, t)
     return clearance_of(space, q, nodes, 0.0) > margin
 
@@ -198,7 +242,8 @@ def edge_is_free_in_time(world, p, q, margin):
 @kernel
 def _extend(world, p, q, steps, margin, out):
     moved, waited = span(world.space, p, q), abs(q[-1] - p[-1])
-    share = min(1.0, STEP * steps / max(moved, 1e-12), TIME_STEP * steps / max(waited, 1e-12))
+    share = min(1.0, world.space.settings.step * steps / max(moved, 1e-12))
+    share = min(share, world.time_step * steps / max(waited, 1e-12))
     _between(world, p, q, share, out)
     if not edge_is_free_in_time(world, p, out, margin):
         return trees.BLOCKED
@@ -213,7 +258,7 @@ def _nearest(world, tree, count, q):
         wait = q[-1] - tree[i, -1] if later else tree[i, -1] - q[-1]
         if wait > 0.0:
             way = span(world.space, tree[i], q)
-            effort = way / STEP + wait / TIME_STEP
+            effort = way / world.space.settings.step + wait / world.time_step
             if way <= world.speed * wait and effort < least:
                 best, least = i, effort
     return best
@@ -222,7 +267,7 @@ def _nearest(world, tree, count, q):
 @trees.answers(trees.draw, SpaceTime)
 @kernel
 def _draw(world, nodes, counts, this, rng, out):
-    if rng.random() < WAITING:
+    if rng.random() < world.waiting:
         copy_to(nodes[this, int(rng.random() * counts[this])], out)
     else:
         random_configuration(world.space, rng, out)

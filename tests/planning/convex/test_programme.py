@@ -5,7 +5,7 @@ import pytest
 
 from comove.coordination import load_coordinates
 from comove.planning import LeastJerk
-from comove.planning.convex.jerk import N_SAMPLES, jerk_cost, squares, third_differences
+from comove.planning.convex.costs import N_SAMPLES, jerk_cost, squares, third_differences
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings

@@ -7,7 +7,7 @@ import pytest
 
 import comove
 from comove.coordination.coordinates import load_coordinates
-from comove.planning.convex.jerk import squares
+from comove.planning.convex.costs import squares
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.convex.warp import interpolated, warped
 from comove.planning.objectives import LeastJerk

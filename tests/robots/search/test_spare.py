@@ -7,7 +7,7 @@ import pytest
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning import smooth
-from comove.planning.convex.jerk import Anchored
+from comove.planning.convex.costs import Anchored
 from comove.planning.objective import N_STEPS
 from comove.robots import Robot, carry
 from comove.robots.carrying import RobotCarrier

@@ -9,15 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.planning.convex.jerk import third_differences
+from comove.planning.convex.costs import third_differences
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
-
-ACTIVE = 0.7  # share of a limit from which on it is part of a programme
-LITTLE = 1.003  # ratio by which a limit is lowered to that by which it was exceeded
-# Shares of the limits of speed, acceleration and jerk that are kept to: samples miss the peaks.
-SHARES = (0.99, 0.97, 0.97)
 
 
 @dataclass(frozen=True)
@@ -28,10 +23,12 @@ class Limits:
     ----------
     n_dims : number of dimensions of a hand
     values : limits of speed, acceleration and jerk, inf where there is none
+    shares : shares of these that are kept to: samples miss the peaks
     """
 
     n_dims: int
     values: tuple[float, float, float]
+    shares: tuple[float, float, float] = (0.99, 0.97, 0.97)
 
     @classmethod
     def of(cls, scene: Scene, duration: float) -> Limits:
@@ -45,10 +42,10 @@ class Limits:
             ),
         )
 
-    def stricter(self, exceeded: tuple[float, float, float]) -> Limits:
-        """Return lower limits, divided by the ratios by which a motion exceeded them, and a little more."""
+    def stricter(self, exceeded: tuple[float, float, float], more: float = 1.003) -> Limits:
+        """Return lower limits, divided by the ratios by which a motion exceeded them, and by a little `more`."""
         speed, acceleration, jerk = (
-            value / max(1.0, LITTLE * ratio) for value, ratio in zip(self.values, exceeded, strict=True)
+            value / max(1.0, more * ratio) for value, ratio in zip(self.values, exceeded, strict=True)
         )
         return replace(self, values=(speed, acceleration, jerk))
 
@@ -94,7 +91,7 @@ class Limits:
 
     def _finite(self) -> Iterator[tuple[int, float, float]]:
         """Yield order, share that is kept to, and value of every finite limit."""
-        for order, (share, value) in enumerate(zip(SHARES, self.values, strict=True), start=1):
+        for order, (share, value) in enumerate(zip(self.shares, self.values, strict=True), start=1):
             if value < np.inf:
                 yield order, share, value
 

@@ -1,20 +1,27 @@
-"""Sequential quadratic programming of motions, with warps of time between the steps."""
+"""Sequential quadratic programming of motions, with warps of time between the steps.
+
+The cost is a sum of squares whose residuals are linearised in the shape weights (Gauss-Newton); distances are
+linearised too. A step is judged by its trial point: contacts that are too near there are linearised and added to the
+programme, before the step is shortened. A trust region bounds the change of configurations at even times.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
-from comove.planning.convex.steps import SOUND, stand, step
+from comove.planning.convex.limits import LinearLimits
+from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost, Seen
+from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
 from comove.planning.convex.warp import warped
 
 Array = NDArray[np.float64]
 
-MOST_SLACK_COST = 1e8  # largest cost of a metre of slack
+SOUND = 1e-9  # m, by which margins may be missed
 
 
 @dataclass
@@ -93,7 +100,183 @@ def optimise(
         if stall >= settings.patience or radius < settings.least:
             break
         if trial.slack > 1e-6 and (here.seen.depth > programme.need(settings)).any():
-            mu = min(5 * mu, MOST_SLACK_COST)
+            mu = min(5 * mu, settings.most_slack_cost)
     if not np.isfinite(outcome.value):
         outcome.z, outcome.value, outcome.missed = here.z, here.value, here.missed
     return outcome
+
+
+class Stand(NamedTuple):
+    """The current point of the optimisation, and the model of the problem there.
+
+    Attributes
+    ----------
+    z : array, shape (n_columns * n_basis,), shape weights
+    value : value of the cost
+    wish : share of the wish for clearance that is not met, squared and summed over obstacles
+    gradient : gradient of half the cost in the variables w, ``dz = whiten' w``, in which its Hessian is the identity
+    whiten : array, shape (n_columns * n_basis, n_columns * n_basis)
+    seen : the movement about which clearances are linearised, and its contacts
+    off : array, shape (n_samples, n_columns), configurations of `seen` less those of `z`
+    limits : linearised limits of the hands
+    pace : number of durations in which limits are kept; 1 if the duration is given
+    missed : amounts by which margins and limits are missed beyond the tolerance, summed [m]; inf if not computed
+    """
+
+    z: Array
+    value: float
+    wish: float
+    gradient: Array
+    whiten: Array
+    seen: Seen
+    off: Array
+    limits: LinearLimits
+    pace: float
+    missed: float
+
+
+class Step(NamedTuple):
+    """A trial step and its evaluation.
+
+    Attributes
+    ----------
+    dz : array, shape (n_columns * n_basis,), change of the shape weights
+    value : cost after the step, plus the price of the change of `Stand.wish`
+    missed : amounts by which margins and limits are missed after the step [m]
+    seen : movement after the step, and its contacts
+    predicted : gain of the merit function that the programme predicts
+    slack : amount by which the solution of the programme misses margins and limits [m]
+    programmes : number of quadratic programmes that were solved
+    """
+
+    dz: Array
+    value: float
+    missed: float
+    seen: Seen
+    predicted: float
+    slack: float
+    programmes: int
+
+
+def stand(
+    p: ConvexProgramme,
+    cost: QuadraticCost,
+    z: Array,
+    settings: ConvexSettings,
+    radius: float,
+    reference: Array | None = None,
+) -> Stand:
+    """Evaluate and linearise the problem at weights `z`; clearances at a `reference` near to them, if given."""
+    q = p.coarse.q(z)
+    nodes, hands = p.hands(q)
+    moves = p.moves_of_hands(q, nodes)
+    residuals = np.concatenate([cost.residuals(hands), p.gauge(q, settings.gauge)])
+    slopes = np.concatenate([cost.slopes(moves), p.moves_of_gauge(q, settings.gauge)])
+    square = slopes.T @ slopes
+    square.flat[:: p.n + 1] += 1e-9 * np.trace(square) / p.n
+    # All by numpy: its threads and those of scipy would delay each other for longer than the work takes.
+    whiten = inverse_of_lower(np.linalg.cholesky(square))
+    gradient = whiten @ (slopes.T @ residuals)
+    own = p.fine.q(z)
+    cutoff = max(settings.margin + 0.005, settings.wish) + p.scene.clearance + 1.8 * radius
+    seen = p.look(own if reference is None else reference, cutoff, p.need(settings))
+    missed = p.missed(seen, hands, settings, cost) if reference is None else np.inf
+    pace = p.limits.pace(hands) if cost.haste > 0 else 1.0
+    value = float(residuals @ residuals) + cost.haste * pace
+    wish = _wish(p, seen, settings)
+    limits = p.limits.linear(hands, moves, pace)
+    return Stand(z, value, wish, gradient, whiten, seen, seen.q - own, limits, pace, missed)
+
+
+def inverse_of_lower(lower: Array, whole: int = 64) -> Array:
+    """Return the inverse of a lower triangular matrix, by halves: of large ones in half the time that numpy takes.
+
+    Parameters
+    ----------
+    lower : array, shape (n, n)
+    whole : number of rows up to which it is inverted as a whole
+    """
+    n, half = len(lower), len(lower) // 2
+    if n <= whole:
+        return np.asarray(np.linalg.inv(lower), dtype=float)
+    inverse = np.zeros_like(lower)
+    above, below = inverse_of_lower(lower[:half, :half]), inverse_of_lower(lower[half:, half:])
+    inverse[:half, :half], inverse[half:, half:] = above, below
+    inverse[half:, :half] = -below @ (lower[half:, :half] @ above)
+    return inverse
+
+
+def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:
+    """Return the share of the wish for clearance that is not met, squared and summed over obstacles."""
+    if settings.wish <= 0:
+        return 0.0
+    n = p.load.n_owners
+    least = p.need(settings)[:n] - p.scene.clearance - seen.depth[:n]
+    return float((np.clip(1.0 - least / settings.wish, 0.0, 1.0) ** 2).sum())
+
+
+def _further(
+    p: ConvexProgramme, owner: NDArray[np.int64], bound: Array, settings: ConvexSettings, radius: float
+) -> Array:
+    """Return the distance beyond the margin that is wished for [m], -inf for no wish; array of the shape of `owner`.
+
+    There is no wish for obstacles that are too far for a step to reach.
+    """
+    near = bound > -settings.wish - 0.5 * radius
+    wished = near & (owner < p.load.n_owners) & (settings.wish > settings.margin)
+    return np.where(wished, settings.wish - settings.margin, -np.inf)
+
+
+def step(
+    p: ConvexProgramme, cost: QuadraticCost, here: Stand, settings: ConvexSettings, radius: float, mu: float
+) -> Step | None:
+    """Compute a step, corrected where its trial comes too near; None if a programme has no solution."""
+    need = p.need(settings)
+    rows, bound, owner = p.linear(here.seen, here.off, need)
+    clearances = Rows(rows, bound, owner, _further(p, owner, bound, settings, radius))
+    trust = Trust(p.moves, here.off[p.watched].ravel(), radius * p.scale)
+    hasty = cost.haste > 0
+    worth, wished = settings.worth * here.value, max(settings.wish, UNIT) ** 2
+    duration = cost.haste if hasty else mu * settings.limit
+    prices = Prices(mu, worth / wished, duration, here.pace, settings.hastier if hasty else 0.0)
+    known, lenient, corrections, programmes = np.isfinite(here.missed), False, 0, 0
+    while True:
+        found = minimum(
+            here.gradient, here.whiten, clearances, trust, here.limits, prices, settings.quadratic
+        )
+        programmes += 1
+        if found is None:
+            return None
+        w, slack, short, slower = found
+        dz = w @ here.whiten
+        if not hasty:
+            slack += settings.limit * slower
+        gain = -float(2 * here.gradient @ w + w @ w) + worth * (here.wish - short / wished)
+        gain -= cost.haste * slower
+        value, hands = p.value(cost, here.z + dz, settings.gauge)
+        near = max(settings.margin + 1e-3, settings.wish) + p.scene.clearance
+        there = p.look(p.fine.q(here.z + dz), near, need)
+        wish = _wish(p, there, settings)
+        missed = p.missed(there, hands, settings, cost)
+        near_enough = missed == 0.0
+        predicted = gain + mu * (here.missed - min(here.missed, slack)) if known else np.inf
+        trial = Step(dz, value + worth * (wish - here.wish), missed, there, predicted, slack, programmes)
+        if known:
+            worse = predicted < -settings.gain * here.value and here.missed < SOUND
+            if corrections == 0 and not lenient and worse:
+                lenient = True  # parts that are too near may stay so, but not come nearer
+                clearances = clearances._replace(bound=np.minimum(clearances.bound, 0.0))
+                continue
+            actual = here.value - trial.value + mu * (here.missed - missed)
+            if actual > 0.5 * predicted or (near_enough and actual > 0.1 * predicted):
+                return trial
+            if near_enough and here.value - trial.value < 0.5 * abs(gain):
+                return trial  # the model of the cost fails, not that of the clearances
+            if corrections and slack > settings.margin:
+                return trial
+        if corrections == settings.corrections or near_enough:
+            return trial
+        corrections += 1
+        more, least, whose = p.linear(there, np.zeros_like(here.off), need)
+        further = _further(p, whose, least, settings, radius)
+        clearances = clearances.with_more(more, least + more @ dz, whose, further)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -20,6 +20,8 @@ from comove.planning.convex.contacts import (
     moved_load,
 )
 from comove.planning.convex.limits import Limits
+from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
+from comove.planning.convex.quadratic import QuadraticSettings
 from comove.primitives.basis import MotionBasis
 from comove.primitives.forcing import N_INTERVALS
 from comove.scenes.scene import Scene
@@ -28,10 +30,6 @@ Array = NDArray[np.float64]
 
 FOLLOWED = 2  # samples of which one is looked at by what follows
 GAUGE_EVERY = 4  # samples between those at which the lengths of directions and quaternions are evaluated
-LIMIT = 0.1  # m, as which a limit exceeded by 100 % counts
-UNNOTICED = (
-    1e-2  # relative excess over the limits that is tolerated, within the share that is held back (`SHARES`)
-)
 
 
 class QuadraticCost(Protocol):
@@ -58,6 +56,26 @@ class QuadraticCost(Protocol):
 
 
 @dataclass(frozen=True)
+class WarpSettings:
+    """Settings of the warps of time, see `warp`.
+
+    Attributes
+    ----------
+    n_waves : waves whose sum a warp is
+    smooth : weight of their squared slopes, relative to the mean curvature of the cost
+    steepest : largest relative change of the pace of time
+    shares : shares of a warp that are tried in turn
+    ridge : of the fit of the warped movement
+    """
+
+    n_waves: int = 12
+    smooth: float = 1e-8
+    steepest: float = 0.5
+    shares: tuple[float, ...] = (1.0, 0.5, 0.25)
+    ridge: float = 1e-12
+
+
+@dataclass(frozen=True)
 class ConvexSettings:
     """Settings of the sequence of quadratic programmes.
 
@@ -72,10 +90,15 @@ class ConvexSettings:
     gain : least relative decrease of the cost that counts as a gain
     patience : number of steps without gain after which the search ends
     corrections : number of times that a step is corrected before the trust region shrinks
-    slack_cost : cost of a metre by which linearised distances are missed
+    slack_cost, most_slack_cost : cost of a metre by which linearised distances are missed, at first and at most
+    limit : length as which a limit exceeded by 100 % counts [m]
+    unnoticed : relative excess over the limits that is tolerated, within the share that is held back
+        (`Limits.shares`)
+    hastier : share of the pace that a step may save
     wish : clearance beyond the scene's that is wished for where it costs little [m]; 0 for none
     worth : share of the cost that is added for an obstacle that is touched, and less the more of the wish is met
     gauge : weight of the penalty that keeps directions and quaternions near unit length; motions do not depend on it
+    quadratic, warp : settings of each programme, and of the warps of time between them
     """
 
     margin: float = 1.5e-3
@@ -89,9 +112,18 @@ class ConvexSettings:
     patience: float = 1.0
     corrections: int = 3
     slack_cost: float = 1e6
+    most_slack_cost: float = 1e8
+    limit: float = 0.1
+    unnoticed: float = 1e-2
+    hastier: float = 0.5
     wish: float = 0.01
     worth: float = 0.15
     gauge: float = 3.0
+    quadratic: QuadraticSettings = QUADRATIC
+    warp: WarpSettings = field(default_factory=WarpSettings)
+
+
+SETTINGS = ConvexSettings()
 
 
 class Follower(Protocol):
@@ -287,14 +319,14 @@ class ConvexProgramme:
     def missed(self, seen: Seen, hands: Array, settings: ConvexSettings, cost: QuadraticCost) -> float:
         """Return how far margins and limits are missed beyond the tolerance, as a sum over owners and limits [m].
 
-        If the pace is given, a limit that is exceeded by 10 % counts as a centimetre; else limits do not count.
+        If the pace is given, an excess over limits counts as `ConvexSettings.limit` says; else limits do not count.
         """
         zone = np.full(len(seen.depth), settings.margin)
         zone[self.load.n_owners : self.load.n_owners + 2] = settings.border_margin
         missed = np.maximum(seen.depth - settings.tolerance * zone, 0.0).sum()
         if cost.haste > 0:
             return float(missed)
-        return float(missed) + LIMIT * max(self.limits.excess(hands) - UNNOTICED, 0.0)
+        return float(missed) + settings.limit * max(self.limits.excess(hands) - settings.unnoticed, 0.0)
 
     def is_followed(self, z: Array) -> bool:
         """Return whether what follows can follow the motion with the shape weights `z`."""

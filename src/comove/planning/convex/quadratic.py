@@ -8,26 +8,45 @@ violates them; those that do not count any more are left out again.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.planning.convex.limits import ACTIVE, LinearLimits
+from comove.planning.convex.limits import LinearLimits
 
 Array = NDArray[np.float64]
 
 FREE = 1e30  # infinite bound for DAQP
 UNIT = 1e-3  # m, unit of the slack in a programme
-NEARLY = (
-    5e-3  # m, distance from its bound below which a clearance is part of the programme from the beginning
-)
 BROKEN = 1e-6  # m by which rows may be violated that are not part of it; for the trust region, a share of its radius
-FEW = 40  # rows added at once, the most violated ones
-ROUNDS = 30  # rounds of adding rows
-LIMIT_TOLERANCE = 1e-3  # relative excess over a limit up to which no tangent is added
-CURVED = 1e-2  # of the cost of a pace: curvature that is added to it, so that the programme has one solution
+
+
+@dataclass(frozen=True)
+class QuadraticSettings:
+    """Settings of the active subset of a programme's rows.
+
+    Attributes
+    ----------
+    nearly : distance from its bound below which a clearance is part of the programme from the beginning [m]
+    active : share of a limit from which on it is part of the programme from the beginning
+    few : rows added at once, the most violated ones
+    rounds : largest number of times that rows are added
+    excess : relative excess over a limit up to which no tangent is added
+    curved : curvature that is added to the cost of a pace, as a share of it, so that the programme has one solution
+    """
+
+    nearly: float = 5e-3
+    active: float = 0.7
+    few: int = 40
+    rounds: int = 30
+    excess: float = 1e-3
+    curved: float = 1e-2
+
+
+SETTINGS = QuadraticSettings()
 
 
 class Rows(NamedTuple):
@@ -101,7 +120,13 @@ class Minimum(NamedTuple):
 
 
 def minimum(
-    gradient: Array, whiten: Array, clearances: Rows, trust: Trust, limits: LinearLimits, prices: Prices
+    gradient: Array,
+    whiten: Array,
+    clearances: Rows,
+    trust: Trust,
+    limits: LinearLimits,
+    prices: Prices,
+    settings: QuadraticSettings = SETTINGS,
 ) -> Minimum | None:
     """Minimise ``|w|^2 / 2 + gradient w`` plus half of the `prices`, with ``dz = whiten' w``; None if that fails."""
     n = len(gradient)
@@ -113,7 +138,7 @@ def minimum(
     # Variables: the weights, the slack, the amount by which each owner's wish is missed, and the change of the pace.
     dear = prices.duration * prices.pace
     square = np.concatenate(
-        [np.ones(n), [1e-3], np.full(more, max(prices.wish * UNIT**2, 1e-6)), [CURVED * dear or 1.0]]
+        [np.ones(n), [1e-3], np.full(more, max(prices.wish * UNIT**2, 1e-6)), [settings.curved * dear or 1.0]]
     )
     linear = np.concatenate([gradient, [0.5 * prices.slack * UNIT], np.zeros(more), [0.5 * dear]])
     least = np.concatenate([bound, bound[wished] + further[wished]])
@@ -125,9 +150,9 @@ def minimum(
     above, known = np.full(len(below), FREE), np.zeros(len(below))
     is_cut = np.zeros(len(below), dtype=bool)
     absent, free = np.ones(k + m, dtype=bool), np.ones(len(trust.moves), dtype=bool)
-    near, beyond = np.flatnonzero(least > -NEARLY), np.zeros(0, dtype=int)
-    cut, limit = limits.cuts(np.zeros(n), 0.0, ACTIVE)
-    for _ in range(ROUNDS):
+    near, beyond = np.flatnonzero(least > -settings.nearly), np.zeros(0, dtype=int)
+    cut, limit = limits.cuts(np.zeros(n), 0.0, settings.active)
+    for _ in range(settings.rounds):
         block = np.zeros((len(near) + len(beyond) + len(cut), matrix.shape[1]))
         block[:, :n] = np.concatenate([rows[of_row[near]], trust.moves[beyond], cut]) @ whiten.T
         block[np.arange(len(near)), slack_of[near]] = UNIT
@@ -149,19 +174,20 @@ def minimum(
         below, above, known = below[stays], above[stays], known[stays]
         dz, slower = x[:n] @ whiten, prices.pace * float(x[-1])
         broken = np.where(absent, least - (rows @ dz)[of_row] - UNIT * x[slack_of], -1.0)
-        near = _worst(broken)
-        beyond = _worst(np.where(free, np.abs(trust.moves @ dz - trust.center) / trust.radius - 1.0, -1.0))
-        cut, limit = limits.cuts(dz, slower, 1.0 + LIMIT_TOLERANCE)
+        near = _worst(broken, settings.few)
+        too_far = np.where(free, np.abs(trust.moves @ dz - trust.center) / trust.radius - 1.0, -1.0)
+        beyond = _worst(too_far, settings.few)
+        cut, limit = limits.cuts(dz, slower, 1.0 + settings.excess)
         if not (len(near) or len(beyond) or len(cut)):
             break
     short = float(((x[n + 1 : n + 1 + more] * UNIT) ** 2).sum())
     return Minimum(x[:n], float(x[n]) * UNIT, short, slower)
 
 
-def _worst(broken: Array) -> NDArray[np.int64]:
-    """Return the indices of violated rows, of the worst ones if there are many."""
+def _worst(broken: Array, few: int) -> NDArray[np.int64]:
+    """Return the indices of violated rows; of the worst `few` if there are more."""
     at = np.flatnonzero(broken > BROKEN)
-    return at if len(at) <= FEW else np.sort(at[np.argsort(-broken[at], kind="stable")[:FEW]])
+    return at if len(at) <= few else np.sort(at[np.argsort(-broken[at], kind="stable")[:few]])
 
 
 def _solved(

@@ -16,12 +16,6 @@ from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, Qu
 
 Array = NDArray[np.float64]
 
-N_WAVES = 12
-SMOOTH = 1e-8  # of the mean curvature of the cost, times the squared slope of a wave
-STEEPEST = 0.5  # largest relative change of the pace of time
-SHARES = (1.0, 0.5, 0.25)  # shares of a warp that are tried in turn
-RIDGE = 1e-12  # of the fit
-
 
 def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: ConvexSettings) -> Array:
     """Return the weights of a warp of the movement with weights `z` that is cheaper and keeps the margins; else `z`.
@@ -30,22 +24,23 @@ def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: 
     """
     if cost.haste > 0:
         return z
+    warp = settings.warp
     value, hands = programme.value(cost, z, settings.gauge)
     speed = np.gradient(hands, 1.0 / (len(hands) - 1), axis=0)
-    slopes = cost.slopes(speed[:, :, None] * _waves(len(hands))[:, None, :])
+    slopes = cost.slopes(speed[:, :, None] * _waves(len(hands), warp.n_waves)[:, None, :])
     square, gradient = slopes.T @ slopes, slopes.T @ cost.residuals(hands)
-    order = np.arange(1, N_WAVES + 1)
-    square[np.diag_indices(N_WAVES)] += SMOOTH * np.trace(square) / N_WAVES * (np.pi * order) ** 2
+    order = np.arange(1, warp.n_waves + 1)
+    square[np.diag_indices(len(order))] += warp.smooth * np.trace(square) / len(order) * (np.pi * order) ** 2
     heights = -np.linalg.solve(square, gradient)
     if -gradient @ heights < settings.gain * value:  # the gain that it promises
         return z
     t = np.linspace(0.0, 1.0, len(programme.fine.base))
-    shift = _waves(len(t)) @ heights
-    shift *= min(1.0, STEEPEST / max(np.abs(np.gradient(shift, t)).max(), 1e-12))
+    shift = _waves(len(t), warp.n_waves) @ heights
+    shift *= min(1.0, warp.steepest / max(np.abs(np.gradient(shift, t)).max(), 1e-12))
     way, rate = programme.fine.q(z), programme.fine_rate.q(z)
     near = settings.margin + 1e-3 + programme.scene.clearance
-    for share in SHARES:
-        later = programme.fit(interpolated(way, rate, t + share * shift), RIDGE)
+    for share in warp.shares:
+        later = programme.fit(interpolated(way, rate, t + share * shift), warp.ridge)
         cheaper, hands = programme.value(cost, later, settings.gauge)
         if cheaper > (1 - settings.gain) * value:
             continue
@@ -74,8 +69,8 @@ def interpolated(way: Array, rate: Array, t: Array) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _waves(n: int) -> Array:
-    """Return waves that vanish at both ends of unit duration, at even samples; array, shape (n, N_WAVES)."""
-    waves = np.sin(np.pi * np.outer(np.linspace(0.0, 1.0, n), np.arange(1, N_WAVES + 1)))
+def _waves(n: int, n_waves: int) -> Array:
+    """Return waves that vanish at both ends of unit duration, at even samples; array, shape (n, n_waves)."""
+    waves = np.sin(np.pi * np.outer(np.linspace(0.0, 1.0, n), np.arange(1, n_waves + 1)))
     waves.setflags(write=False)
     return waves

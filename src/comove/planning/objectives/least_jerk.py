@@ -8,10 +8,6 @@ import numpy as np
 
 from comove.errors import OptionError
 
-DEFAULT = 0.7
-ROOM = 0.01  # m, in a scene of some decimetres to a few metres
-LOOSEST, CLOSEST = 2.0, 7.7  # exponents of ten of the pull, for a resemblance just above 0 and of 1
-
 
 @dataclass(frozen=True)
 class LeastJerk:
@@ -55,9 +51,12 @@ class LeastJerk:
     @property
     def wish(self) -> float:
         """Return the wish for room [m], the default one in a scene of some decimetres to a few metres."""
-        return ROOM if self.room is None else float(self.room)
+        return 0.01 if self.room is None else float(self.room)
 
     def pull(self, taught: bool) -> float:
-        """Return the weight of the deviation from the demonstration; 0 if there is none or it is not used."""
-        strength = DEFAULT if self.resemblance is None else float(self.resemblance)
-        return 10.0 ** (LOOSEST + (CLOSEST - LOOSEST) * strength) if taught and strength > 0 else 0.0
+        """Return the weight of the deviation from the demonstration; 0 if there is none or it is not used.
+
+        It grows from 10^2, for a resemblance just above 0, to 10^7.7, for one of 1.
+        """
+        strength = 0.7 if self.resemblance is None else float(self.resemblance)
+        return 10.0 ** (2.0 + 5.7 * strength) if taught and strength > 0 else 0.0

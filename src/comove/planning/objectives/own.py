@@ -14,9 +14,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-N_SAMPLES = 201
-TOLERANCE = 1e-4  # by which an equality may be missed, in its own unit
-
 
 @dataclass(frozen=True, eq=False)
 class Samples:
@@ -38,7 +35,7 @@ class Samples:
     nodes: Array
 
     @classmethod
-    def of(cls, motion: CoordinatedMotion, n_steps: int = N_SAMPLES) -> Samples:
+    def of(cls, motion: CoordinatedMotion, n_steps: int = 201) -> Samples:
         """Return samples of a motion."""
         s, scene = np.linspace(0.0, 1.0, n_steps), motion.scene
         nodes = motion.coordinates.motion(motion.at(s))
@@ -68,7 +65,7 @@ class Equality:
     """
 
     function: Callable[[Samples], object]
-    tolerance: float = TOLERANCE
+    tolerance: float = 1e-4
 
     def __post_init__(self) -> None:
         if not callable(self.function):

@@ -18,7 +18,6 @@ from comove.coordination.blocks import place_one
 from comove.planning import trees
 from comove.planning.clock import worked
 from comove.planning.configurations import (
-    STEP,
     Space,
     clearance_of,
     edge_is_free,
@@ -222,13 +221,13 @@ def follow_edge(space: Space, arms: Arms, course: Array, p: Array, target: Array
 def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
     space, n, scratch = world.space, world.n_columns, np.empty(p.shape[0])
     way, nodes = span(space, p, q), np.empty((space.blocks.node.shape[0], 3))
-    interpolate(space, p, q, min(1.0, STEP * steps / max(way, 1e-12)), out)
+    interpolate(space, p, q, min(1.0, space.settings.step * steps / max(way, 1e-12)), out)
     if not edge_is_free(space, p, out, margin, scratch, nodes):
         return trees.BLOCKED
     copy_to(p[n:], out[n:])
     if not follow_edge(space, world.arms, world.course, p, out, out[n:]):
         return trees.BLOCKED
-    if way > STEP * steps:
+    if way > space.settings.step * steps:
         return trees.FREE
     for c in range(n, q.shape[0]):  # in the joints of q, not in those of another branch; a random q has none
         if abs(out[c] - q[c]) > JUMP:

@@ -1,4 +1,4 @@
-"""The cost of least jerk, with and without a demonstration, as a sum of squares."""
+"""The costs of motions as sums of squares: least jerk, near to a demonstration or without, and equation (4)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.objectives.least_jerk import LeastJerk
+from comove.planning.objectives.paper import PaperCost
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -29,7 +30,7 @@ class JerkCost:
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], None without one
     pull : weight of the deviation from the demonstration
     precision : array, shape (n_samples, n_hands * n_dims, n_hands * n_dims), root of the relative precision (see
-        `planning.precision`); None for equal weights
+        `planning.resemblance`); None for equal weights
     weight : factor of the whole cost
     haste : cost of a pace of 1 (see `programme.QuadraticCost`)
     """
@@ -106,6 +107,49 @@ class Anchored:
         return np.sqrt(self.pull / (len(self.anchor) * self.cost.way**2))
 
 
+@dataclass(frozen=True, eq=False)
+class PaperSquares:
+    """J of the hands, without its term of obstacles, which are constraints here.
+
+    Attributes
+    ----------
+    weights : weights of the terms
+    goal : array, shape (n_hands * n_dims,), goal of the hands [m]
+    demonstration : array, shape (n_samples, n_hands * n_dims) [m], if resemblance to it counts; else None
+    haste : 0, as J does not depend on the duration (see `programme.QuadraticCost`)
+    """
+
+    weights: PaperCost
+    goal: Array
+    demonstration: Array | None = None
+    haste: float = 0.0
+
+    def residuals(self, hands: Array) -> Array:
+        """Return the residuals of hands at even samples, array of shape (n_samples, n_hands * n_dims)."""
+        goal, velocity, resemblance = self._roots(len(hands))
+        parts = [goal * (hands - self.goal), velocity * np.diff(hands, axis=0)]
+        if self.demonstration is not None:
+            parts.append(resemblance * (hands - self.demonstration))
+        return np.concatenate([part.ravel() for part in parts])
+
+    def slopes(self, moves: Array) -> Array:
+        """Return the derivatives of the residuals by n variables.
+
+        Parameters
+        ----------
+        moves : array, shape (n_samples, n_hands * n_dims, n), derivatives of the hands by the variables
+        """
+        goal, velocity, resemblance = self._roots(len(moves))
+        parts = [goal * moves, velocity * np.diff(moves, axis=0)]
+        if self.demonstration is not None:
+            parts.append(resemblance * moves)
+        return np.concatenate([part.reshape(-1, moves.shape[2]) for part in parts])
+
+    def _roots(self, n: int) -> tuple[float, float, float]:
+        w = self.weights
+        return np.sqrt(w.goal / n), np.sqrt(w.velocity / n) * (n - 1), np.sqrt(w.resemblance / n)
+
+
 def squares(
     scene: Scene,
     objective: LeastJerk,
@@ -119,7 +163,7 @@ def squares(
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 3), demonstration transferred to every hand [m], where
         n_steps - 1 is a multiple of n_samples - 1; None without one
-    precision : array, shape (n_steps, n_hands * n_dims, n_hands * n_dims), of `planning.precision`; None for none
+    precision : array, shape (n_steps, n_hands * n_dims, n_hands * n_dims), of `planning.resemblance`; None for none
     """
     way, pull = float(np.linalg.norm(scene.goal - scene.start)), objective.pull(demonstration is not None)
     if pull == 0 or demonstration is None:
