@@ -70,8 +70,8 @@ def distances(q, poses):
         found += [
             near_on_edge(around.obstacles, j, a[i], b[i], np.inf)[0] for j in range(len(around.obstacles))
         ]
-        if not links.holds[i]:
-            found += [nearest_shares(a[i], b[i], nodes[c], nodes[d])[2] for c, d in around.edges if c != d]
+    for i in np.flatnonzero(~links.holds):  # also those that do not move, as the load does
+        found += [nearest_shares(a[i], b[i], nodes[c], nodes[d])[2] for c, d in around.edges if c != d]
     found += [nearest_shares(a[i], b[i], a[k], b[k])[2] for i, k in links.pairs]
     return np.array(found)
 

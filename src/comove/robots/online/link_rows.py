@@ -26,7 +26,13 @@ from comove.reaction.limits import length_of
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
-from comove.robots.search.links import clearance_between, nearest_shares, place_links
+from comove.robots.search.links import (
+    clearance_between,
+    load_clearance,
+    near_enough,
+    nearest_shares,
+    place_links,
+)
 
 Array = NDArray[np.float64]
 
@@ -76,7 +82,7 @@ class LinkRows(NamedTuple):
 def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
     """Return work arrays for that many obstacles, and variables of the load."""
     links, n_joints = arms.links, len(arms.chains.lower)
-    count = len(links.moving) * (n_obstacles + len(arms.around.edges)) + len(links.pairs)
+    count = len(links.moving) * n_obstacles + len(links.radius) * len(arms.around.edges) + len(links.pairs)
     return LinkRows(
         links.start.copy(),
         links.end.copy(),
@@ -152,16 +158,17 @@ def link_rows(
             if h - need < near:
                 _obstacle_row(arms, i, share, sighting, j, -rate(h - need, gain, towards), work)
                 _leave_out_what_holds(bounds, work)
-        if links.holds[i]:
-            continue
-        for e in range(around.edges.shape[0]):
+    for i in range(links.radius.shape[0]):
+        for e in range(0 if links.holds[i] else around.edges.shape[0]):
             c, d = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
-            one, two, apart = nearest_shares(a, b, c, d)
-            h = apart - thick - around.radii[e] - needs.other
-            if around.edges[e, 0] != around.edges[e, 1] and h < needs.near and apart > 1e-6:
+            need = links.radius[i] + around.radii[e] + needs.other
+            if not near_enough(work.start[i], work.end[i], c, d, need + needs.near):
+                continue
+            one, two, apart = nearest_shares(work.start[i], work.end[i], c, d)
+            if around.edges[e, 0] != around.edges[e, 1] and apart - need < needs.near and apart > 1e-6:
                 for axis in range(3):
                     nearest[axis] = c[axis] + two * (d[axis] - c[axis])
-                _load_row(arms, i, one, nearest, load, -rate(h, rates.gain, rates), work)
+                _load_row(arms, i, one, nearest, load, -rate(apart - need, rates.gain, rates), work)
     for p in range(links.pairs.shape[0]):
         i, k = links.pairs[p]
         need = links.radius[i] + links.radius[k] + needs.other
@@ -321,13 +328,8 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
                 and near_on_edge(around.obstacles, j, a, b, np.inf)[0] < far
             ):
                 return False
-        if links.holds[i]:
-            continue
-        for e in range(around.edges.shape[0]):
-            c, d = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
-            far = thick + around.radii[e] + needs.other
-            if around.edges[e, 0] != around.edges[e, 1] and nearest_shares(a, b, c, d)[2] < far:
-                return False
+    if load_clearance(links, around, start, end, nodes, needs.other) < needs.other:
+        return False
     return clearance_between(links, start, end, needs.other) >= needs.other
 
 
@@ -357,13 +359,7 @@ def clearances_along(
                 if _may_be_near(table, j, start[i], end[i], obstacle[j] + links.radius[i]):
                     h = near_on_edge(table, j, start[i], end[i], np.inf)[0] - links.radius[i]
                     obstacle[j] = min(obstacle[j], h)
-            if links.holds[i]:
-                continue
-            for e in range(around.edges.shape[0]):
-                a, b = nodes[t, around.edges[e, 0]], nodes[t, around.edges[e, 1]]
-                if around.edges[e, 0] != around.edges[e, 1]:
-                    h = nearest_shares(start[i], end[i], a, b)[2] - links.radius[i] - around.radii[e]
-                    other = min(other, h)
+        other = load_clearance(links, around, start, end, nodes[t], other)
         other = clearance_between(links, start, end, other)
     return obstacle, other
 

@@ -326,7 +326,7 @@ def clearance_around(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
 ) -> float:
     """Compute the least distance [m] of the links from obstacles and the load alone, at most `cap`."""
-    obstacles, edges, radii, least = around.obstacles, around.edges, around.radii, cap
+    obstacles, least = around.obstacles, cap
     for i in links.moving:
         a, b, r = start[i], end[i], links.radius[i]
         if obstacles.shape[0] > 0:
@@ -342,6 +342,15 @@ def clearance_around(
                         - r
                     )
                     least = min(least, apart)
+    return load_clearance(links, around, start, end, nodes, least)
+
+
+@kernel
+def load_clearance(
+    links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
+) -> float:
+    """Compute the least distance [m] of the load from links that do not hold it, moving or not, at most `cap`."""
+    edges, radii, least = around.edges, around.radii, cap
     cx, cy, cz, size = _ball_of_load(nodes, radii)
     for i in range(links.joint.shape[0]):
         if links.holds[i]:
