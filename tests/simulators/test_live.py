@@ -70,6 +70,11 @@ def test_what_is_wrong_with_a_run_is_said(executed):
     said = judge_run(touched, stride=200).reasons
     assert any("a and b touch at 1.00 s" in reason for reason in said)
     assert any("has not arrived" in reason for reason in said)
+    within = [centers.copy() for centers in record.obstacles]
+    for centers, nodes in zip(within, record.nodes, strict=True):
+        centers[3] = nodes[:2].mean(axis=0)
+    said = judge_run(replace(record, obstacles=within), stride=200).reasons
+    assert any("the load and an obstacle meet" in reason for reason in said), said
 
 
 def test_a_ball_through_a_shoulder_drives_the_robot_off_and_it_goes_on():

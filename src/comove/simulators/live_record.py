@@ -40,6 +40,13 @@ from comove.ties import first_least
 Array = NDArray[np.float64]
 
 ROUNDING = 1e-6  # by which a share of a limit may exceed 1
+MET = (
+    ("clearance_scene", "a link and an obstacle"),
+    ("clearance_carried", "the load and an obstacle"),
+    ("clearance_load", "a link and the load"),
+    ("clearance_self", "two links"),
+)
+"""Distances of a report below which something touches, and what that is."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +186,9 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunLimits) -> li
     reasons = [
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
         for contact in record.contacts
+    ]
+    reasons += [
+        f"{what} meet, by their exact bodies, {-m[name]:.2g} m deep" for name, what in MET if m[name] <= 0.0
     ]
     if record.given_up:
         reasons.append(record.given_up)
