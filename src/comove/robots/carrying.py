@@ -15,7 +15,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.seeds import targets_along
-from comove.robots.effort import load_mass, shortest_duration
+from comove.robots.effort import carried_masses, shortest_duration
 from comove.robots.ends import N_THREADS, THREADS, EndJoints, Pair, Tally, apart, of_robot, unfit
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
@@ -131,8 +131,6 @@ class RobotCarrier:
         """Return the chains, links and surroundings of the arms as arrays, for kernels."""
         scene, grasp = self.scene, self.grasp
         edges, radii = load_lines(scene)
-        carried = np.zeros(len(self.holders))
-        carried[list(grasp.holders)] = load_mass(scene) / len(grasp.holders)
         around = LinkSurroundings(
             at_rest=np.ascontiguousarray(grasp.at_rest),
             turning=np.ascontiguousarray(grasp.turning),
@@ -141,7 +139,7 @@ class RobotCarrier:
             obstacles=scene.obstacles,
             edges=edges,
             radii=radii,
-            carried=carried,
+            carried=carried_masses(scene),
             clearance=scene.clearance,
             spare=SETTINGS.spare * (1 + self.caution),
             share=SETTINGS.share * 0.9**self.caution,

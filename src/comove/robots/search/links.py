@@ -26,8 +26,6 @@ ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told ap
 ROUGH = 1e-3  # m, of distances to obstacles
 FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
 FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
-MEETING = 0.02  # m, of capsules at home, where the bodies are known to be apart
-N_SAMPLES = 400  # configurations that tell which links may come near each other
 
 
 class LinkSurroundings(NamedTuple):
@@ -139,16 +137,21 @@ def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
     return np.concatenate([body.edges, lattice]), np.concatenate([body.radii, np.zeros(len(lattice))])
 
 
-def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
+def links_of(robot: Robot, arms: tuple[Arm, ...], *, meeting: float = 0.02, n_samples: int = 400) -> Links:
     """Build capsules around the collision geometry; arms that are not among `arms` stay at home.
 
     Pairs whose capsules, unlike the bodies, meet at home are left out, and those that never come near each other.
+
+    Parameters
+    ----------
+    meeting : distance at home up to which capsules count as meeting, where the bodies are known to be apart [m]
+    n_samples : random configurations that tell which links may come near each other
     """
     links, _ = all_links(robot, arms)
     chains, home = chains_of(robot, arms), np.concatenate([arm.home for arm in arms])
-    links = links._replace(pairs=links.pairs[pair_distances(chains, links, home[None]) > MEETING])
+    links = links._replace(pairs=links.pairs[pair_distances(chains, links, home[None]) > meeting])
     rng = np.random.default_rng(0)
-    return links.near(chains, rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower))))
+    return links.near(chains, rng.uniform(chains.lower, chains.upper, (n_samples, len(chains.lower))))
 
 
 @lru_cache(maxsize=32)
