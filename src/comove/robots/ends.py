@@ -84,7 +84,7 @@ class Tally:
     @classmethod
     def of(cls, n_pairs: int, unlikely: float) -> Tally:
         """Return a tally without any plans; the pairs are ranked, the likeliest first."""
-        return cls(np.zeros(n_pairs), np.zeros(n_pairs), unlikely * np.arange(n_pairs))
+        return cls(np.zeros(n_pairs), np.zeros(n_pairs), unlikely * np.arange(n_pairs).astype(np.float64))
 
     def drawn(self, rng: np.random.Generator, n_verified: int) -> int:
         """Draw the next pair: the first, then one by Thompson sampling (1933).

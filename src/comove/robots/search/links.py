@@ -29,37 +29,37 @@ FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
 
 
 class LinkSurroundings(NamedTuple):
-    """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it.
+    """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it, if they do.
 
     Attributes
     ----------
-    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
-    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
     obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
     edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
-    carried : array, shape (n_arms,), mass at each hand [kg]
     clearance : required clearance of the links [m]
+    eased : clearance that links need less from each other than from other things [m]
     spare : additional clearance that a search keeps [m]
     share : share of the limits of rates and torques that a search uses
+    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
+    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
+    carried : array, shape (n_arms,), mass at each hand [kg]
     posture : array, shape (n_joints,), home, to which redundant joints are drawn at the ends
     ends : array, shape (2, n_arms, 3), hands at start and goal [m]
-    eased : clearance that links need less from each other than from other things [m]
     """
 
-    at_rest: Array
-    turning: NDArray[np.bool_]
-    first: int
-    second: int
     obstacles: Array
     edges: NDArray[np.int64]
     radii: Array
-    carried: Array
     clearance: float
-    spare: float
-    share: float
-    posture: Array
-    ends: Array
     eased: float
+    spare: float = 0.0
+    share: float = 1.0
+    at_rest: Array = np.zeros((0, 3, 3))
+    turning: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+    first: int = 0
+    second: int = 0
+    carried: Array = np.zeros(0)
+    posture: Array = np.zeros(0)
+    ends: Array = np.zeros((2, 0, 3))
 
 
 class Links(NamedTuple):
@@ -98,28 +98,6 @@ class Links(NamedTuple):
             pairs=self.pairs[~others[self.pairs].any(axis=1)],
             moving=self.moving[self.arm[self.moving] == arm],
         )
-
-
-def around_free(scene: Scene, eased: float, *, loaded: bool) -> LinkSurroundings:
-    """Return what is about arms that hold nothing, but may go past a load that lies still; `eased` as there [m]."""
-    nobody, nothing = np.zeros(0), np.zeros((0, 3, 3))
-    edges, radii = load_lines(scene)
-    return LinkSurroundings(
-        at_rest=nothing,
-        turning=np.zeros(0, dtype=bool),
-        first=0,
-        second=0,
-        obstacles=scene.obstacles,
-        edges=edges if loaded else edges[:0],
-        radii=radii if loaded else radii[:0],
-        carried=nobody,
-        clearance=scene.clearance,
-        spare=0.0,
-        share=1.0,
-        posture=nobody,
-        ends=nothing,
-        eased=eased,
-    )
 
 
 def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:

@@ -208,7 +208,8 @@ def follow_edge(world: CarriedSpace, p: Array, target: Array, joints: Array) -> 
     """Follow an edge with all arms, joints in place; returns False where an arm does not reach, jumps or comes too
     near.
     """
-    space, how, (chains, links, _, around) = world.space, world.settings, world.arms
+    space, how = world.space, world.settings
+    chains, links, around = world.arms.chains, world.arms.links, world.arms.around
     nodes, at, rotation = np.empty((space.blocks.node.shape[0], 3)), np.empty_like(p), np.empty((3, 3))
     before, posture = np.empty_like(joints), np.empty_like(joints)
     start, end = links.start.copy(), links.end.copy()
