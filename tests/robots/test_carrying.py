@@ -16,7 +16,7 @@ from comove.planning import solve
 from comove.planning.methods import UNPOLISHED
 from comove.robots import VerifiedJointMotion, carry, robot_method
 from comove.robots.carrying import RobotCarrier
-from comove.robots.ends import SETTINGS
+from comove.robots.ends import EndSettings
 from comove.robots.search.following import MET
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
@@ -36,7 +36,7 @@ def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
     nodes = carrying.scene.nodes_at(end)
     rotations = carrying.scene.grasp.hand_rotations(nodes[: len(carrying.holders)])
     for i, (arm, branches) in enumerate(zip(carrying.holders, getattr(carrying, f"{end}s"), strict=True)):
-        assert 1 <= len(branches) <= SETTINGS.n_branches
+        assert 1 <= len(branches) <= EndSettings().n_branches
         for joints in branches:
             q = carrying.robot.home.copy()
             q[arm.columns] = joints
@@ -46,7 +46,7 @@ def test_joints_at_the_ends_hold_the_load_in_different_ways(name, end):
             assert (q >= carrying.robot.lower).all()
             assert (q <= carrying.robot.upper).all()
         for k, joints in enumerate(branches):
-            assert all(np.abs(joints - other).max() > SETTINGS.same_branch for other in branches[:k])
+            assert all(np.abs(joints - other).max() > EndSettings().same_branch for other in branches[:k])
         away = np.abs(branches - arm.home).max(axis=1)
         assert (np.diff(away) >= -1e-6).all()  # what mirrors each other is equally far
 

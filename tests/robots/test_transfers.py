@@ -12,13 +12,14 @@ from comove import Scene
 from comove.errors import OptionError, RobotError
 from comove.robots import verify_joints
 from comove.robots.free_space import Room
-from comove.robots.transfers import GRIP_TIME, HEIGHT, Transfers, plan_transfers
+from comove.robots.transfers import Transfers, plan_transfers
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried, placements
 from comove.robots.verification.reach import Bases
 from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
 
 KEEP = 0.005  # m, that everything keeps where the scene says nothing
+HEIGHT, GRIP_TIME = 0.08, 1.0  # m, s, where nothing else is asked for
 ALONE = [TABLE, *posts(0.30)]
 IN_THE_WAY = {"shape": "sphere", "center": [0.65, 0.29, 0.58], "radius": 0.03}
 AT_HOME = {"shape": "sphere", "center": [0.51, 0.22, 0.25], "radius": 0.04}

@@ -15,20 +15,15 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.seeds import targets_along
-from comove.robots.effort import load_mass, shortest_duration
-from comove.robots.ends import N_THREADS, THREADS, EndJoints, Pair, Tally, apart, of_robot, unfit
+from comove.robots.effort import carried_masses, shortest_duration
+from comove.robots.ends import N_THREADS, THREADS, EndJoints, EndSettings, Pair, Tally, apart, of_robot, unfit
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import MET, Arms, Strain, follow
-from comove.robots.search.links import (
-    FAT,
-    FATTEST,
-    LinkSurroundings,
-    load_lines,
-)
-from comove.robots.search.planner import plan_with_arms
-from comove.robots.search.spare import ArmsFollower
+from comove.robots.search.links import FAT, FATTEST, LinkSurroundings, load_lines
+from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
+from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
@@ -53,6 +48,7 @@ class CarrierSettings:
         [rad]
     slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
     haste : samples of a candidate of which one is solved first, as one out of reach suffices
+    ends, plans, follower : settings of joints at both ends, of plans, and of how the arms follow what is optimised
     """
 
     spare: float = 0.005
@@ -64,9 +60,9 @@ class CarrierSettings:
     wander: float = 0.4
     slack: float = 1.0
     haste: int = 8
-
-
-SETTINGS = CarrierSettings()
+    ends: EndSettings = field(default_factory=EndSettings)
+    plans: ArmPlanSettings = field(default_factory=ArmPlanSettings)
+    follower: FollowerSettings = field(default_factory=FollowerSettings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +80,7 @@ class RobotCarrier:
     found : function that is called with every joint motion that is verified
     kept : motions whose joints were verified, or given (`keep`), with what slack, and these, for all copies: what is
         verified, is so for each
+    settings : settings of how the robot is looked at
     """
 
     robot: Robot
@@ -94,6 +91,7 @@ class RobotCarrier:
     kept: list[tuple[CoordinatedMotion, float, tuple[JointMotion, JointVerdict]]] = field(
         default_factory=list
     )
+    settings: CarrierSettings = CarrierSettings()
 
     def __post_init__(self) -> None:
         scene = self.scene
@@ -131,8 +129,6 @@ class RobotCarrier:
         """Return the chains, links and surroundings of the arms as arrays, for kernels."""
         scene, grasp = self.scene, self.grasp
         edges, radii = load_lines(scene)
-        carried = np.zeros(len(self.holders))
-        carried[list(grasp.holders)] = load_mass(scene) / len(grasp.holders)
         around = LinkSurroundings(
             at_rest=np.ascontiguousarray(grasp.at_rest),
             turning=np.ascontiguousarray(grasp.turning),
@@ -141,10 +137,10 @@ class RobotCarrier:
             obstacles=scene.obstacles,
             edges=edges,
             radii=radii,
-            carried=carried,
+            carried=carried_masses(scene),
             clearance=scene.clearance,
-            spare=SETTINGS.spare * (1 + self.caution),
-            share=SETTINGS.share * 0.9**self.caution,
+            spare=self.settings.spare * (1 + self.caution),
+            share=self.settings.share * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
             ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
@@ -156,18 +152,18 @@ class RobotCarrier:
     def _busy(self) -> Arms:
         """Return `arms` with only the pairs of links that may meet between the joints of start and goal."""
         first, last = (np.array(ends) for ends in zip(*self._pairs, strict=True))
-        rng, n_between = np.random.default_rng(0), SETTINGS.n_between
+        rng, n_between = np.random.default_rng(0), self.settings.n_between
         shares = rng.uniform(size=(n_between, 1))
         drawn = rng.integers(len(first), size=n_between)
         between = first[drawn] + shares * (last[drawn] - first[drawn])
-        between += rng.normal(0.0, SETTINGS.wander, between.shape)
+        between += rng.normal(0.0, self.settings.wander, between.shape)
         chains = self.arms.chains
         samples = np.clip(between, chains.lower, chains.upper)
         return self.arms._replace(links=self.arms.links.near(chains, samples))
 
     def along(self, nodes: Array) -> ArmsFollower:
         """Return the arms as they follow motions near one, array of shape (n_steps, n_nodes, 3) [m]."""
-        return ArmsFollower.near(self.arms, self.best_course(nodes), nodes)
+        return ArmsFollower.near(self.arms, self.best_course(nodes), nodes, self.settings.follower)
 
     def stricter(self) -> RobotCarrier:
         """Return a copy with more caution, for use after a motion that the search accepted was rejected."""
@@ -221,7 +217,15 @@ class RobotCarrier:
         ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
         lenient = next(self._leniency)
         found = plan_with_arms(
-            space, self.arms, *ends, margin, rng, required=required, lenient=lenient, max_nodes=max_nodes
+            space,
+            self.arms,
+            *ends,
+            margin,
+            rng,
+            required=required,
+            lenient=lenient,
+            max_nodes=max_nodes,
+            settings=self.settings.plans,
         )
         self._tally.note(drawn, found is not None)
         if found is None:
@@ -232,7 +236,7 @@ class RobotCarrier:
     @cached_property
     def ends(self) -> EndJoints:
         """Return how the arms hold the load at both ends."""
-        return EndJoints(self.robot, self.scene, self.holders, self.arms)
+        return EndJoints(self.robot, self.scene, self.grasp, self.holders, self.arms, self.settings.ends)
 
     @cached_property
     def _pairs(self) -> tuple[Pair, ...]:
@@ -249,7 +253,7 @@ class RobotCarrier:
     @cached_property
     def _tally(self) -> Tally:
         """Return the counts of what plans between the pairs of ends have led to."""
-        return Tally.of(len(self._pairs))
+        return Tally.of(len(self._pairs), self.settings.ends.unlikely)
 
     def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Compute the penalty of motions for what the robot cannot, or can hardly, carry out, and whether it can
@@ -263,12 +267,12 @@ class RobotCarrier:
         -------
         penalty, possible : arrays, shape (n_rollouts,)
         """
-        steps = np.linspace(0, nodes.shape[1] - 1, SETTINGS.n_samples).round().astype(int)
+        steps = np.linspace(0, nodes.shape[1] - 1, self.settings.n_samples).round().astype(int)
         nodes = np.ascontiguousarray(nodes[:, steps])
         strain, around = self.strain(nodes, self.best_course(nodes[0])), self.arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
         possible &= strain.clearance > around.clearance
-        return (strain.penalty + SETTINGS.ease * strain.jolt).sum(axis=1) + strain.contact, possible
+        return (strain.penalty + self.settings.ease * strain.jolt).sum(axis=1) + strain.contact, possible
 
     def shortest(self, motion: CoordinatedMotion, timed: float = 4.0, slower: float = 1.002) -> float:
         """Return the least duration in which the joints can follow a motion of the hands [s].
@@ -291,7 +295,7 @@ class RobotCarrier:
 
     def reasons(self, motion: CoordinatedMotion) -> tuple[str, ...]:
         """Return the reasons why the robot cannot carry out a motion; none if it can."""
-        return self._carried_out(motion, SETTINGS.slack)[1].reasons
+        return self._carried_out(motion, self.settings.slack)[1].reasons
 
     def carried_out(self, motion: CoordinatedMotion) -> tuple[JointMotion, JointVerdict]:
         """Compute and verify the joints that follow a motion of the hands, with bounds as tight as they can be."""
@@ -306,7 +310,7 @@ class RobotCarrier:
         if known:
             joints = known[0][1][0]
         else:
-            joints, miss = self.track(motion, haste=SETTINGS.haste if slack > 0.0 else 1)
+            joints, miss = self.track(motion, haste=self.settings.haste if slack > 0.0 else 1)
             if miss is not None:
                 return joints, JointVerdict(None, JointReport(), (str(miss),))
         result = joints, verify_joints(self.robot, motion, joints, slack=slack)
@@ -384,7 +388,7 @@ class RobotCarrier:
         nodes : array, shape (n_steps, n_nodes, 3) [m]
         """
         n_most = max(map(len, self.starts))
-        nodes = np.ascontiguousarray(nodes[None, :: SETTINGS.coarser])
+        nodes = np.ascontiguousarray(nodes[None, :: self.settings.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
         cost = (2, np.inf)
         if led is not None:

@@ -32,6 +32,13 @@ def load_mass(scene: Scene) -> float:
     return 0.25 if scene.load_mass is None else scene.load_mass
 
 
+def carried_masses(scene: Scene) -> Array:
+    """Return the mass that every hand carries, its holders equally; array, shape (n_hands,) [kg]."""
+    masses, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
+    masses[holders] = load_mass(scene) / max(len(holders), 1)
+    return masses
+
+
 def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:
     """Return a copy of the robot's model with point masses at the arms' grasps, array of shape (n_arms,) [kg]."""
     model = robot.model.copy()

@@ -57,7 +57,6 @@ class EndSettings:
     unlikely: float = 0.5
 
 
-SETTINGS = EndSettings()
 DIGITS = 6  # of differences of joints, by which they are compared
 FULL = 6  # joints with which a hand can be turned every way
 N_THREADS = min(4, n_processors())
@@ -71,19 +70,21 @@ class Tally:
     Attributes
     ----------
     well, ill : arrays, shape (n_pairs,), plans that led to a verified motion, and all others that were tried
+    against : array, shape (n_pairs,), plans that led to nothing which pairs are credited with
     open : pair of the last plan found, while it is not known what it leads to
     n_verified : motions that were verified before that plan
     """
 
     well: Array
     ill: Array
+    against: Array
     open: int | None = None
     n_verified: int = 0
 
     @classmethod
-    def of(cls, n_pairs: int) -> Tally:
+    def of(cls, n_pairs: int, unlikely: float) -> Tally:
         """Return a tally without any plans; the pairs are ranked, the likeliest first."""
-        return cls(np.zeros(n_pairs), np.zeros(n_pairs))
+        return cls(np.zeros(n_pairs), np.zeros(n_pairs), unlikely * np.arange(n_pairs).astype(np.float64))
 
     def drawn(self, rng: np.random.Generator, n_verified: int) -> int:
         """Draw the next pair: the first, then one by Thompson sampling (1933).
@@ -97,8 +98,7 @@ class Tally:
         self.open, self.n_verified = None, n_verified
         if not (self.well.any() or self.ill.any()):
             return 0
-        against = SETTINGS.unlikely * np.arange(len(self.ill))
-        return int(rng.beta(1.0 + self.well, 1.0 + against + self.ill).argmax())
+        return int(rng.beta(1.0 + self.well, 1.0 + self.against + self.ill).argmax())
 
     def note(self, pair: int, found: bool) -> None:
         """Note whether a plan was found; what it leads to is seen when the next pair is drawn."""
@@ -115,19 +115,18 @@ class EndJoints:
     Attributes
     ----------
     robot, scene : the robot, and the scene whose load it carries
-    holders : its arms in the order of the scene's manipulators
+    grasp : how the hands hold it
+    holders : arms of the robot in the order of the scene's manipulators
     arms : these as arrays, for kernels
+    settings : settings of the search for joints
     """
 
     robot: Robot
     scene: Scene
+    grasp: Grasp
     holders: tuple[Arm, ...]
     arms: Arms
-
-    @property
-    def _grasp(self) -> Grasp:
-        assert self.scene.grasp is not None, "scenes without a grasp are refused"
-        return self.scene.grasp
+    settings: EndSettings = EndSettings()
 
     def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> tuple[Pair, ...]:
         """Return pairs of joint positions at start and goal, as paths between them are likely.
@@ -157,7 +156,7 @@ class EndJoints:
         once.sort()
         likely = np.lexsort((differ[once], tightest[once])), np.argsort(differ[once], kind="stable")
         roomy, near = (np.argsort(order) for order in likely)
-        every = SETTINGS.whatever
+        every = self.settings.whatever
         places = np.minimum(roomy + roomy // (every - 1), every * near + every - 1)
         ranked = once[np.argsort(places, kind="stable")]
         return tuple((first[k], last[k]) for k in ranked)
@@ -174,7 +173,7 @@ class EndJoints:
         array, shape (...,)
         """
         weight = np.ones(first.shape[-1])
-        weight[self.arms.chains.first[1:] - 1] = SETTINGS.last
+        weight[self.arms.chains.first[1:] - 1] = self.settings.last
         return np.asarray((weight * np.abs(first - last)).max(axis=-1))
 
     def tightness(self, q: Array, nodes: Array) -> int:
@@ -213,9 +212,9 @@ class EndJoints:
             If an arm cannot reach the end.
         """
         nodes = self.scene.nodes_at(end)
-        rotations = self._grasp.hand_rotations(nodes[: len(self.holders)])
+        rotations, how = self.grasp.hand_rotations(nodes[: len(self.holders)]), self.settings
         posture, found, n = self.arms.around.posture, list[Array](), len(self.holders)
-        solved = THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n)
+        solved = THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n, [how.n_seeds] * n)
         for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
             part = self.part(i)
             if missing.min() > MET:
@@ -223,11 +222,11 @@ class EndJoints:
             homely = self._homely(joints[missing <= MET][:, part], posture[part])
             room = self._room(i, homely, nodes)
             if not (room > self.scene.clearance).any():  # there may be more room further from home
-                found.append(self._roomy(i, homely, rotations[i], nodes)[: SETTINGS.n_branches])
+                found.append(self._roomy(i, homely, rotations[i], nodes)[: how.n_branches])
                 continue
             order = np.argsort(room <= 0.0, kind="stable")
             free = order[room[order] > self.scene.clearance - FATTEST]
-            found.append(homely[free][: SETTINGS.n_branches])
+            found.append(homely[free][: how.n_branches])
         return tuple(found)
 
     def _room(self, i: int, branches: Array, nodes: Array) -> Array:
@@ -237,7 +236,7 @@ class EndJoints:
         alone = self.arms.links.of(i)
         return np.array([self.clearance(q, nodes, alone) for q in moved])
 
-    def reaches(self, i: int, nodes: Array, n_seeds: int = SETTINGS.n_seeds) -> bool:
+    def reaches(self, i: int, nodes: Array, n_seeds: int) -> bool:
         """Return whether arm i can hold the load and may be clear of all but the other arms, as capsules tell it.
 
         Parameters
@@ -245,7 +244,7 @@ class EndJoints:
         nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
         n_seeds : random joints from which a pose is solved where it has no closed form
         """
-        rotation = self._grasp.hand_rotations(nodes[: len(self.holders)])[i]
+        rotation = self.grasp.hand_rotations(nodes[: len(self.holders)])[i]
         if not may_reach(self.arms.ranges, i, rotation, nodes[i]):
             return False
         joints, missing = self._solutions(i, rotation, nodes[i], self.arms.around.posture, n_seeds)
@@ -260,10 +259,14 @@ class EndJoints:
         return slice(self.arms.chains.first[i], self.arms.chains.first[i + 1])
 
     def _solutions(
-        self, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int = SETTINGS.n_seeds
+        self, i: int, rotation: Array, point: Array, posture: Array, n_seeds: int
     ) -> tuple[Array, Array]:
         """Solve the pose of one hand near a posture, array of shape (n_joints,), from what a closed form finds; where
         there is none, from the posture and random joints.
+
+        Parameters
+        ----------
+        n_seeds : random joints from which a pose is solved where it has no closed form
 
         Returns
         -------
@@ -273,7 +276,7 @@ class EndJoints:
         chains = self.arms.chains
         *_, forms = of_robot(self.robot, self.holders)
         if (form := forms[i]) is not None:
-            seeds = closed_seeds(form, chains, i, rotation, point, posture, SETTINGS.n_angles)
+            seeds = closed_seeds(form, chains, i, rotation, point, posture, self.settings.n_angles)
             if len(seeds):
                 joints, missing = solutions(chains, i, rotation, point, posture, seeds)
                 if missing.min() <= MET:
@@ -286,7 +289,15 @@ class EndJoints:
         """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
         arm).
         """
-        return _distinct(sorted(joints, key=lambda q: apart(q, posture)))
+        return self._distinct(sorted(joints, key=lambda q: apart(q, posture)))
+
+    def _distinct(self, joints: Iterable[Array]) -> Array:
+        """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
+        kept: list[Array] = []
+        for q in joints:
+            if all(np.abs(q - other).max() > self.settings.same_branch for other in kept):
+                kept.append(q)
+        return np.array(kept)
 
     def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array) -> Array:
         """Return distinct solutions of arm i that may be clear by its capsules, near home or elsewhere;
@@ -300,18 +311,18 @@ class EndJoints:
         -------
         array, shape (n, n_joints of the arm)
         """
-        chains, part, home = self.arms.chains, self.part(i), self.arms.around.posture
+        chains, part, home, how = self.arms.chains, self.part(i), self.arms.around.posture, self.settings
         rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (SETTINGS.n_postures, len(home)))
+        draws = rng.uniform(chains.lower, chains.upper, (how.n_postures, len(home)))
         solved = [self._solutions(i, rotation, nodes[i], posture, 0) for posture in (home, *draws)]
         joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
         joints = turned_towards(chains, home[part], joints, part)
         room = self._room(i, joints, nodes).round(DIGITS)
-        joints = _distinct([*homely, *joints[np.argsort(-room, kind="stable")]])
+        joints = self._distinct([*homely, *joints[np.argsort(-room, kind="stable")]])
         likely = np.flatnonzero(self._room(i, joints, nodes) > self.scene.clearance - FATTEST)
         measure, clearance = self._measure(i), self.scene.clearance
-        free = (k for k in likely[: SETTINGS.n_measured].tolist() if measure(joints[k]) > clearance)
-        first = list(islice(free, SETTINGS.n_branches))
+        free = (k for k in likely[: how.n_measured].tolist() if measure(joints[k]) > clearance)
+        first = list(islice(free, how.n_branches))
         kept = likely if len(likely) else np.arange(len(joints))
         return joints[list(dict.fromkeys([*first, *kept.tolist()]))]
 
@@ -372,15 +383,6 @@ def of_robot(
 
 def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
     return SceneError(message, file=scene.path, key=key, way_out=way_out)
-
-
-def _distinct(joints: Iterable[Array]) -> Array:
-    """Return those of some joints of an arm that differ from all before them, array of shape (n, n_joints)."""
-    kept: list[Array] = []
-    for q in joints:
-        if all(np.abs(q - other).max() > SETTINGS.same_branch for other in kept):
-            kept.append(q)
-    return np.array(kept)
 
 
 def apart(p: Array, q: Array) -> float:

@@ -20,20 +20,34 @@ from numpy.typing import NDArray
 from comove.planning.clock import clock_until
 from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
 from comove.robots.model import Arm
-from comove.robots.search.links import FATTEST
+from comove.robots.search.capsules import PROUDEST
+from comove.robots.search.links import FATTEST, ROUGH
 from comove.robots.search.outline import Outline
 from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-SPARES = (0.02, 0.01, 0.004)  # m, beyond what is required: a pair keeps the first that it has at both ends
-STEP = 0.5  # m, of an extension
-MOST_NODES = 2000
-SHORTCUTS = 150
-NEAR_THE_LINE = 0.5  # share of random configurations near the straight way
-SPREAD = 0.5  # rad, of these
-PROUD = 0.004  # m, by which bodies may stick out of their capsules, and distances to obstacles be rough
+
+@dataclass(frozen=True)
+class RoomSettings:
+    """Settings of ways through free space.
+
+    Attributes
+    ----------
+    spares : clearances beyond what is required, of which a pair keeps the first that it has at both ends [m]
+    step : length of an extension of a tree, at most [m]
+    most_nodes : nodes of both trees, at most
+    n_shortcuts : attempts to shorten a way
+    near_the_line, spread : share of random configurations near the straight way, and how far they are from it [rad]
+    """
+
+    spares: tuple[float, ...] = (0.02, 0.01, 0.004)
+    step: float = 0.5
+    most_nodes: int = 2000
+    n_shortcuts: int = 150
+    near_the_line: float = 0.5
+    spread: float = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +59,7 @@ class Room:
     bodies : the bodies and the clearances required of their pairs; a load lies where it was placed
     arms : the arms that move; those that are where they should be stand still
     spare : array, shape (n_pairs,), clearance kept beyond the required one [m]
+    settings : settings of the search
     outline : the arms as capsules, which save most of the exact checks; None to have all
     clock : clock of a search without a deadline
     """
@@ -52,11 +67,19 @@ class Room:
     bodies: Bodies
     arms: tuple[Arm, ...]
     spare: Array
+    settings: RoomSettings = RoomSettings()
     outline: Outline | None = None
     clock: Array = field(default_factory=clock_until)
 
     @classmethod
-    def for_ends(cls, bodies: Bodies, scene: Scene, ends: Array, nodes: Array | None) -> Room:
+    def for_ends(
+        cls,
+        bodies: Bodies,
+        scene: Scene,
+        ends: Array,
+        nodes: Array | None,
+        settings: RoomSettings = RoomSettings(),
+    ) -> Room:
         """Return the free space for ways between two configurations, in which every pair of bodies keeps as much to
         spare as it has at both.
 
@@ -66,14 +89,17 @@ class Room:
         ends : array, shape (2, n_joints)
         nodes : array, shape (n_nodes, 3), nodes of the load [m]; None where there is none
         """
-        spare, robot = np.full(len(bodies.kind), SPARES[0]), bodies.robot
-        for lower in SPARES[1:]:
+        spare, robot = np.full(len(bodies.kind), settings.spares[0]), bodies.robot
+        for lower in settings.spares[1:]:
             room = cls(bodies, robot.arms, spare)
             spare = spare.copy()
             near = [number for q in ends for number in room._touching(q)]
             spare[np.isin(bodies.exact, near)] = lower
         arms = tuple(arm for arm in robot.arms if (ends[0] != ends[1])[arm.columns].any())
-        room, eased = cls(bodies, arms, spare), float(bodies.required[SCENE] - bodies.required[SELF])
+        room, eased = (
+            cls(bodies, arms, spare, settings),
+            float(bodies.required[SCENE] - bodies.required[SELF]),
+        )
         outline = Outline.between(robot, scene, ends, nodes, keep=room._limits[0], eased=eased)
         return replace(room, outline=outline)
 
@@ -120,7 +146,9 @@ class Room:
         [m].
         """
         required = float(self.bodies.required.max())
-        return float(self._required.max(initial=0.0)) + PROUD, required + float(self.spare.min()) - FATTEST
+        return float(self._required.max(initial=0.0)) + PROUDEST + ROUGH, required + float(
+            self.spare.min()
+        ) - FATTEST
 
     @cached_property
     def _moves(self) -> NDArray[np.bool_]:
@@ -180,11 +208,11 @@ class Room:
 
     def draw(self, nodes: Array, counts: Array, this: int, rng: np.random.Generator, out: Array) -> bool:
         """Write random joints, some of them near the straight way between both ends."""
-        robot, start, goal = self.bodies.robot, nodes[0, 0], nodes[1, 0]
-        if rng.random() > NEAR_THE_LINE:
+        robot, how, start, goal = self.bodies.robot, self.settings, nodes[0, 0], nodes[1, 0]
+        if rng.random() > how.near_the_line:
             q = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
         else:
-            q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
+            q = start + rng.random() * (goal - start) + how.spread * rng.standard_normal(len(start))
         out[:] = np.where(self._moves, np.clip(q, robot.lower, robot.upper), start)
         return True
 
@@ -194,8 +222,8 @@ class Room:
 
     def extend(self, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
         """Write the node at most so many steps from p towards q; return whether the edge is free."""
-        away = self.length(p, q)
-        share = 1.0 if away <= steps * STEP else steps * STEP / away
+        away, most = self.length(p, q), steps * self.settings.step
+        share = 1.0 if away <= most else most / away
         out[:] = q if share == 1.0 else p + share * (q - p)
         if away == 0.0 or not (self.is_free(out) and self.is_free_between(p, out)):
             return BLOCKED
@@ -241,11 +269,8 @@ class _Pairs:
     @classmethod
     def of(cls, bodies: Bodies, numbers: NDArray[np.int64], required: Array) -> _Pairs:
         """Return some pairs of bodies, which are copied."""
-        geometry, model = bodies.geometry.copy(), bodies.robot.model
-        geometry.removeAllCollisionPairs()
-        for k in numbers.tolist():
-            pair = bodies.geometry.collisionPairs[k]
-            geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
+        which, model = np.isin(np.arange(len(bodies.kind)), numbers), bodies.robot.model
+        geometry = bodies.some(which).geometry
         data = geometry.createData()
         for request, amount in zip(data.collisionRequests, required[numbers].tolist(), strict=True):
             request.security_margin = amount
@@ -286,11 +311,11 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
     for path in _simple(room, start, goal):
         if room.are_free(path[1:-1]) and _is_free_along(room, path):
             return path
-    nothing = np.empty((0, len(start)))
-    path = rrt_connect.py_func(room, start, goal, 0.0, rng, MOST_NODES, 20 * MOST_NODES, nothing)
+    nothing, how = np.empty((0, len(start))), room.settings
+    path = rrt_connect.py_func(room, start, goal, 0.0, rng, how.most_nodes, 20 * how.most_nodes, nothing)
     if len(path) == 0:
         return None
-    path = shortened.py_func(room, path, 0.0, rng, SHORTCUTS)
+    path = shortened.py_func(room, path, 0.0, rng, how.n_shortcuts)
     return path[_corners(path)]
 
 

@@ -9,8 +9,7 @@ release; hands may be near it on the straight part only. The motion of the open 
 
 from __future__ import annotations
 
-from dataclasses import InitVar, dataclass, field, replace
-from typing import Any
+from dataclasses import InitVar, dataclass, field
 
 import numpy as np
 import pinocchio as pin
@@ -19,12 +18,12 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from comove.errors import OptionError, RobotError
 from comove.planning.seeds import minimum_jerk
-from comove.robots.free_space import Room, way
+from comove.robots.free_space import Room, RoomSettings, way
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges
 from comove.robots.search.chains import Iteration, chains_of, reach_pose
 from comove.robots.verification import checks as check
-from comove.robots.verification.bodies import LOAD, Bodies, bodies_of
+from comove.robots.verification.bodies import LOAD, Bodies, beyond_wrists, bodies_of
 from comove.robots.verification.carried import Carried, placements
 from comove.robots.verification.reach import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
@@ -33,16 +32,32 @@ from comove.verification.sealed import Sealed
 
 Array = NDArray[np.float64]
 
-HEIGHT = 0.08  # m, of the place behind the grasp
-SHARES = (1.0, 0.5, 0.25)  # of the height, tried in turn where an arm or what is near leaves less
-GRIP_TIME = 1.0  # s, that hands have to open or close
-PACE = 0.5  # share of the limits of joints that is used
-HANDS_PACE = 0.98  # likewise of the scene's limits of hands, which are looked at in samples
-ATTEMPTS = 3
-STRAIGHT_STEPS = 41  # of the straight part, solved one after the other
 STRAIGHT = Iteration(gain=0.1, keep=2e-3, tolerance=1e-9, steady=1e-3, most=50)
-
 _JUDGED = object()
+
+
+@dataclass(frozen=True)
+class TransferSettings:
+    """Settings of how approach and release are planned.
+
+    Attributes
+    ----------
+    shares : of the height, tried in turn where an arm or what is near leaves less
+    pace : share of the limits of joints that is used
+    hands_pace : likewise of the scene's limits of hands, which are looked at in samples
+    attempts : searches for a way; the last of them checks everything exactly
+    straight_steps : configurations of the straight part, solved one after the other
+    straight : iteration that solves them
+    room : of the ways through free space
+    """
+
+    shares: tuple[float, ...] = (1.0, 0.5, 0.25)
+    pace: float = 0.5
+    hands_pace: float = 0.98
+    attempts: int = 3
+    straight_steps: int = 41
+    straight: Iteration = STRAIGHT
+    room: RoomSettings = field(default_factory=RoomSettings)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -74,7 +89,12 @@ class Transfers(Sealed):
 
 
 def plan_transfers(
-    carry: VerifiedJointMotion, *, height: float = HEIGHT, grip_time: float = GRIP_TIME, seed: int = 0
+    carry: VerifiedJointMotion,
+    *,
+    height: float = 0.08,
+    grip_time: float = 1.0,
+    seed: int = 0,
+    settings: TransferSettings = TransferSettings(),
 ) -> Transfers:
     """Plan and judge the joint motions from home to the grasp, and from there home.
 
@@ -85,6 +105,7 @@ def plan_transfers(
         something, half of it is tried, then a quarter
     grip_time : time in which hands close or open [s]
     seed : seed of the search
+    settings : settings of how the ways are found
 
     Raises
     ------
@@ -97,7 +118,7 @@ def plan_transfers(
         if not 0.0 < value < np.inf:
             raise OptionError(f"it is {value!r}", key=name, way_out="give a positive number")
     grip_time = _whole(grip_time)
-    withdrawals = [_withdrawal(carry, end, height, grip_time, seed) for end in ("start", "goal")]
+    withdrawals = [_withdrawal(carry, end, height, grip_time, seed, settings) for end in ("start", "goal")]
     (approach, first), (release, second) = withdrawals
     return Transfers(carry, _reversed(approach), release, grip_time, min(first, second), seal=_JUDGED)
 
@@ -106,7 +127,6 @@ def plan_transfers(
 class _Still:
     """The load at rest where it lies; replaces `Carried` in the judge's checks."""
 
-    motion: Any
     place: Array
 
     @property
@@ -118,33 +138,30 @@ class _Still:
 
 
 def _withdrawal(
-    carry: VerifiedJointMotion, end: str, height: float, grip_time: float, seed: int
+    carry: VerifiedJointMotion, end: str, height: float, grip_time: float, seed: int, how: TransferSettings
 ) -> tuple[JointMotion, float]:
     """Plan and judge the motion from the grasp home, after the hands had time to open; returns it and a lower bound
     of the clearance [m].
     """
     robot, scene = carry.robot, carry.scene
     arms = tuple(robot.arm(name) for name in scene.manipulators)
-    holders = tuple(robot.arm(name) for name in scene.file.holders)
     carried = Carried(carry.motion.motion)
     place = carried.nodes(np.array([0.0 if end == "start" else scene.duration]))[0]
-    still = _Still(carried.motion, place)
     bases, (where, _) = Bases(robot, robot.description.uncertainty), carried.hands(carried.time)
-    bodies = _put(bodies_of(bases, arms, carried, where, 0.0), place)
-    hands = _hands_and_load(bodies, holders)
-    everything = _both(bodies, hands)
-    back, room = _behind(everything, scene, carry.joints.position[0 if end == "start" else -1], height, end)
+    everything = _put(bodies_of(bases, arms, carried, where, 0.0, held=False), place)
+    grasp = carry.joints.position[0 if end == "start" else -1]
+    back, room = _behind(everything, scene, grasp, height, end, how)
     reasons = ["the search found no way"]
-    for attempt in range(ATTEMPTS):
+    for attempt in range(how.attempts):
         rng = np.random.default_rng((seed, attempt))
-        path = way(room if attempt + 1 < ATTEMPTS else room.rigorous, back[-1], robot.home, rng)
+        path = way(room if attempt + 1 < how.attempts else room.rigorous, back[-1], robot.home, rng)
         if path is None:
             continue
         ways = [back, *(np.stack(pair) for pair in zip(path[:-1], path[1:], strict=True))]
-        parts = [_paced(robot, scene, arms, q) for q in ways]
+        parts = [_paced(robot, scene, arms, q, how) for q in ways]
         motion = _joined(robot, grip_time, parts)
         free_from = grip_time + (len(parts[0]) - 1) / SAMPLE_RATE
-        reasons, clearance = _judged(robot, arms, motion, free_from, bodies, hands, still)
+        reasons, clearance = _judged(scene, arms, motion, free_from, everything, _Still(place))
         if not reasons:
             return motion, clearance
     raise RobotError(
@@ -162,36 +179,9 @@ def _put(bodies: Bodies, place: Array) -> Bodies:
     return bodies
 
 
-def _hands_and_load(bodies: Bodies, holders: tuple[Arm, ...]) -> Bodies:
-    """Build the pairs that the judge of the carry leaves out: the load with the links that move rigidly with a hand
-    that holds it.
-    """
-    robot, geometry = bodies.robot, bodies.geometry.copy()
-    geometry.removeAllCollisionPairs()
-    lasts = {robot.grasp_frame(arm)[0] for arm in holders}
-    reaches, rows = Bases(robot, robot.description.uncertainty).reaches, []
-    for link in range(robot.collision.ngeoms):
-        item = geometry.geometryObjects[link]
-        if not lasts & set(robot.model.supports[item.parentJoint]):
-            continue
-        item.geometry.computeLocalAABB()
-        center = item.placement.act(np.array(item.geometry.aabb_center))
-        reach, *_ = reaches.of_ball(item.parentJoint, center, item.geometry.aabb_radius)
-        for rod, *_ in bodies.rods:
-            geometry.addCollisionPair(pin.CollisionPair(link, rod))
-            rows.append(np.append(reach, 0.0))
-    taken = bodies.taken[bodies.kind == LOAD].max(initial=0.0)
-    return replace(
-        bodies,
-        geometry=geometry,
-        kind=np.full(len(rows), LOAD),
-        taken=np.full(len(rows), taken),
-        reach=np.array(rows).reshape(-1, robot.model.nv + 1),
-        exact=np.arange(len(rows)),
-    )
-
-
-def _behind(bodies: Bodies, scene: Scene, grasp: Array, height: float, end: str) -> tuple[Array, Room]:
+def _behind(
+    bodies: Bodies, scene: Scene, grasp: Array, height: float, end: str, how: TransferSettings
+) -> tuple[Array, Room]:
     """Return the joints while the hands draw back straight, and the free space from there home.
 
     Raises
@@ -200,13 +190,14 @@ def _behind(bodies: Bodies, scene: Scene, grasp: Array, height: float, end: str)
         If home, or the joints behind the grasp whatever the height, are not free, or not reached.
     """
     robot, error = bodies.robot, None
-    for share in SHARES:
+    for share in how.shares:
         try:
-            back = _drawn_back(robot, scene, grasp, share * height, end)
+            back = _drawn_back(robot, scene, grasp, share * height, end, how)
         except RobotError as why:
             error = error or why
             continue
-        room = Room.for_ends(bodies, scene, np.stack([back[-1], robot.home]), scene.nodes_at(end))
+        ends = np.stack([back[-1], robot.home])
+        room = Room.for_ends(bodies, scene, ends, scene.nodes_at(end), how.room)
         if near := room.contact(robot.home):
             raise RobotError(
                 f"at home, {near} come too near to each other",
@@ -224,24 +215,25 @@ def _behind(bodies: Bodies, scene: Scene, grasp: Array, height: float, end: str)
     raise error
 
 
-def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: str) -> Array:
-    """Compute the joints while the hands draw back straight from the load; array, shape (STRAIGHT_STEPS,
-    n_joints).
+def _drawn_back(
+    robot: Robot, scene: Scene, grasp: Array, height: float, end: str, how: TransferSettings
+) -> Array:
+    """Compute the joints while the hands draw back straight from the load; array, shape (straight_steps, n_joints).
 
     Raises
     ------
     RobotError
         If an arm does not reach so far.
     """
-    rows = np.repeat(grasp[None], STRAIGHT_STEPS, axis=0)
+    rows, straight = np.repeat(grasp[None], how.straight_steps, axis=0), how.straight
     for name in scene.file.holders:
         arm = robot.arm(name)
         chains, pose = chains_of(robot, (arm,)), robot.tool_pose(grasp, arm)
         turn = np.ascontiguousarray(pose[:3, :3])
-        for k, share in enumerate(np.linspace(0.0, 1.0, STRAIGHT_STEPS)[1:], start=1):
+        for k, share in enumerate(np.linspace(0.0, 1.0, how.straight_steps)[1:], start=1):
             q = rows[k - 1, arm.columns]
             behind = pose[:3, 3] - share * height * turn[:, 2]
-            if reach_pose(chains, 0, turn, behind, q.copy(), STRAIGHT, q) > STRAIGHT.tolerance:
+            if reach_pose(chains, 0, turn, behind, q.copy(), straight, q) > straight.tolerance:
                 raise RobotError(
                     f"the arm '{arm.name}' can draw back from its grasp at the {end} by less than "
                     f"{share * height:.3g} m",
@@ -252,22 +244,7 @@ def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: st
     return rows
 
 
-def _both(bodies: Bodies, hands: Bodies) -> Bodies:
-    """Join the pairs of both into one `Bodies`."""
-    geometry, count = bodies.geometry.copy(), len(bodies.kind)
-    for pair in hands.geometry.collisionPairs:
-        geometry.addCollisionPair(pin.CollisionPair(pair.first, pair.second))
-    return replace(
-        bodies,
-        geometry=geometry,
-        kind=np.concatenate([bodies.kind, hands.kind]),
-        taken=np.concatenate([bodies.taken, hands.taken]),
-        reach=np.concatenate([bodies.reach, hands.reach]),
-        exact=np.concatenate([bodies.exact, count + hands.exact]),
-    )
-
-
-def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Array:
+def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array, how: TransferSettings) -> Array:
     """Sample a path with minimum jerk, as fast as shares of the limits of joints and hands allow.
 
     Parameters
@@ -279,15 +256,15 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Ar
     unit = JointMotion(s, robot.joint_names, curve(minimum_jerk(s)))
     velocity, acceleration = unit.largest()
     ratios = [
-        (velocity / (PACE * robot.velocity)).max(),
-        np.sqrt((acceleration / (PACE * robot.acceleration)).max()),
+        (velocity / (how.pace * robot.velocity)).max(),
+        np.sqrt((acceleration / (how.pace * robot.acceleration)).max()),
     ]
     places = robot.tool_poses(unit.position, arms)[:, :, :3, 3]
     hands = CubicSpline(s, places, bc_type="clamped")
     speed, pull = (np.linalg.norm(hands(s, order), axis=-1).max() for order in (1, 2))
     ratios += [
-        speed / (HANDS_PACE * scene.speed_limit),
-        np.sqrt(pull / (HANDS_PACE * scene.acceleration_limit)),
+        speed / (how.hands_pace * scene.speed_limit),
+        np.sqrt(pull / (how.hands_pace * scene.acceleration_limit)),
     ]
     steps = max(2, int(np.ceil(max(ratios) * SAMPLE_RATE)))
     samples = curve(minimum_jerk(np.linspace(0.0, 1.0, steps + 1)))
@@ -320,12 +297,11 @@ def _whole(time: float) -> float:
 
 
 def _judged(
-    robot: Robot,
+    scene: Scene,
     arms: tuple[Arm, ...],
     motion: JointMotion,
     free_from: float,
-    bodies: Bodies,
-    hands: Bodies,
+    everything: Bodies,
     still: _Still,
 ) -> tuple[list[str], float]:
     """Return the reasons against a withdrawal, and a lower bound of its clearance [m].
@@ -333,15 +309,19 @@ def _judged(
     Parameters
     ----------
     free_from : time from which hands must keep clear of the load, too [s]
+    everything : all pairs of bodies, those of hands and load among them
     """
-    curve = motion.curve
+    robot, curve = everything.robot, motion.curve
+    in_hands = list(beyond_wrists(robot, (robot.arm(name) for name in scene.file.holders)))
+    of_hands = np.isin(everything.joint[everything.ends], in_hands).any(axis=1) & (everything.kind == LOAD)
+    bodies, hands = everything.some(~of_hands), everything.some(of_hands)
     findings = [
         check.rest(robot, curve),
         check.limits(robot, curve),
         check.torques(robot, curve, arms, np.zeros(len(arms))),
         check.clearances(bodies, still, curve),
     ]
-    if len(hands.kind):
+    if of_hands.any():
         findings.append(check.clearances(hands, still, _after(curve, free_from)))
     reasons = [reason for finding in findings for reason in finding.reasons]
     measures = [value for finding in findings[3:] for value in finding.measures.values()]

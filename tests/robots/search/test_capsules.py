@@ -10,11 +10,11 @@ from scipy.spatial import ConvexHull
 
 from comove.geometry.polytopes import solid_hull_of, thickened
 from comove.robots.search.capsules import (
-    CELL,
     FINE,
     MOST_PARTS,
     PROUD,
     PROUDEST,
+    SETTINGS,
     around,
     capsules_of,
     convex_parts,
@@ -122,7 +122,7 @@ def test_meshes_that_do_not_move_are_inside_their_balls_however_large_their_tria
     balls = capsules_of(mesh(points, triangles), False)
     assert outside(on_triangles(points, triangles, rng), balls) <= 1e-12
     spread = max(FINE, 2 * np.sqrt(3) * size / MOST_PARTS)
-    assert max(ball.radius for ball in balls) < 0.5 * np.sqrt(3) * CELL + spread
+    assert max(ball.radius for ball in balls) < 0.5 * np.sqrt(3) * SETTINGS.cell + spread
 
 
 def test_a_tube_with_a_thick_joint_at_each_end_has_three_capsules():

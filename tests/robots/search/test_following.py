@@ -9,7 +9,15 @@ import pytest
 from comove.robots import verify_joints
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
-from comove.robots.search.following import KEEP, MET, follow, follow_one, hand_rotation, posture_on, solutions
+from comove.robots.search.following import (
+    MET,
+    SEARCHING,
+    follow,
+    follow_one,
+    hand_rotation,
+    posture_on,
+    solutions,
+)
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, grasp_frames, known_carry, scene_data
@@ -136,7 +144,7 @@ def test_a_movement_out_of_reach_costs_more_the_further_it_is():
     strain = carrying.strain(np.array(nodes), carrying.best_course(nodes[0]))
     near, far, further = strain.missing.max(axis=1)
     assert near < MET
-    most = 0.65 - KEEP  # of the right hand, as far as a search lets it go
+    most = 0.65 - SEARCHING.keep  # of the right hand, as far as a search lets it go
     assert (far, further) == (pytest.approx(0.8 - most, abs=1e-3), pytest.approx(1.0 - most, abs=1e-3))
     assert (np.diff(strain.penalty.sum(axis=1)) > 0.5).all()
 

@@ -31,23 +31,7 @@ POINT = arrays(float, 3, elements=st.one_of(st.integers(-2, 2).map(float), st.fl
 
 def around(obstacles, edges, radii):
     """LinkSurroundings in which nothing is held."""
-    none = np.zeros(0)
-    return LinkSurroundings(
-        at_rest=np.zeros((0, 3, 3)),
-        turning=none.astype(bool),
-        first=0,
-        second=0,
-        obstacles=obstacles,
-        edges=edges,
-        radii=radii,
-        carried=none,
-        clearance=0.0,
-        spare=0.0,
-        share=1.0,
-        posture=none,
-        ends=np.zeros((2, 0, 3)),
-        eased=0.0,
-    )
+    return LinkSurroundings(obstacles, edges, radii, clearance=0.0, eased=0.0)
 
 
 NOTHING = around(np.zeros((0, 16)), np.zeros((0, 2), dtype=np.int64), np.zeros(0))

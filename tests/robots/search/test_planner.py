@@ -14,7 +14,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.following import MET
 from comove.robots.search.links import FAT, ROUGH
-from comove.robots.search.planner import JUMP, LEADING, SPACING, CarriedSpace, _dense, _follow, follow_edge
+from comove.robots.search.planner import LEADING, SETTINGS, CarriedSpace, _dense, _follow, follow_edge
 from tests.robots.search.test_links import between, obstacle, solid
 from tests.robots.small_robots import POST, columns, gantry_scene, grasp_errors, robot, task
 
@@ -46,10 +46,12 @@ def led(carrying, path):
     """A path with close vertices, and joints that follow it from one of the starts; two arrays."""
     space, around, n = space_of(carrying.scene), carrying.arms.around, path.shape[1]
     arms = carrying.arms._replace(around=around._replace(clearance=around.clearance - FAT))  # as lenient
-    fine = _dense(space, np.hstack([path, np.zeros((len(path), len(carrying.robot.joint_names)))]))
+    fine = _dense(
+        space, np.hstack([path, np.zeros((len(path), len(carrying.robot.joint_names)))]), SETTINGS.spacing
+    )
     for first, last in product(product(*carrying.starts), product(*carrying.goals)):
         course = np.stack([np.concatenate(first), np.concatenate(last)])
-        if _follow(CarriedSpace(space, arms, n, course, space.clock), fine):
+        if _follow(CarriedSpace(space, arms, n, course, SETTINGS, space.clock), fine):
             return fine[:, :n], fine[:, n:]
     raise AssertionError("no start leads along the path")
 
@@ -100,7 +102,7 @@ def test_arms_follow_with_links_that_keep_clear(found):
     carrying, path, _ = found
     machine, scene = carrying.robot, carrying.scene
     fine, joints = led(carrying, path)
-    assert max(np.linalg.norm(np.diff(fine[:, :3], axis=0), axis=1)) <= SPACING + 1e-9
+    assert max(np.linalg.norm(np.diff(fine[:, :3], axis=0), axis=1)) <= SETTINGS.spacing + 1e-9
     nodes = load_coordinates(scene).nodes(np.ascontiguousarray(fine.T[None]))[0]
     hands = nodes[:, : len(carrying.holders)]
     wanted = np.zeros((*hands.shape[:2], 4, 4))
@@ -111,7 +113,7 @@ def test_arms_follow_with_links_that_keep_clear(found):
     assert grasp_errors(machine, carrying.holders, position, wanted)[1:].max() < LEADING.tolerance + 1e-6
     assert (position >= machine.lower).all()
     assert (position <= machine.upper).all()
-    assert np.abs(np.diff(joints, axis=0)).max() < 2 * JUMP  # two sub-steps an edge
+    assert np.abs(np.diff(joints, axis=0)).max() < 2 * SETTINGS.jump  # two sub-steps an edge
     things = [obstacle(part) for part in scene.file.obstacles]
     data, geometry = machine.model.createData(), machine.collision.createData()
     corner = PROUDEST + ROUGH
@@ -164,10 +166,9 @@ def test_an_edge_is_refused_when_an_arm_is_left_behind_or_links_touch():
     scene = gantry_scene((POST,), workspace={"lower": [-2, -2, 0], "upper": [2, 2, 1]})
     carrying = RobotCarrier(robot("gantry"), scene)
     boundary, joints = load_coordinates(scene).boundary(), np.concatenate([s[0] for s in carrying.starts])
-    space, arms = space_of(scene), carrying.arms
+    space, course, n = space_of(scene), np.stack([joints, joints]), len(boundary[0])
+    world = CarriedSpace(space, carrying.arms, n, course, SETTINGS, space.clock)
     for shift, free in (((0.0, 0.1, 0.0), True), ((0.0, 1.0, 0.0), False), ((0.6, 0.5, 0.0), False)):
         target = boundary[0].copy()
         target[:3] += shift
-        assert (
-            follow_edge(space, arms, np.stack([joints, joints]), boundary[0], target, joints.copy()) is free
-        )
+        assert follow_edge(world, boundary[0], target, joints.copy()) is free

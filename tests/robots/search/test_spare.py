@@ -13,7 +13,7 @@ from comove.robots import Robot, carry
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.following import MET
 from comove.robots.search.links import ENOUGH
-from comove.robots.search.spare import LEVER, WITHIN, ArmsFollower
+from comove.robots.search.spare import SETTINGS, ArmsFollower
 from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
 from tests.robots.known_carry import grasp_frames
@@ -33,7 +33,7 @@ def nodes_of(motion, q):
 
 
 def within_reach(carrying, arm, q):
-    """The square of the least singular value of Pinocchio's Jacobian over `LEVER`; `ENOUGH` for few joints."""
+    """The square of the least singular value of Pinocchio's Jacobian over `lever`; `ENOUGH` for few joints."""
     robot, data = carrying.robot, carrying.robot.model.createData()
     tip = robot.model.frames[robot.model.getFrameId(arm.tip)]
     grasp = tip.placement * pin.SE3(arm.tool)
@@ -41,7 +41,9 @@ def within_reach(carrying, arm, q):
     whole = pin.getJointJacobian(robot.model, data, tip.parentJoint, pin.LOCAL_WORLD_ALIGNED)[:, arm.columns]
     at = data.oMi[tip.parentJoint].rotation @ grasp.translation
     moves = np.vstack([whole[:3] + np.cross(whole[3:].T, at).T, whole[3:]])
-    return np.linalg.svd(moves, compute_uv=False)[5] ** 2 / LEVER if len(arm.columns) >= 6 else ENOUGH
+    return (
+        np.linalg.svd(moves, compute_uv=False)[5] ** 2 / SETTINGS.lever if len(arm.columns) >= 6 else ENOUGH
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -128,7 +130,9 @@ def test_what_is_near_at_the_ends_may_be_near_everywhere():
     np.testing.assert_allclose(follower.required(0.002)[-2:], clearance + 0.003)
     np.testing.assert_allclose(follower.stricter().required(0.002)[-2:], clearance + 0.004)
     tight = ArmsFollower(follower.arms, follower.course, np.array([0.001, 1.0, 0.004, 1.0]))
-    np.testing.assert_allclose(tight.stricter().required(0.002), [0.001, WITHIN, 0.004, clearance + 0.004])
+    np.testing.assert_allclose(
+        tight.stricter().required(0.002), [0.001, SETTINGS.within, 0.004, clearance + 0.004]
+    )
 
 
 def test_two_pandas_find_the_smoothest_motion_that_keeps_their_links_apart():

@@ -1,6 +1,7 @@
 """Certified clearances against dense sampling by Pinocchio, which knows nothing of bounds."""
 
 from dataclasses import replace
+from functools import partial
 
 import coal
 import numpy as np
@@ -14,12 +15,20 @@ from comove.robots.description import Uncertainty
 from comove.robots.verification import bodies
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.certificate import TIGHT, CarryCourse, Distances, Instants, PairCells, certify
+from comove.robots.verification.certificate import (
+    CarryCourse,
+    CertificateSettings,
+    Distances,
+    Instants,
+    PairCells,
+    certify,
+)
 from comove.robots.verification.reach import Bases, Reaches
 from comove.scenes import Scene
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
+TIGHT = CertificateSettings().tight
 TAKEN = (
     1.2e-4  # m, that the verification takes from distances: coal's accuracy, and hands that are a little off
 )
@@ -296,9 +305,9 @@ def test_a_rough_hull_is_never_further_away_than_its_mesh(monkeypatch):
 
 def test_what_cannot_be_computed_within_the_limit_is_not_certified(monkeypatch):
     from comove.robots import verify_joints
-    from comove.robots.verification import certificate
+    from comove.robots.verification import checks
 
-    monkeypatch.setattr(certificate, "MOST", 100)
+    monkeypatch.setattr(checks, "certify", partial(certify, settings=CertificateSettings(most=100)))
     verdict = verify_joints(baxter(), *known_carry())
     assert verdict.verified is None
     assert all("could not be certified" in reason for reason in verdict.reasons)
@@ -316,9 +325,9 @@ def test_joints_that_jump_are_given_up_soon():
 def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(room, monkeypatch):
     """Their distance stays what it is for the whole motion, which bounds by speeds alone can hardly prove."""
     from comove.robots import verify_joints
-    from comove.robots.verification import certificate
+    from comove.robots.verification import checks
 
-    monkeypatch.setattr(certificate, "MOST", 20_000)
+    monkeypatch.setattr(checks, "certify", partial(certify, settings=CertificateSettings(most=20_000)))
     motion, joints = known_carry()
     top = 0.05 - 0.00515 - room  # m, that deep below the load fingers reach
     table = {"shape": "box", "center": [0.68, 0, top - 0.025], "size": [0.7, 1.6, 0.05]}

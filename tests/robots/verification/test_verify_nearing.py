@@ -16,6 +16,7 @@ from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import (
     CONVEX,
     CarryCourse,
+    Distances,
     Instants,
     Nearing,
     PairCells,
@@ -88,7 +89,7 @@ def cells_of(world, curve, pairs, time, half=0.1):
 def test_slabs_are_nearly_as_wide_as_distances(seed):
     """Coal's normals and distances, and support functions written down by hand, fit together."""
     world, (motion, _) = bodies(), random_motion(seed)
-    nearing = Nearing(world)
+    nearing = Nearing(Distances(world))
     pairs = np.flatnonzero(nearing.applies)
     lost, _ = nearing.first_order(cells_of(world, motion.curve, pairs, 1.0))
     data, placed = world.robot.model.createData(), world.geometry.createData()
@@ -103,7 +104,7 @@ def test_slabs_are_nearly_as_wide_as_distances(seed):
 def test_no_pair_comes_nearer_than_bound(seed):
     """Distances at many instants about another one, for stretches that are short and long."""
     world, (motion, rng) = bodies(), random_motion(seed)
-    nearing, curve = Nearing(world), motion.curve
+    nearing, curve = Nearing(Distances(world)), motion.curve
     pairs = rng.choice(np.flatnonzero(nearing.applies), 40, replace=False)
     middle, half = float(rng.uniform(0.3, 2.7)), float(10 ** rng.uniform(-3, -0.6))
     cells = cells_of(world, curve, pairs, middle, half)
@@ -130,7 +131,7 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
     world = bodies_of(
         Bases(baxter(), Uncertainty()), baxter().arms, carried, carried.hands(carried.time)[0], 0.0
     )
-    nearing = Nearing(world)
+    nearing = Nearing(Distances(world))
     pair = next(
         k
         for k in range(len(world.kind))
@@ -146,7 +147,7 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
 
 def test_loads_and_meshes_are_left_to_the_other_bound():
     world = bodies()
-    nearing = Nearing(world)
+    nearing = Nearing(Distances(world))
     for pair, applies in zip(world.geometry.collisionPairs, nearing.applies, strict=True):
         names = [world.geometry.geometryObjects[x].name for x in (pair.first, pair.second)]
         assert applies == (not {"load 0", "torso_0", "pedestal_0"} & set(names))

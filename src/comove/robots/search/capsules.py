@@ -8,6 +8,7 @@ such as a table, may be hollow and large; their surface is inside balls, a cell 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import coal
@@ -20,15 +21,33 @@ from comove.compiled import kernel
 Array = NDArray[np.float64]
 
 PROUD, PROUDEST = 0.04, 0.003  # by which bodies may stick out: share of the radius, and m, at most
-CELL = 0.2  # m, edge of the cells into which meshes that do not move are cut
 FINE, MOST_PARTS = 0.01, 100  # m, between points of a surface, and parts of an edge at most
-AROUND = 48  # corners of the polygons around a cylinder
-WIDER = (1.0, 1.02, 1.05, 1.1, 1.16, 1.25)  # radii in units of the least: a wider capsule may be shorter
-CUTS = (0.2, 0.35, 0.5, 0.65, 0.8)  # shares of a body's extent at which it may be cut
-DEPTH = 2  # cuts one after another: up to four capsules
-SOME = 300  # points that are looked at to find a cut
 CLEARLY = 0.99  # share of another number below which one is less: rounding must not decide what is symmetric
-WORTHWHILE = 0.9  # volume of two capsules, in units of that of one, below which they are better
+
+
+@dataclass(frozen=True)
+class CapsuleSettings:
+    """Settings of how bodies are cut, and capsules found that hold the parts.
+
+    Attributes
+    ----------
+    depth : cuts one after another; two of them give up to four capsules
+    cuts : shares of a body's extent at which it may be cut
+    n_points : points that are looked at to find a cut, about
+    worthwhile : volume of the parts' capsules, in units of that of one, below which a body is cut
+    wider : radii that are tried, in units of the least: a wider capsule may be shorter
+    cell : edge of the cells into which meshes that do not move are cut [m]
+    """
+
+    depth: int = 2
+    cuts: tuple[float, ...] = (0.2, 0.35, 0.5, 0.65, 0.8)
+    n_points: int = 300
+    worthwhile: float = 0.9
+    wider: tuple[float, ...] = (1.0, 1.02, 1.05, 1.1, 1.16, 1.25)
+    cell: float = 0.2
+
+
+SETTINGS = CapsuleSettings()
 
 
 class LinkCapsule(NamedTuple):
@@ -54,7 +73,7 @@ class LinkCapsule(NamedTuple):
         return 2.0 * self.radius + 0.5 * self.length
 
 
-def capsules_of(shape: Any, moves: bool) -> list[LinkCapsule]:
+def capsules_of(shape: Any, moves: bool, how: CapsuleSettings = SETTINGS) -> list[LinkCapsule]:
     """Return capsules that hold a shape of coal, in its own frame; of meshes that do not move, only the surface."""
     kind, z = type(shape).__name__, np.array([0.0, 0.0, 1.0])
     if kind == "Sphere":
@@ -62,14 +81,16 @@ def capsules_of(shape: Any, moves: bool) -> list[LinkCapsule]:
     if kind == "Capsule":
         return [LinkCapsule(-shape.halfLength * z, shape.halfLength * z, shape.radius)]
     if kind == "Box":
-        return holding(*_on_box(np.array(shape.halfSide)))
+        return holding(*_on_box(np.array(shape.halfSide)), how)
     if kind == "Cylinder":
-        return [around(_around_cylinder(shape.radius, shape.halfLength))]
+        return [around(_around_cylinder(shape.radius, shape.halfLength), how)]
     points, spacing = on_triangles(*_surface(shape))
-    return holding(points, spacing) if moves else _balls(points, spacing)
+    return holding(points, spacing, how) if moves else _balls(points, spacing, how.cell)
 
 
-def convex_parts(vertices: Array, triangles: NDArray[np.int64], moves: bool) -> list[Array]:
+def convex_parts(
+    vertices: Array, triangles: NDArray[np.int64], moves: bool, how: CapsuleSettings = SETTINGS
+) -> list[Array]:
     """Return points, arrays of shape (n, 3) [m], the union of whose hulls holds a surface.
 
     A mesh that moves is cut as for its capsules, which then hold the hulls but for what may stick out. One that does
@@ -81,11 +102,11 @@ def convex_parts(vertices: Array, triangles: NDArray[np.int64], moves: bool) -> 
     """
     points, spacing = on_triangles(vertices, triangles)
     if moves:
-        return [part for part, _ in parted(points, spacing)]
+        return [part for part, _ in _parted(points, spacing, how, how.depth)]
     low, parts = points.min(axis=0), []
-    for cell in np.unique(np.floor((points - low) / CELL), axis=0):
-        corner = low + CELL * cell
-        near = (points >= corner - spacing) & (points <= corner + CELL + spacing)
+    for cell in np.unique(np.floor((points - low) / how.cell), axis=0):
+        corner = low + how.cell * cell
+        near = (points >= corner - spacing) & (points <= corner + how.cell + spacing)
         parts.append(points[near.all(axis=1)])
     return parts
 
@@ -94,7 +115,7 @@ def vertices_of(shape: Any) -> Array:
     """Return the vertices of a mesh or a convex body of coal; array, shape (n_vertices, 3) [m]."""
     if isinstance(shape, coal.ConvexBase):
         return np.array([shape.point(i) for i in range(shape.num_points)])
-    return np.array(shape.vertices() if callable(shape.vertices) else shape.vertices)
+    return np.array(shape.vertices())
 
 
 def _surface(shape: Any) -> tuple[Array, NDArray[np.int64]]:
@@ -106,40 +127,43 @@ def _surface(shape: Any) -> tuple[Array, NDArray[np.int64]]:
     return vertices, np.array([(t[0], t[1], t[2]) for t in triangles])
 
 
-def holding(points: Array, spacing: float, depth: int = DEPTH) -> list[LinkCapsule]:
-    """Compute capsules whose union holds a body; parameters as of `parted`."""
-    return [capsule for _, capsule in parted(points, spacing, depth)]
-
-
-def parted(points: Array, spacing: float, depth: int = DEPTH) -> list[tuple[Array, LinkCapsule]]:
-    """Cut a body where capsules around the parts take clearly less room; returns the parts' points and capsules.
+def holding(points: Array, spacing: float, how: CapsuleSettings = SETTINGS) -> list[LinkCapsule]:
+    """Compute capsules whose union holds a body.
 
     Parameters
     ----------
-    points : array, shape (n_points, 3), corners of small triangles of which a body's surface consists [m]
+    points : array, shape (n_points, 3), corners of small triangles of which the body's surface consists [m]
     spacing : diameter of these triangles, at most [m]
-    depth : number of times that the body may be cut in two
     """
-    one = around(points)
-    if depth == 0 or (cut := _best_cut(points[:: 1 + len(points) // SOME])) is None:
+    return [capsule for _, capsule in _parted(points, spacing, how, how.depth)]
+
+
+def _parted(
+    points: Array, spacing: float, how: CapsuleSettings, depth: int
+) -> list[tuple[Array, LinkCapsule]]:
+    """Cut a body where capsules around the parts take clearly less room, at most `depth` times in two; returns the
+    parts' points and capsules.
+    """
+    one = around(points, how)
+    if depth == 0 or (cut := _best_cut(points[:: 1 + len(points) // how.n_points], how)) is None:
         return [(points, one)]
     direction, at = cut
     along = points @ direction
     # What lies across the cut is in a part with all its corners, as parts overlap by its length.
     parts = points[along <= at + spacing], points[along >= at - spacing]
-    smaller = [cut for part in parts for cut in parted(part, spacing, depth - 1)]
-    if _volume([capsule for _, capsule in smaller]) > WORTHWHILE * one.volume:
+    smaller = [cut for part in parts for cut in _parted(part, spacing, how, depth - 1)]
+    if _volume([capsule for _, capsule in smaller]) > how.worthwhile * one.volume:
         return [(points, one)]
     return smaller
 
 
-def around(points: Array) -> LinkCapsule:
+def around(points: Array, how: CapsuleSettings = SETTINGS) -> LinkCapsule:
     """Compute a small capsule that holds points but for what may stick out, its axis along one of their axes."""
     corners = _hull(points)
-    return _smallest([_along(corners, axis) for axis in _axes(points)])
+    return _smallest([_along(corners, axis, how) for axis in _axes(points)])
 
 
-def _along(points: Array, direction: Array) -> LinkCapsule:
+def _along(points: Array, direction: Array, how: CapsuleSettings) -> LinkCapsule:
     """Compute a small capsule in a direction, array of shape (3,), that holds points but for what may stick out."""
     across = np.linalg.svd(direction[None])[2][1:]
     flat, height = points @ across.T, points @ direction
@@ -147,7 +171,7 @@ def _along(points: Array, direction: Array) -> LinkCapsule:
     proud = min(PROUD * least, PROUDEST)
     square, base = ((flat - middle) ** 2).sum(axis=1), middle @ across
     tried = []
-    for factor in WIDER:
+    for factor in how.wider:
         radius = factor * (least - proud) + 1e-9  # of rounding
         half = np.sqrt((radius + proud) ** 2 - square)  # of the stretch in which the axis has to be
         low, high = (height + half).min(), (height - half).max()
@@ -175,17 +199,17 @@ def _circle(points: Array, centre: Array, n_steps: int = 30) -> tuple[Array, flo
     return middle, np.sqrt(least)
 
 
-def _best_cut(points: Array) -> tuple[Array, float] | None:
+def _best_cut(points: Array, how: CapsuleSettings) -> tuple[Array, float] | None:
     """Return direction and height of the cut after which two capsules around the points take the least room."""
     least, best = np.inf, None
     for axis in _axes(points):
         along = points @ axis
-        for share in CUTS:
+        for share in how.cuts:
             at = float(along.min() + share * np.ptp(along))
             parts = points[along <= at], points[along >= at]
             if min(map(len, parts)) < 3:
                 continue
-            room = _volume([_along(part, _axes(part)[-1]) for part in parts])
+            room = _volume([_along(part, _axes(part)[-1], how) for part in parts])
             if room < CLEARLY * least:
                 least, best = room, (axis, at)
     return best
@@ -227,11 +251,11 @@ def _on_box(half: Array) -> tuple[Array, float]:
     return grid[on_face], np.sqrt(2) * max(float(step[1] - step[0]) for step in steps)
 
 
-def _around_cylinder(radius: float, half: float) -> Array:
-    """Return the corners of a prism around a cylinder; array, shape (n_corners, 3) [m]."""
-    angle = 2 * np.pi * np.arange(AROUND) / AROUND
-    ring = radius / np.cos(np.pi / AROUND) * np.column_stack([np.cos(angle), np.sin(angle)])
-    return np.concatenate([np.column_stack([ring, np.full(AROUND, z)]) for z in (-half, half)])
+def _around_cylinder(radius: float, half: float, n: int = 48) -> Array:
+    """Return the corners of a prism of n sides around a cylinder; array, shape (2 n, 3) [m]."""
+    angle = 2 * np.pi * np.arange(n) / n
+    ring = radius / np.cos(np.pi / n) * np.column_stack([np.cos(angle), np.sin(angle)])
+    return np.concatenate([np.column_stack([ring, np.full(n, z)]) for z in (-half, half)])
 
 
 def on_triangles(points: Array, triangles: NDArray[np.int64]) -> tuple[Array, float]:
@@ -248,17 +272,16 @@ def _shares(count: int) -> Array:
     return np.array([(i, j, count - i - j) for i in range(count + 1) for j in range(count + 1 - i)]) / count
 
 
-def _balls(points: Array, spacing: float) -> list[LinkCapsule]:
+def _balls(points: Array, spacing: float, cell: float) -> list[LinkCapsule]:
     """Return balls that cover the surface of a mesh, one for each cell of a grid."""
-    place = np.floor((points - points.min(axis=0)) / CELL).astype(int)
-    cell = np.ravel_multi_index(tuple(place.T), tuple(place.max(axis=0) + 1))
-    order = np.argsort(cell, kind="stable")
-    groups = np.split(points[order], np.flatnonzero(np.diff(cell[order])) + 1)
+    place = np.floor((points - points.min(axis=0)) / cell).astype(int)
+    number = np.ravel_multi_index(tuple(place.T), tuple(place.max(axis=0) + 1))
+    order = np.argsort(number, kind="stable")
+    groups = np.split(points[order], np.flatnonzero(np.diff(number[order])) + 1)
     spread = spacing / np.sqrt(3)  # no point of a triangle is further from all its corners
     balls = []
     for group in groups:
         middle = 0.5 * (group.min(axis=0) + group.max(axis=0))
-        balls.append(
-            LinkCapsule(middle, middle, float(np.linalg.norm(group - middle, axis=1).max()) + spread)
-        )
+        reach = float(np.linalg.norm(group - middle, axis=1).max())
+        balls.append(LinkCapsule(middle, middle, reach + spread))
     return balls

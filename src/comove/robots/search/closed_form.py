@@ -277,23 +277,28 @@ def _solve_wrist(kind: int, h: Array, r: Array, turn: Array, shift: Array, out: 
     center = meeting(h4, r4, h5, r5)
     target = plus(rotated(turn, center), (shift[0], shift[1], shift[2]))
     first = np.full((4, 3), np.nan)
-    if kind == WRIST_MEET_1:
-        _place_meeting_1(h, r, center, target, first)
-    elif kind == WRIST_MEET_2:
-        _place_meeting_2(h, r, center, target, first)
-    else:
+    if kind == WRIST_ALONG:
         _place_along(h, r, center, target, first)
+    else:
+        _place_meeting(h, r, kind == WRIST_MEET_2, center, target, first)
     for i in range(4):
         if not np.isnan(first[i, 0]):
             _turn_hand(h, turn, first[i], out[2 * i : 2 * i + 2])
 
 
 @kernel
-def _place_meeting_1(h: Array, r: Array, center: Triple, target: Triple, out: Array) -> None:
-    """Write the first three joints, array of shape (4, 3), where the axes 1 and 2 meet."""
-    h1, r1 = _line(h, r, 0)
+def _place_meeting(h: Array, r: Array, back: bool, center: Triple, target: Triple, out: Array) -> None:
+    """Write the first three joints, array of shape (4, 3), where the axes 1 and 2 meet.
+
+    Read `back`, where 2 and 3 do: turned the other way, the joints take the wrist from its place to where it is at
+    zero.
+    """
+    first, last, sign = (2, 0, -1.0) if back else (0, 2, 1.0)
+    if back:
+        center, target = target, center
+    h1, r1 = _line(h, r, first)
     h2, r2 = _line(h, r, 1)
-    h3, r3 = _line(h, r, 2)
+    h3, r3 = _line(h, r, last)
     o = meeting(h1, r1, h2, r2)
     w = plus(target, o, -1.0)
     n, a, b = turns_to_distance(h3, plus(center, r3, -1.0), plus(o, r3, -1.0), length(w))
@@ -304,26 +309,8 @@ def _place_meeting_1(h: Array, r: Array, center: Triple, target: Triple, out: Ar
         for j in range(m):
             q2 = c if j == 0 else d
             row = 2 * i + j
-            out[row, 0], out[row, 1], out[row, 2] = turn_onto(h1, about(h2, q2, v), w), q2, q3
-
-
-@kernel
-def _place_meeting_2(h: Array, r: Array, center: Triple, target: Triple, out: Array) -> None:
-    """Write the first three joints, array of shape (4, 3), where the axes 2 and 3 meet."""
-    h1, r1 = _line(h, r, 0)
-    h2, r2 = _line(h, r, 1)
-    h3, r3 = _line(h, r, 2)
-    o = meeting(h2, r2, h3, r3)
-    v = plus(center, o, -1.0)
-    n, a, b = turns_to_distance(h1, plus(target, r1, -1.0), plus(o, r1, -1.0), length(v))
-    for i in range(n):
-        back = a if i == 0 else b
-        w = plus(about_axis(h1, r1, back, target), o, -1.0)
-        m, c, d = turns_to_height(h3, v, h2, dot(h2, w))
-        for j in range(m):
-            q3 = c if j == 0 else d
-            row = 2 * i + j
-            out[row, 0], out[row, 1], out[row, 2] = -back, turn_onto(h2, about(h3, q3, v), w), q3
+            out[row, first] = sign * turn_onto(h1, about(h2, q2, v), w)
+            out[row, 1], out[row, last] = sign * q2, sign * q3
 
 
 @kernel

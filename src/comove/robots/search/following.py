@@ -26,11 +26,10 @@ from comove.robots.search.ranges import WristRanges
 
 Array = NDArray[np.float64]
 
-KEEP = 0.02  # rad, that a search stays inside the joints' limits
 MET = 1e-4  # m, residual at which a pose counts as reached in a search
-SEARCHING = Iteration(gain=0.2, keep=KEEP, tolerance=MET, steady=0.05, most=6)
+SEARCHING = Iteration(gain=0.2, keep=0.02, tolerance=MET, steady=0.05, most=6)
 """Iteration for a sample of a movement: redundancy need not have come to rest."""
-SETTLING = Iteration(gain=0.4, keep=KEEP, tolerance=1e-9, steady=1e-4, most=30)
+SETTLING = Iteration(gain=0.4, keep=SEARCHING.keep, tolerance=1e-9, steady=1e-4, most=30)
 """Iteration from random joints; what has not come to rest by then hardly ever does."""
 PATIENT = SETTLING._replace(gain=0.2, most=70)
 """Iteration that goes on where no joints have the pose yet: it is at the end of an arm's reach, or beyond."""
@@ -173,7 +172,7 @@ def follow_one(arms: Arms, nodes: Array, course: Array, q: Array, missing: Array
                 elif t == 1 or missing[t - 1, i] > MET:
                     q[t, j] = q[t - 1, j]
                 else:  # on, as before
-                    q[t, j] = inside(chains, j, 2.0 * q[t - 1, j] - q[t - 2, j], KEEP)
+                    q[t, j] = inside(chains, j, 2.0 * q[t - 1, j] - q[t - 2, j], SEARCHING.keep)
             hand_rotation(around, nodes[t], i, rotation)
             missing[t, i] = reach_pose(chains, i, rotation, nodes[t, i], posture, SEARCHING, q[t])
 

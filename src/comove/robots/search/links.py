@@ -26,42 +26,40 @@ ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told ap
 ROUGH = 1e-3  # m, of distances to obstacles
 FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
 FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
-MEETING = 0.02  # m, of capsules at home, where the bodies are known to be apart
-N_SAMPLES = 400  # configurations that tell which links may come near each other
 
 
 class LinkSurroundings(NamedTuple):
-    """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it.
+    """The surroundings of the arms, as arrays for kernels: obstacles, load, and how the hands hold it, if they do.
 
     Attributes
     ----------
-    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
-    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
     obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
     edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
-    carried : array, shape (n_arms,), mass at each hand [kg]
     clearance : required clearance of the links [m]
+    eased : clearance that links need less from each other than from other things [m]
     spare : additional clearance that a search keeps [m]
     share : share of the limits of rates and torques that a search uses
+    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
+    first, second : indices of the hands that define the heading; equal where one hand holds the load alone
+    carried : array, shape (n_arms,), mass at each hand [kg]
     posture : array, shape (n_joints,), home, to which redundant joints are drawn at the ends
     ends : array, shape (2, n_arms, 3), hands at start and goal [m]
-    eased : clearance that links need less from each other than from other things [m]
     """
 
-    at_rest: Array
-    turning: NDArray[np.bool_]
-    first: int
-    second: int
     obstacles: Array
     edges: NDArray[np.int64]
     radii: Array
-    carried: Array
     clearance: float
-    spare: float
-    share: float
-    posture: Array
-    ends: Array
     eased: float
+    spare: float = 0.0
+    share: float = 1.0
+    at_rest: Array = np.zeros((0, 3, 3))
+    turning: NDArray[np.bool_] = np.zeros(0, dtype=bool)
+    first: int = 0
+    second: int = 0
+    carried: Array = np.zeros(0)
+    posture: Array = np.zeros(0)
+    ends: Array = np.zeros((2, 0, 3))
 
 
 class Links(NamedTuple):
@@ -102,28 +100,6 @@ class Links(NamedTuple):
         )
 
 
-def around_free(scene: Scene, eased: float, *, loaded: bool) -> LinkSurroundings:
-    """Return what is about arms that hold nothing, but may go past a load that lies still; `eased` as there [m]."""
-    nobody, nothing = np.zeros(0), np.zeros((0, 3, 3))
-    edges, radii = load_lines(scene)
-    return LinkSurroundings(
-        at_rest=nothing,
-        turning=np.zeros(0, dtype=bool),
-        first=0,
-        second=0,
-        obstacles=scene.obstacles,
-        edges=edges if loaded else edges[:0],
-        radii=radii if loaded else radii[:0],
-        carried=nobody,
-        clearance=scene.clearance,
-        spare=0.0,
-        share=1.0,
-        posture=nobody,
-        ends=nothing,
-        eased=eased,
-    )
-
-
 def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
     """Return the lines that stand for a load in distances to links, and their radii: rods, and of boxes the edges
     and the diagonals of faces.
@@ -139,16 +115,21 @@ def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
     return np.concatenate([body.edges, lattice]), np.concatenate([body.radii, np.zeros(len(lattice))])
 
 
-def links_of(robot: Robot, arms: tuple[Arm, ...]) -> Links:
+def links_of(robot: Robot, arms: tuple[Arm, ...], *, meeting: float = 0.02, n_samples: int = 400) -> Links:
     """Build capsules around the collision geometry; arms that are not among `arms` stay at home.
 
     Pairs whose capsules, unlike the bodies, meet at home are left out, and those that never come near each other.
+
+    Parameters
+    ----------
+    meeting : distance at home up to which capsules count as meeting, where the bodies are known to be apart [m]
+    n_samples : random configurations that tell which links may come near each other
     """
     links, _ = all_links(robot, arms)
     chains, home = chains_of(robot, arms), np.concatenate([arm.home for arm in arms])
-    links = links._replace(pairs=links.pairs[pair_distances(chains, links, home[None]) > MEETING])
+    links = links._replace(pairs=links.pairs[pair_distances(chains, links, home[None]) > meeting])
     rng = np.random.default_rng(0)
-    return links.near(chains, rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(chains.lower))))
+    return links.near(chains, rng.uniform(chains.lower, chains.upper, (n_samples, len(chains.lower))))
 
 
 @lru_cache(maxsize=32)

@@ -15,9 +15,9 @@ from comove.robots.search.links import (
     Links,
     LinkSurroundings,
     all_links,
-    around_free,
     clearance_at,
     links_near,
+    load_lines,
     pair_distances,
 )
 from comove.scenes.scene import Scene
@@ -70,14 +70,16 @@ class Outline:
         told = np.array([name not in untold for name in names], dtype=bool)
         still = links.joint == STATIC  # which a load that lies still may touch
         links = links._replace(pairs=links.pairs[told], holds=still)
-        around = around_free(scene, eased, loaded=nodes is not None)
-        lies = np.zeros((1, 3)) if nodes is None else nodes
+        edges, radii = load_lines(scene)
+        if nodes is None:
+            edges, radii, nodes = edges[:0], radii[:0], np.zeros((1, 3))
+        around = LinkSurroundings(scene.obstacles, edges, radii, scene.clearance, eased)
         return cls(
             chains=chains,
             links=links,
             around=around,
             columns=columns,
-            nodes=lies,
+            nodes=nodes,
             bodies=[items[k].name for k in body.tolist()],
             names=[name for name in names if name not in untold],
             untold=untold,

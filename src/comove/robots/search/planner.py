@@ -28,22 +28,42 @@ from comove.planning.configurations import (
 )
 from comove.planning.planner import continuous
 from comove.planning.trees import copy_to, rrt_connect, shortened
-from comove.robots.search.chains import Iteration, reach_pose
-from comove.robots.search.following import KEEP, Arms, hand_rotation, posture_on
+from comove.robots.search.chains import reach_pose
+from comove.robots.search.following import SEARCHING, Arms, hand_rotation, posture_on
 from comove.robots.search.links import ENOUGH, ROUGH, clearance_at, links_clearance, place_links
 from comove.robots.search.ranges import may_reach
 
 Array = NDArray[np.float64]
 
-SUB_STEP = 0.03  # m of span, between the poses that the arms are followed through
-JUMP = 0.4  # rad, of a joint within a sub-step: another branch
-N_SHORTCUTS = 80
-N_TREES = 3  # pairs of trees that meet, where their paths cannot be followed from one end to the other
-N_DRAWS = 50  # for each node; most of them are out of reach
-LEADING = Iteration(gain=0.2, keep=KEEP, tolerance=1e-3, steady=0.05, most=12)  # of a pose
+LEADING = SEARCHING._replace(tolerance=1e-3, most=12)
+"""Iteration for a pose on an edge, which begins further away than a sample of a movement."""
 FOLLOWING_WORK = 2000  # distances of segments that a pose of all arms takes as long as
-SPACING = 0.05  # m, between the vertices of a path that is to be shortened
-SHORTER = 0.02  # m, by which a straight piece is shorter, to be worth following it
+
+
+class ArmPlanSettings(NamedTuple):
+    """Settings of plans in which arms follow the load.
+
+    Attributes
+    ----------
+    sub_step : span between the poses that the arms are followed through [m]
+    jump : turn of a joint within a sub-step that leads to another branch [rad]
+    n_trees : pairs of trees that meet, where their paths cannot be followed from one end to the other
+    n_draws : configurations drawn for each node at most; most of them are out of reach
+    n_shortcuts : attempts to shorten a path
+    spacing : span between the vertices of a path that is to be shortened, at most [m]
+    shorter : span that a straight piece has to save, to be worth following it [m]
+    """
+
+    sub_step: float = 0.03
+    jump: float = 0.4
+    n_trees: int = 3
+    n_draws: int = 50
+    n_shortcuts: int = 80
+    spacing: float = 0.05
+    shorter: float = 0.02
+
+
+SETTINGS = ArmPlanSettings()
 
 
 class CarriedSpace(NamedTuple):
@@ -55,6 +75,7 @@ class CarriedSpace(NamedTuple):
     arms : arms that carry it
     n_columns : number of columns of a configuration
     course : array, shape (2, n_joints), joints at start and goal, between which redundant joints are drawn
+    settings : settings of the plan
     clock : that of the space
     """
 
@@ -62,6 +83,7 @@ class CarriedSpace(NamedTuple):
     arms: Arms
     n_columns: int
     course: Array
+    settings: ArmPlanSettings
     clock: Array
 
 
@@ -77,6 +99,7 @@ def plan_with_arms(
     lenient: float = 0.0,
     max_nodes: int,
     densely: bool = False,
+    settings: ArmPlanSettings = SETTINGS,
 ) -> tuple[Array, Array] | None:
     """Plan a path of the load that the arms can follow from start to goal; None where none was found.
 
@@ -87,7 +110,7 @@ def plan_with_arms(
     margin : margin of the clearance of load and links above the required one [m]; less where the ends have less
     required : required clearance of the load [m]
     lenient : amount by which the clearance of links may be less [m], as the verification computes it more exactly
-    densely : return configurations at most `SPACING` apart, with joints that were followed from the start
+    densely : return configurations at most `spacing` apart, with joints that were followed from the start
 
     Returns
     -------
@@ -100,7 +123,7 @@ def plan_with_arms(
     at_ends = min(clearance_of(space, q, scratch, 0.0) for q, _ in (start, goal))
     margin = min(required + margin, 0.5 * (required + at_ends))
     course = np.stack([start[1], goal[1]])
-    world, n = CarriedSpace(space, arms, len(start[0]), course, space.clock), len(start[0])
+    world, n = CarriedSpace(space, arms, len(start[0]), course, settings, space.clock), len(start[0])
     find = _way if densely else _planned
     path = find(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
     return (continuous(space, path[:, :n]), np.ascontiguousarray(path[:, n:])) if len(path) else None
@@ -127,14 +150,14 @@ def _planned(
     -------
     array, shape (n_configurations, n_values)
     """
-    nothing = np.empty((0, start.shape[0]))
-    for _ in range(N_TREES):
-        path = rrt_connect(world, start, goal, margin, rng, max_nodes, N_DRAWS * max_nodes, nothing)
+    nothing, how = np.empty((0, start.shape[0])), world.settings
+    for _ in range(how.n_trees):
+        path = rrt_connect(world, start, goal, margin, rng, max_nodes, how.n_draws * max_nodes, nothing)
         if path.shape[0] == 0:
             return nothing
-        path = _dense(world.space, path)
+        path = _dense(world.space, path, how.spacing)
         if _follow(world, path):
-            return shortened(world, path, margin, rng, N_SHORTCUTS)
+            return shortened(world, path, margin, rng, how.n_shortcuts)
     return nothing
 
 
@@ -146,16 +169,16 @@ def _way(
     path = _planned(world, start, goal, margin, rng, max_nodes)
     if path.shape[0] == 0:
         return path
-    path = _dense(world.space, path)
+    path = _dense(world.space, path, world.settings.spacing)
     return path if _follow(world, path) else path[:0]
 
 
 @kernel
-def _dense(space: Space, path: Array) -> Array:
-    """Return the path with intermediate vertices, at most `SPACING` apart, whose joints are not known yet."""
+def _dense(space: Space, path: Array, spacing: float) -> Array:
+    """Return the path with intermediate vertices, at most `spacing` [m] apart, whose joints are not known yet."""
     counts, n = np.ones(path.shape[0], dtype=np.int64), 1
     for k in range(1, path.shape[0]):
-        counts[k] = max(1, int(np.ceil(span(space, path[k - 1], path[k]) / SPACING)))
+        counts[k] = max(1, int(np.ceil(span(space, path[k - 1], path[k]) / spacing)))
         n += counts[k]
     out, row = np.empty((n, path.shape[1])), 0
     copy_to(path[0], out[0])
@@ -174,32 +197,28 @@ def _follow(world: CarriedSpace, path: Array) -> bool:
     copy_to(world.course[0], path[0, n:])
     for k in range(1, path.shape[0]):
         copy_to(path[k - 1, n:], path[k, n:])
-        if not follow_edge(world.space, world.arms, world.course, path[k - 1], path[k], path[k, n:]):
+        if not follow_edge(world, path[k - 1], path[k], path[k, n:]):
             return False
     return True
 
 
 @kernel
-def follow_edge(space: Space, arms: Arms, course: Array, p: Array, target: Array, joints: Array) -> bool:
+def follow_edge(world: CarriedSpace, p: Array, target: Array, joints: Array) -> bool:
     """Follow an edge with all arms, joints in place; returns False where an arm does not reach, jumps or comes too
     near.
     """
-    chains, links, around = arms.chains, arms.links, arms.around
-    nodes = np.empty((space.blocks.node.shape[0], 3))
-    at, rotation, before, posture = (
-        np.empty_like(p),
-        np.empty((3, 3)),
-        np.empty_like(joints),
-        np.empty_like(joints),
-    )
+    space, how = world.space, world.settings
+    chains, links, around = world.arms.chains, world.arms.links, world.arms.around
+    nodes, at, rotation = np.empty((space.blocks.node.shape[0], 3)), np.empty_like(p), np.empty((3, 3))
+    before, posture = np.empty_like(joints), np.empty_like(joints)
     start, end = links.start.copy(), links.end.copy()
-    count = max(1, int(np.ceil(span(space, p, target) / SUB_STEP)))
+    count = max(1, int(np.ceil(span(space, p, target) / how.sub_step)))
     for step in range(1, count + 1):
         if worked(space.clock, FOLLOWING_WORK + links.joint.shape[0] * around.obstacles.shape[0]):
             return False
         interpolate(space, p, target, step / count, at)
         place_one(space.blocks, at, 1.0, nodes)
-        posture_on(course, around, nodes, posture)
+        posture_on(world.course, around, nodes, posture)
         copy_to(joints, before)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(around, nodes, i, rotation)
@@ -207,7 +226,7 @@ def follow_edge(space: Space, arms: Arms, course: Array, p: Array, target: Array
             if left > LEADING.tolerance:
                 return False
         for j in range(joints.shape[0]):
-            if abs(joints[j] - before[j]) > JUMP:
+            if abs(joints[j] - before[j]) > how.jump:
                 return False
         place_links(chains, links, joints, start, end)
         need = around.clearance
@@ -225,12 +244,12 @@ def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float
     if not edge_is_free(space, p, out, margin, scratch, nodes):
         return trees.BLOCKED
     copy_to(p[n:], out[n:])
-    if not follow_edge(space, world.arms, world.course, p, out, out[n:]):
+    if not follow_edge(world, p, out, out[n:]):
         return trees.BLOCKED
     if way > space.settings.step * steps:
         return trees.FREE
     for c in range(n, q.shape[0]):  # in the joints of q, not in those of another branch; a random q has none
-        if abs(out[c] - q[c]) > JUMP:
+        if abs(out[c] - q[c]) > world.settings.jump:
             return trees.BLOCKED
     return trees.ARRIVED
 
@@ -268,7 +287,7 @@ def _draw(
 def _between(world: CarriedSpace, p: Array, q: Array, share: float, out: Array) -> bool:
     interpolate(world.space, p, q, share, out)
     copy_to(p[world.n_columns :], out[world.n_columns :])
-    return follow_edge(world.space, world.arms, world.course, p, out, out[world.n_columns :])
+    return follow_edge(world, p, out, out[world.n_columns :])
 
 
 @trees.answers(trees.length, CarriedSpace)
@@ -280,4 +299,4 @@ def _length(world: CarriedSpace, p: Array, q: Array) -> float:
 @trees.answers(trees.shortens, CarriedSpace)
 @kernel
 def _shortens(world: CarriedSpace, p: Array, q: Array, way: float) -> bool:
-    return span(world.space, p, q) <= way - SHORTER
+    return span(world.space, p, q) <= way - world.settings.shorter

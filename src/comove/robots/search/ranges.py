@@ -3,7 +3,7 @@
 The *shoulder* is the last of an arm's joints that stays where it is, whatever the joints do; the *wrist* the first
 that stays where it is as seen from the hand. So a hand's pose alone says how far they are from each other. What lies
 between the least and the largest distance is not always reached; what lies outside never is. Both distances are
-found by random joints, ever closer to the best, and taken `EDGE` wider.
+found by random joints, ever closer to the best, and taken a little wider.
 """
 
 from __future__ import annotations
@@ -18,9 +18,6 @@ from comove.robots.search.chains import Chains, place_arm
 
 Array = NDArray[np.float64]
 
-N_SAMPLES = 200  # random joints a round
-N_ROUNDS = 8  # around the best joints so far, each half as far from them as the one before
-EDGE = 0.01  # m, beyond the distances found
 STILL = 1e-9  # m, that a point which stays where it is may move by
 
 
@@ -40,19 +37,26 @@ class WristRanges(NamedTuple):
     most: Array
 
 
-def ranges_of(chains: Chains) -> WristRanges:
-    """Return the ranges of arms, from random joints within their limits."""
+def ranges_of(chains: Chains, *, n_samples: int = 200, n_rounds: int = 8, edge: float = 0.01) -> WristRanges:
+    """Return the ranges of arms, from random joints within their limits.
+
+    Parameters
+    ----------
+    n_samples : random joints a round
+    n_rounds : rounds about the best joints so far, each half as far from them as the one before
+    edge : by which ranges are wider than what was found [m]
+    """
     rng, span = np.random.default_rng(0), chains.upper - chains.lower
-    samples = rng.uniform(chains.lower, chains.upper, (N_SAMPLES, len(span)))
-    steps = span * rng.standard_normal((N_ROUNDS, N_SAMPLES, len(span)))
-    steps *= 0.5 ** np.arange(2, N_ROUNDS + 2)[:, None, None]
+    samples = rng.uniform(chains.lower, chains.upper, (n_samples, len(span)))
+    steps = span * rng.standard_normal((n_rounds, n_samples, len(span)))
+    steps *= 0.5 ** np.arange(2, n_rounds + 2)[:, None, None]
     found = []
     for arm in range(len(chains.first) - 1):
         points, hands = _placed(chains, arm, samples)
         seen = np.einsum("sba,skb->ska", hands, points - points[:, -1:])
         shoulder, wrist = np.flatnonzero(_still(points))[-1], np.flatnonzero(_still(seen))[0]
         least, most = (_extreme(chains, arm, shoulder, wrist, sign, samples, steps) for sign in (1.0, -1.0))
-        found.append((points[0, shoulder], seen[0, wrist], least - EDGE, most + EDGE))
+        found.append((points[0, shoulder], seen[0, wrist], least - edge, most + edge))
     return WristRanges(*(np.array(part) for part in zip(*found, strict=True)))
 
 

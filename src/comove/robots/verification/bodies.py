@@ -15,8 +15,8 @@ on different bases, are reduced by their effect.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -81,6 +81,24 @@ class Bodies:
     rods: tuple[tuple[int, ...], ...]
     surfaces: Surfaces
 
+    def some(self, which: NDArray[np.bool_]) -> Bodies:
+        """Return the bodies, copied, with some of their pairs; array, shape (n_pairs,).
+
+        Pairs go with their rough substitutes, or neither does.
+        """
+        geometry, number = self.geometry.copy(), np.cumsum(which) - 1
+        geometry.removeAllCollisionPairs()
+        for first, second in self.ends[which].tolist():
+            geometry.addCollisionPair(pin.CollisionPair(first, second))
+        return replace(
+            self,
+            geometry=geometry,
+            kind=self.kind[which],
+            taken=self.taken[which],
+            reach=self.reach[which],
+            exact=number[self.exact[which]],
+        )
+
     @cached_property
     def ends(self) -> NDArray[np.int64]:
         """Return the numbers of both bodies of every pair; array, shape (n_pairs, 2)."""
@@ -107,7 +125,9 @@ class Bodies:
         return f"{self.names[both.first]} and {self.names[both.second]}"
 
 
-def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float) -> Bodies:
+def bodies_of(
+    bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Array, miss: float, *, held: bool = True
+) -> Bodies:
     """Put robot, obstacles and load into one geometry model.
 
     Parameters
@@ -115,6 +135,7 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     arms : arms in the order of the hands
     hands : array, shape (n_steps, n_hands, 3), positions of the hands [m]
     miss : largest error of the hands from the load's motion [m]
+    held : whether the holders' hands have the load in them, and so no distance from it
     """
     robot, scene, lever = bases.robot, carried.motion.scene, leverage(carried)
     geometry = robot.collision.copy()
@@ -122,7 +143,8 @@ def bodies_of(bases: Bases, arms: tuple[Arm, ...], carried: Carried, hands: Arra
     on = _joints(geometry)
     pairs = [(p.first, p.second, SELF) for p in geometry.collisionPairs if on[p.first] != on[p.second]]
     pairs += _add_obstacles(geometry, names, scene)
-    rods, with_load = _add_load(robot, geometry, names, carried, [arms[i] for i in scene.file.holder_numbers])
+    holders = [arms[i] for i in scene.file.holder_numbers] if held else []
+    rods, with_load = _add_load(robot, geometry, names, carried, holders)
     pairs, exact = _with_hulls(geometry, names, pairs + with_load)
     geometry.removeAllCollisionPairs()
     for first, second, _ in pairs:
@@ -164,8 +186,8 @@ def _add_load(
     robot: Robot, geometry: Any, names: list[str], carried: Carried, holders: list[Arm]
 ) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
     """Add the load's shapes; returns their numbers with the nodes that they span, and the pairs with links."""
-    held, rods, pairs = _beyond_wrists(robot, holders), list[tuple[int, ...]](), []
-    links = [link for link, joint in enumerate(_joints(robot.collision)) if joint not in held]
+    in_hands, rods, pairs = beyond_wrists(robot, holders), list[tuple[int, ...]](), []
+    links = [link for link, joint in enumerate(_joints(robot.collision)) if joint not in in_hands]
     for shape in load_shapes(carried):
         name = f"load {len(rods)}"
         number = geometry.addGeometryObject(pin.GeometryObject(name, 0, pin.SE3.Identity(), shape.geometry))
@@ -243,7 +265,7 @@ def _some_point(shape: Any) -> Array:
     return np.array(shape.point(0)) if isinstance(shape, coal.ConvexBase) else np.zeros(3)
 
 
-def _beyond_wrists(robot: Robot, arms: list[Arm]) -> set[int]:
+def beyond_wrists(robot: Robot, arms: Iterable[Arm]) -> set[int]:
     """Return the joints whose links move rigidly with a hand: the last one of each arm, and those beyond it."""
     lasts = {robot.grasp_frame(arm)[0] for arm in arms}
     return {j for j in range(1, robot.model.njoints) if lasts & set(robot.model.supports[j])}

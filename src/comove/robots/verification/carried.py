@@ -145,7 +145,7 @@ def load_shapes(carried: Carried, thin: float = 1e-6) -> list[LoadShape]:
     for (a, b), radius in zip(body.edges.tolist(), body.radii.tolist(), strict=True):
         if a != b:
             shapes.append(LoadShape(coal.Capsule(max(radius, thin), _largest(nodes, a, b)), (a, b)))
-    for corners in getattr(body, "solids", np.zeros((0, 8), dtype=int)).tolist():
+    for corners in body.solids.tolist():
         size = [_largest(nodes, corners[0], corners[side]) for side in (1, 2, 4)]
         shapes.append(LoadShape(coal.Box(*size), tuple(corners)))
     return shapes

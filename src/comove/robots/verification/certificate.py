@@ -30,10 +30,9 @@ a hand that glides over a table comes no nearer to first order, however fast it 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import islice
 from typing import Any, NamedTuple
 
 import coal
@@ -52,14 +51,27 @@ from comove.ties import first_least
 
 Array = NDArray[np.float64]
 
-FIRST = 16  # parts of the motion at the beginning
-DEEPEST = 22  # halvings of a part
-TIGHT, LOOSE = 1e-3, 5e-3  # m, how far a bound may stay below the clearance; where that is too small anyway
-MOST = 400_000  # distances: a bound that needs more is given up as it stands, still sound, only lower
-WORTH_BALLS = (
-    0.9  # share of the cells that balls leave to be computed, from which on they are not looked at any more
-)
-FEW = 8  # cells of each kind, with the nearest balls, that tell at the beginning what the clearance is about
+
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Settings of how far the certificate goes into time; none of them lets it say more than it knows.
+
+    Attributes
+    ----------
+    parts : intervals in which the motion is looked at first
+    deepest : halvings of an interval, at most
+    tight : how far a bound may stay below the clearance [m]
+    loose : likewise where the clearance is too small anyway [m]
+    most : distances that are computed, at most; a bound that needs more stays as it stands, sound but lower
+    few : cells of each kind with the nearest bodies, which are looked at first, as they may spare others
+    """
+
+    parts: int = 16
+    deepest: int = 22
+    tight: float = 1e-3
+    loose: float = 5e-3
+    most: int = 400_000
+    few: int = 8
 
 
 class LinkClearance(NamedTuple):
@@ -77,9 +89,6 @@ class LinkClearance(NamedTuple):
     upper: float
     pair: int
     time: float
-
-
-UNKNOWN = [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +177,10 @@ class PairCells(NamedTuple):
         """Return some of the cells."""
         return self._replace(row=self.row[which], pair=self.pair[which])
 
+    def exact(self, bodies: Bodies) -> PairCells:
+        """Return the cells of the exact pairs for which theirs are substitutes."""
+        return self._replace(pair=bodies.exact[self.pair])
+
     def halved(self, chosen: NDArray[np.bool_]) -> PairCells:
         """Return both halves of the chosen cells."""
         quarter, (rows, row) = 0.5 * self.at.half, np.unique(self.row[chosen], return_inverse=True)
@@ -178,10 +191,16 @@ class PairCells(NamedTuple):
         return PairCells(at, halves[order], np.tile(self.pair[chosen], 2)[order])
 
 
-def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.0) -> list[LinkClearance]:
+def certify(
+    bodies: Bodies,
+    carried: LoadMotion,
+    curve: PPoly,
+    slack: float = 0.0,
+    settings: CertificateSettings = CertificateSettings(),
+) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
-    Where a pair violates its required clearance, the bound of its kind is only as tight as `LOOSE`.
+    Where a pair violates its required clearance, the bound of its kind is only `loose`.
 
     Parameters
     ----------
@@ -191,103 +210,101 @@ def certify(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float = 0.
         once a pair is known to violate it. With all of it, no clearance is computed that need not be: convex hulls
         suffice where they keep what is required
     """
-    distances, nearing = Distances(bodies), Nearing(bodies)
-    cells, computed = _first(bodies, CarryCourse(bodies.robot, carried, curve)), 0
-    lower, balls_help = np.full(3, np.inf), True
-    met = UNKNOWN if slack >= 1.0 else _few(distances, cells)
-    for depth in range(DEEPEST):
-        change, bound = distances.changes(cells), np.full(len(cells.pair), -np.inf)
-        if balls_help:
-            bound = distances.of_balls(cells) - change
-        near = bound < _enough(met, bodies, slack)[bodies.kind[cells.pair]]  # for all others balls are enough
-        balls_help &= near.sum() < WORTH_BALLS * len(near)
+    distances = Distances(bodies)
+    nearing = Nearing(distances)
+    known = _Known(distances, slack, settings)
+    cells = _first(bodies, CarryCourse(bodies.robot, carried, curve), settings.parts)
+    lower = np.full(3, np.inf)
+    if slack < 1.0:  # what the clearance is about, before anything is compared with it
+        known.compute(cells.chosen(known.nearest(cells, distances.of_balls(cells))).exact(bodies))
+    for depth in range(settings.deepest):
+        change = distances.changes(cells)
+        bound = distances.of_balls(cells) - change
+        near = bound < known.enough(cells)  # for all others balls are enough
         close, change = cells.chosen(near), change[near]
-        distance = distances(close)
-        met = _met(met, bodies, close, distance)
-        of_meshes, met = _of_meshes(distances, close, distance, met, slack)
-        computed += len(distance) + int(np.isfinite(of_meshes).sum())
-        enough = _enough(met, bodies, slack)[bodies.kind[close.pair]]
+        distance = known.compute(close)
+        of_meshes = known.bound_meshes(close, distance)
+        enough = known.enough(close)
         spare = np.where(distance > 0, distance - enough, 0.0)
-        nearer = nearing.improved(change, spare, close)
-        bound[near] = np.fmax(distance - nearer, of_meshes)
+        bound[near] = np.fmax(distance - nearing.improved(change, spare, close), of_meshes)
         done, far = bound[near] >= enough, ~near
-        if depth == DEEPEST - 1 or computed > MOST:
+        if depth == settings.deepest - 1 or known.computed > settings.most:
             done[:] = True
         far[near] = done
         np.minimum.at(lower, bodies.kind[cells.pair[far]], bound[far])
         if far.all():
             break
         cells = cells.halved(~far)
-    return [least._replace(lower=float(bound)) for least, bound in zip(met, lower, strict=True)]
+    return [least._replace(lower=float(bound)) for least, bound in zip(known.least, lower, strict=True)]
 
 
-def _of_meshes(
-    distances: Distances, cells: PairCells, rough: Array, met: list[LinkClearance], slack: float
-) -> tuple[Array, list[LinkClearance]]:
-    """Bound the distances of meshes whose hulls are too near, array of shape (n_cells,), NaN for the others [m], and
-    return the least clearances so far as well. The nearest come first: what is found there may spare the rest.
+class _Known:
+    """The least clearances that were computed so far, and the bounds that suffice beside them.
+
+    Attributes
+    ----------
+    least : least clearances of exact pairs, by kind
+    computed : number of distances that were computed
     """
-    bodies, bound = distances.bodies, np.full(len(rough), np.nan)
-    kind, are_hulls = bodies.kind[cells.pair], bodies.exact[cells.pair] != cells.pair
-    if not are_hulls.any():
-        return bound, met
-    nearest = _least(np.where(are_hulls, rough, np.inf), kind)
-    for wanted in (are_hulls & nearest, are_hulls & ~nearest):
-        chosen = wanted & (rough < _enough(met, bodies, slack)[kind])
-        own = cells.chosen(chosen)
-        own = own._replace(pair=bodies.exact[own.pair])
-        distance = distances(own)
-        bound[chosen] = distance - distances.changes(own)
-        met = _met(met, bodies, own, distance)
-    return bound, met
+
+    def __init__(self, distances: Distances, slack: float, settings: CertificateSettings):
+        self.distances, self.bodies = distances, distances.bodies
+        self.slack, self.settings = slack, settings
+        self.least, self.computed = [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3, 0
+
+    def compute(self, cells: PairCells) -> Array:
+        """Compute distances, less what is taken from them, and keep the least; array, shape (n_cells,) [m]."""
+        distance, is_exact = self.distances(cells), self.bodies.exact[cells.pair] == cells.pair
+        self.computed += len(distance)
+        for kind, best in enumerate(self.least):
+            own = np.flatnonzero(is_exact & (self.bodies.kind[cells.pair] == kind))
+            upper = float(distance[own].min(initial=np.inf))
+            if upper < best.upper:
+                k = own[first_least(distance[own])]
+                when = float(cells.at.time[cells.row[k]])
+                self.least[kind] = LinkClearance(-np.inf, upper, int(cells.pair[k]), when)
+        return distance
+
+    def bound_meshes(self, cells: PairCells, rough: Array) -> Array:
+        """Bound the distances of meshes whose hulls are too near, NaN for all others; arrays, shape (n_cells,) [m].
+
+        The nearest come first: what is found there may spare the rest.
+        """
+        bound, are_hulls = np.full(len(rough), np.nan), self.bodies.exact[cells.pair] != cells.pair
+        nearest = self.nearest(cells, np.where(are_hulls, rough, np.inf))
+        for wanted in (are_hulls & nearest, are_hulls & ~nearest):
+            chosen = wanted & (rough < self.enough(cells))
+            own = cells.chosen(chosen).exact(self.bodies)
+            bound[chosen] = self.compute(own) - self.distances.changes(own)
+        return bound
+
+    def nearest(self, cells: PairCells, distance: Array) -> NDArray[np.bool_]:
+        """Return which are among the `few` least distances of their kind; arrays, shape (n_cells,)."""
+        chosen, kinds = np.zeros(len(distance), dtype=bool), self.bodies.kind[cells.pair]
+        for kind in range(3):
+            own = np.flatnonzero(kinds == kind)
+            chosen[own[np.argsort(distance[own], kind="stable")[: self.settings.few]]] = True
+        return chosen
+
+    def enough(self, cells: PairCells) -> Array:
+        """Return the bounds that suffice; array, shape (n_cells,) [m]."""
+        return self._enough()[self.bodies.kind[cells.pair]]
+
+    def _enough(self) -> Array:
+        """Return the bounds that suffice, by kind; array, shape (3,) [m]."""
+        upper, required = np.array([least.upper for least in self.least]), self.bodies.required
+        if self.slack > 0.0 and (upper < required).any():
+            return np.full(3, -np.inf)
+        if self.slack >= 1.0:
+            return required
+        known = np.isfinite(upper)
+        spare = np.where(known, upper, 0.0) - required
+        away = np.maximum(self.settings.tight, self.slack * spare)
+        enough = np.where(known, np.maximum(required, upper - away), np.inf)
+        return np.where(upper < required, upper - self.settings.loose, enough)
 
 
-def _least(distance: Array, kind: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which are among the `FEW` least of their kind; array, shape (n_cells,)."""
-    chosen = np.zeros(len(distance), dtype=bool)
-    for k in range(3):
-        own = np.flatnonzero(kind == k)
-        chosen[own[np.argsort(distance[own], kind="stable")[:FEW]]] = True
-    return chosen
-
-
-def _enough(met: list[LinkClearance], bodies: Bodies, slack: float) -> Array:
-    """Return the bounds that suffice, by kind; array, shape (3,) [m]."""
-    upper, required = np.array([least.upper for least in met]), bodies.required
-    if slack > 0.0 and (upper < required).any():
-        return np.full(3, -np.inf)
-    if slack >= 1.0:
-        return required
-    known = np.isfinite(upper)
-    spare = np.where(known, upper, 0.0) - required
-    enough = np.where(known, np.maximum(required, upper - np.maximum(TIGHT, slack * spare)), np.inf)
-    return np.where(upper < required, upper - LOOSE, enough)
-
-
-def _few(distances: Distances, cells: PairCells) -> list[LinkClearance]:
-    """Return the least clearances among the cells whose balls are nearest, by kind."""
-    bodies = distances.bodies
-    few = cells.chosen(_least(distances.of_balls(cells), bodies.kind[cells.pair]))
-    few = few._replace(pair=bodies.exact[few.pair])
-    return _met(UNKNOWN, bodies, few, distances(few))
-
-
-def _met(met: list[LinkClearance], bodies: Bodies, cells: PairCells, distance: Array) -> list[LinkClearance]:
-    """Return the least clearances so far, by kind; only exact pairs count."""
-    kind = np.where(bodies.exact[cells.pair] == cells.pair, bodies.kind[cells.pair], -1)
-    return [_nearer(met[k], cells, distance, np.flatnonzero(kind == k)) for k in range(3)]
-
-
-def _nearer(best: LinkClearance, cells: PairCells, distance: Array, own: NDArray[np.int64]) -> LinkClearance:
-    """Return the least clearance of one kind so far, after the cells `own`."""
-    upper = float(distance[own].min(initial=np.inf))
-    if upper >= best.upper:
-        return best
-    k = own[first_least(distance[own])]
-    return LinkClearance(-np.inf, upper, int(cells.pair[k]), float(cells.at.time[cells.row[k]]))
-
-
-def _first(bodies: Bodies, course: CarryCourse) -> PairCells:
+def _first(bodies: Bodies, course: CarryCourse, parts: int) -> PairCells:
     """Return the cells of all pairs in the first intervals, rough pairs where there are such; one cell for pairs that
     never move.
     """
@@ -296,11 +313,11 @@ def _first(bodies: Bodies, course: CarryCourse) -> PairCells:
     begun[bodies.exact[rough]] = False
     moves = bodies.reach.any(axis=1)
     still, moving = np.flatnonzero(begun & ~moves), np.flatnonzero(begun & moves)
-    row = np.concatenate([np.zeros(len(still), dtype=np.int64), np.repeat(np.arange(FIRST), len(moving))])
+    row = np.concatenate([np.zeros(len(still), dtype=np.int64), np.repeat(np.arange(parts), len(moving))])
     last = float(course.curve.x[-1])
-    half = 0.5 * last / FIRST
-    at = Instants(course, np.linspace(half, last - half, FIRST), half)
-    return PairCells(at, row, np.concatenate([still, np.tile(moving, FIRST)]))
+    half = 0.5 * last / parts
+    at = Instants(course, np.linspace(half, last - half, parts), half)
+    return PairCells(at, row, np.concatenate([still, np.tile(moving, parts)]))
 
 
 class Distances:
@@ -313,25 +330,26 @@ class Distances:
 
     def __call__(self, cells: PairCells) -> Array:
         """Compute distances, less what is taken from them; array, shape (n_cells,) [m]."""
-        counts = np.bincount(cells.row)
+        return np.array([found.min_distance for found in self.found(cells)]) - self.bodies.taken[cells.pair]
+
+    def found(self, cells: PairCells) -> Iterator[Any]:
+        """Yield coal's results for the pairs, each of which is valid until the next."""
         compute, geometry, placed = pin.computeDistance, self.bodies.geometry, self.placed
         rods = [(rod, *placements(cells.at.nodes, tuple(spanned))) for rod, *spanned in self.bodies.rods]
-        distances, pairs = list[float](), iter(cells.pair.tolist())
-        for k in np.flatnonzero(counts).tolist():
-            pin.updateGeometryPlacements(self.model, self.data, geometry, placed, cells.at.positions[k])
-            for rod, turn, middle in rods:
-                placed.oMg[rod] = pin.SE3(turn[k], middle[k])
-            distances += [compute(geometry, placed, pair).min_distance for pair in islice(pairs, counts[k])]
-        return np.array(distances) - self.bodies.taken[cells.pair]
+        placed_for = -1
+        for k, pair in zip(cells.row.tolist(), cells.pair.tolist(), strict=True):
+            if k != placed_for:
+                pin.updateGeometryPlacements(self.model, self.data, geometry, placed, cells.at.positions[k])
+                for rod, turn, middle in rods:
+                    placed.oMg[rod] = pin.SE3(turn[k], middle[k])
+                placed_for = k
+            yield compute(geometry, placed, pair)
 
     def of_balls(self, cells: PairCells) -> Array:
         """Compute lower bounds of the distances, less what is taken, by the balls about the bodies; array, shape
         (n_cells,) [m].
         """
-        (centers, (_, radii)), ends = (
-            (self._centers(cells.at), self.bodies.balls),
-            self.bodies.ends[cells.pair],
-        )
+        centers, (_, radii), ends = self._centers(cells.at), self.bodies.balls, self.bodies.ends[cells.pair]
         between = centers[cells.row, ends[:, 0]] - centers[cells.row, ends[:, 1]]
         distance = np.sqrt((between**2).sum(axis=1)) - radii[ends].sum(axis=1)
         return distance - self.bodies.taken[cells.pair]
@@ -361,9 +379,9 @@ class Nearing:
     applies : array, shape (n_pairs,), whether the bound applies to a pair: convex bodies on a robot or in the scene
     """
 
-    def __init__(self, bodies: Bodies):
-        self.bodies = bodies
-        self._state = bodies.robot.model.createData(), bodies.geometry.createData()
+    def __init__(self, distances: Distances):
+        self._distances, self.bodies = distances, distances.bodies
+        bodies = self.bodies
         items = list(bodies.geometry.geometryObjects)
         moved = moved_by(bodies.robot)[bodies.joint[bodies.ends]].swapaxes(0, 1)
         self._sides = moved & ~moved[::-1]
@@ -405,8 +423,10 @@ class Nearing:
         """
         bodies, (centers, radii) = self.bodies, self.bodies.balls
         turns, places = cells.at.placements
-        apart, normals = self._nearest(cells)
-        lost, speed, turning = apart, np.zeros(len(apart)), np.zeros(len(apart))
+        found = [(result.min_distance, *result.normal) for result in self._distances.found(cells)]
+        lost, normals = np.hsplit(np.array(found), [1])
+        lost, normals = lost[:, 0], normals / np.linalg.norm(normals, axis=1, keepdims=True)
+        speed, turning = np.zeros(len(lost)), np.zeros(len(lost))
         for side, sign in enumerate((1.0, -1.0)):  # normals point from the first body to the second
             body = bodies.ends[cells.pair, side]
             turn, place = turns[bodies.joint[body], cells.row], places[bodies.joint[body], cells.row]
@@ -418,19 +438,6 @@ class Nearing:
             speed = speed + sign * (normals * velocity).sum(axis=1)
             turning = turning + np.linalg.norm(cross(normals, twist[:, 3:]), axis=1) * radii[body]
         return lost, np.abs(speed) + turning
-
-    def _nearest(self, cells: PairCells) -> tuple[Array, Array]:
-        """Compute distances of pairs and unit vectors along them; arrays, shape (n_cells,) [m] and (n_cells, 3)."""
-        model, geometry, placed_for = self.bodies.robot.model, self.bodies.geometry, -1
-        data, placed = self._state
-        apart, normals = np.empty(len(cells.pair)), np.empty((len(cells.pair), 3))
-        for i, (k, pair) in enumerate(zip(cells.row.tolist(), cells.pair.tolist(), strict=True)):
-            if k != placed_for:
-                pin.updateGeometryPlacements(model, data, geometry, placed, cells.at.positions[k])
-                placed_for = k
-            found = pin.computeDistance(geometry, placed, pair)
-            apart[i], normals[i] = found.min_distance, found.normal
-        return apart, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
     def _supports(self, body: NDArray[np.int64], along: Array) -> Array:
         """Compute how far bodies reach along unit vectors in the frames of their joints, from these frames' origins.

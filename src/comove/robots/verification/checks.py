@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.errors import RobotError
-from comove.robots.effort import largest_torque, load_mass
+from comove.robots.effort import largest_torque
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Extreme, JointMotion, largest_acceleration, largest_velocity, least_margin
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_inside
@@ -25,9 +25,7 @@ Array = NDArray[np.float64]
 
 SAMPLE_ERROR = 1e-6  # m and rad, of a hand at samples
 HAND_ERROR = 1e-5  # m and rad, of a hand at every instant
-END_TIME = 1e-9  # s
-END_SPEED = 1e-9  # rad/s
-ROUNDING = 1e-9  # by which a share of a limit may exceed 1: a motion may be as fast as its limits
+ROUNDING = 1e-9  # s, rad/s, and share of a limit, as a motion may be as fast as its limits
 LARGEST = 1e6  # s, rad, m
 
 
@@ -82,7 +80,7 @@ def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:
         return [
             f"time[{k}] = {time[k]:g} s does not come after time[{k - 1}] = {time[k - 1]:g} s; sort the samples"
         ]
-    if abs(time[0]) > END_TIME or abs(time[-1] - scene.duration) > END_TIME:
+    if abs(time[0]) > ROUNDING or abs(time[-1] - scene.duration) > ROUNDING:
         return [
             f"the motion lasts from {time[0]:.9g} s to {time[-1]:.9g} s, the scene's from 0 to "
             f"{scene.duration:.9g} s; stretch it to that duration"
@@ -95,7 +93,7 @@ def rest(robot: Robot, curve: PPoly) -> JointFinding:
     speed = np.abs(curve(curve.x[[0, -1]], 1)).max(axis=0)
     name = robot.joint_names[first_largest(speed)]
     moving = f"{name} moves at {speed.max():.3g} rad/s at an end; begin and end at rest"
-    return JointFinding({}, {}, [] if speed.max() <= END_SPEED else [moving])
+    return JointFinding({}, {}, [] if speed.max() <= ROUNDING else [moving])
 
 
 def limits(robot: Robot, curve: PPoly) -> JointFinding:
@@ -148,14 +146,6 @@ def _found(robot: Robot, extremes: dict[str, Extreme], reasons: list[str]) -> Jo
 def _units(robot: Robot) -> list[str]:
     _, slides = joint_axes(robot.model)
     return ["m" if slide else "rad" for slide in slides]
-
-
-def masses(scene: Scene) -> Array:
-    """Return the mass that every hand carries, its holders equally; array, shape (n_hands,) [kg]."""
-    masses = np.zeros(len(scene.manipulators))
-    holders = list(scene.file.holder_numbers)
-    masses[holders] = load_mass(scene) / max(len(holders), 1)
-    return masses
 
 
 def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:

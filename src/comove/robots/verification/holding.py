@@ -34,9 +34,6 @@ from comove.robots.verification.reach import reaches_of
 
 Array = NDArray[np.float64]
 
-TIGHT = 3e-6  # m and rad, that bounds between samples may add
-FINEST = 100  # parts of the time between two samples
-
 
 class Errors(NamedTuple):
     """Errors of the hands relative to the places where they hold the load; lengths [m], angles [rad].
@@ -61,15 +58,25 @@ class Errors(NamedTuple):
     hands: Array
 
 
-def holding_errors(robot: Robot, arms: tuple[Arm, ...], carried: Carried, curve: PPoly) -> Errors:
+def holding_errors(
+    robot: Robot,
+    arms: tuple[Arm, ...],
+    carried: Carried,
+    curve: PPoly,
+    *,
+    tight: float = 3e-6,
+    finest: int = 100,
+) -> Errors:
     """Compare the grasp frames of `arms`, in the order of the hands, with the hands' motion.
 
     Parameters
     ----------
     curve : joint positions by time [s], cubic between samples
+    tight : by which bounds between samples may exceed the errors [m and rad]
+    finest : parts, at most, into which the time between two samples is divided for that
     """
     jerk, turn_jerk = _third_derivatives(robot, arms, carried, curve)
-    time, pieces = _grid(curve.x, np.maximum(jerk, turn_jerk).max(axis=1))
+    time, pieces = _grid(curve.x, np.maximum(jerk, turn_jerk).max(axis=1), tight, finest)
     jerk, turn_jerk = jerk[pieces], turn_jerk[pieces]
     places, rotations, velocities, spins = _grasp_frames(robot, arms, curve(time), curve(time, 1))
     wanted, wanted_velocity = carried.hands(time)
@@ -132,10 +139,10 @@ def _third_derivatives(
     return lengths * of_all + carried.jerk.over(begin, end), of_turning + swing
 
 
-def _grid(samples: Array, jerk: Array) -> tuple[Array, NDArray[np.int64]]:
-    """Compute instants fine enough for `TIGHT`, and the index of the sample interval in which each piece lies."""
-    parts = np.ceil(np.diff(samples) * np.cbrt(jerk / (16 * TIGHT)))
-    parts = np.clip(np.nan_to_num(parts, nan=FINEST, posinf=FINEST), 1, FINEST)
+def _grid(samples: Array, jerk: Array, tight: float, finest: int) -> tuple[Array, NDArray[np.int64]]:
+    """Compute instants fine enough for bounds as `tight`, and the index of the sample interval of each piece."""
+    parts = np.ceil(np.diff(samples) * np.cbrt(jerk / (16 * tight)))
+    parts = np.clip(np.nan_to_num(parts, nan=finest, posinf=finest), 1, finest)
     return subdivided(samples, parts.astype(int))
 
 

@@ -25,6 +25,7 @@ import numpy as np
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.robots.description import Uncertainty
+from comove.robots.effort import carried_masses
 from comove.robots.model import Robot
 from comove.robots.motion import JointCommand, JointMotion, commands
 from comove.robots.verification import checks
@@ -197,7 +198,7 @@ def verify_joints(
     for check in (
         lambda: checks.rest(robot, curve),
         lambda: checks.limits(robot, curve),
-        lambda: checks.torques(robot, curve, arms, checks.masses(scene)),
+        lambda: checks.torques(robot, curve, arms, carried_masses(scene)),
         lambda: checks.hands(errors(), motion),
         lambda: checks.calibration(bases, arms, errors(), motion),
         lambda: checks.clearances(
