@@ -13,10 +13,10 @@ import numpy as np
 
 from comove.compiled import kernel
 from comove.geometry.clipping import clipped
+from comove.geometry.polytopes import ROUNDING
 from comove.geometry.surfaces import holds
 
 INWARD = 1e-6  # of a box, by which its corners are moved into it before they are asked for
-FLAT = 1e-9  # of the solid's size, below which a piece has no inside
 MAX_POLYGON = 16  # corners: a triangle cut by six planes has nine
 
 
@@ -39,7 +39,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
     first : array of int, shape (n_pieces + 1,), index of each piece's first point in `points`
     """
     n_triangles = solid.triangles.shape[0]
-    flat = FLAT * (high - low).max()
+    flat = ROUNDING * (high - low).max()
     pool = np.empty(8 * n_triangles + 1024, dtype=np.int64)
     for k in range(n_triangles):
         pool[k] = k

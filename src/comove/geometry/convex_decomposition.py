@@ -25,16 +25,11 @@ from comove.compiled import kernel
 from comove.geometry.cells import pieces
 from comove.geometry.clipping import left_out
 from comove.geometry.distances import points_apart
-from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of, thickened
+from comove.geometry.polytopes import ROUNDING, Polytope, coarser, hull_of, solid_hull_of, thickened
 from comove.geometry.surfaces import Placed, Surfaces, holds, near_on_surface, surfaces_of
-from comove.geometry.topology import Parts
+from comove.geometry.topology import FLAT, Parts
 
 Array = NDArray[np.float64]
-
-ROUNDING = (
-    1e-9  # of its size, by which a solid may miss being convex, and a triangle be outside its polytopes
-)
-FLAT = 1e-12  # of the square of its size: a triangle of less has no plane
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.simplices import has_last_before, nearest_of_simplex
+from comove.geometry.simplices import MAX_STEPS, has_last_before, nearest_of_simplex
 from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
@@ -28,9 +28,7 @@ Integers = NDArray[np.int64]
 
 LEAF = 4  # triangles
 DEPTH = 64  # of a stack of boxes: halves of 2^32 triangles need no more
-MAX_STEPS = 40  # of GJK; the gap is a bound after any of them
-NEAR = 1e-9  # of a distance, by which gap and distance may differ when GJK ends
-GRAZING = 1e-9  # of where a box is, by which a ray may miss it
+ROUNDING = 1e-9  # of a distance, when GJK ends; of where a box is, by which a ray may miss it
 RAY = np.array([0.3710, 0.2437, 0.8960])  # no edge of a drawing is parallel to it
 
 
@@ -238,7 +236,7 @@ def holds(surfaces, mesh, x, y, z):
         enters, leaves = 0.0, np.inf
         for axis in range(3):
             low, high = surfaces.lower[box, axis], surfaces.upper[box, axis]
-            wide = GRAZING * (abs(low) + abs(high) + abs(point[axis]))
+            wide = ROUNDING * (abs(low) + abs(high) + abs(point[axis]))
             enters = max(enters, (low - wide - point[axis]) / RAY[axis])
             leaves = min(leaves, (high + wide - point[axis]) / RAY[axis])
         if leaves < enters:
@@ -393,7 +391,7 @@ def nearest(triangle, points, normal, scratch):
         if least - most > wide:
             wide = least - most
             normal[0], normal[1], normal[2] = x, y, z
-        if n > 0 and sqrt(square) - wide <= NEAR * sqrt(square):
+        if n > 0 and sqrt(square) - wide <= ROUNDING * sqrt(square):
             break
         for axis in range(3):
             corners[n, axis] = triangle[other, axis] - points[own, axis]

@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 SAME = 1e-9  # of a mesh's size, within which vertices are one
-FLAT = 1e-12  # of the cube of a part's size: a smaller volume counts as 0
+FLAT = 1e-12  # of the square or cube of a part's size: smaller areas and volumes count as 0
 
 
 @dataclass(frozen=True, eq=False)
