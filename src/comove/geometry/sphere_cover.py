@@ -20,7 +20,7 @@ from comove.geometry.rotations import evenly_spread
 Array = NDArray[np.float64]
 
 
-class Effort(NamedTuple):
+class CoverEffort(NamedTuple):
     """Settings of the search for spheres, as kernels take them.
 
     Attributes
@@ -35,7 +35,7 @@ class Effort(NamedTuple):
     n_directions: int = 26
 
 
-EFFORT = Effort()
+COVER_EFFORT = CoverEffort()
 
 
 class Cells(NamedTuple):
@@ -86,7 +86,7 @@ def covered(
     group: NDArray[np.int64],
     detail: float,
     most: int,
-    effort: Effort = EFFORT,
+    effort: CoverEffort = COVER_EFFORT,
 ) -> SphereCover:
     """Return spheres that contain all points, where each sphere belongs to one group.
 
