@@ -5,10 +5,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from comove.execution.filters import CALM, DRIFT, informed, later, unknown
+from comove.execution.filters import Expectations, informed, later, unknown
 from comove.execution.observers import Turning
 
 AGILITY, FASTEST, SHARPEST, NOISE, DT = 0.5, 0.5, 1.2, 0.01, 0.01
+EXPECTED = Expectations(AGILITY, FASTEST, SHARPEST)
 SPREAD = np.repeat([10.0, FASTEST, SHARPEST], 3) ** 2
 
 
@@ -17,9 +18,9 @@ def followed(way, rng, spread=SPREAD):
     belief = unknown(np.zeros(way.shape[1:]), np.tile(spread, (way.shape[1], 1)))
     for k, places in enumerate(way):
         if k:
-            belief = later(belief, np.full(len(places), DT), AGILITY, FASTEST, SHARPEST)
+            belief = later(belief, np.full(len(places), DT), EXPECTED)
         noise = NOISE * rng.standard_normal(places.shape) * (spread[:3] > 0.0)
-        belief = informed(belief, places + noise, NOISE**2)
+        belief = informed(belief, places + noise, NOISE**2, EXPECTED)
         yield belief
 
 
@@ -33,7 +34,7 @@ def test_what_turns_steadily_goes_along_a_helix(turn):
     position, velocity = rng.standard_normal(3), rng.standard_normal(3)
     belief = unknown(position[None], np.zeros((1, 9)))
     belief.state[:, :, 3:] = np.concatenate([velocity, turn])
-    there = later(belief, np.array([0.7]), AGILITY, FASTEST, SHARPEST)
+    there = later(belief, np.array([0.7]), EXPECTED)
     exact = solve_ivp(
         helix, (0, 0.7), np.concatenate([position, velocity]), args=(np.array(turn),), rtol=1e-11, atol=1e-12
     )
@@ -52,11 +53,11 @@ def test_covariances_go_along_with_the_motion():
         ends = []
         for sign in (-1, 1):
             belief.state[:] = state + sign * small * np.eye(9)[k]
-            ends.append(later(belief, dt, 0.0, FASTEST, 0.0).state[0, 0])
+            ends.append(later(belief, dt, Expectations(0.0, FASTEST, 0.0)).state[0, 0])
         columns.append((ends[1] - ends[0]) / (2 * small))
     derivative = np.array(columns).T
     belief.state[:] = state
-    carried = later(belief, dt, 0.0, FASTEST, 0.0).covariance[0, 0]
+    carried = later(belief, dt, Expectations(0.0, FASTEST, 0.0)).covariance[0, 0]
     np.testing.assert_allclose(carried, 1e-4 * derivative @ derivative.T, atol=2e-8)
 
 
@@ -70,7 +71,7 @@ def test_a_motion_that_lasts_is_foreseen(radius):
     way = np.stack([m.offsets(np.arange(200) * DT) for m in moves], axis=1)
     *_, belief = followed(way, rng)
     assert np.median(np.linalg.norm(belief.spin - spin, axis=1)) < 0.2
-    foreseen = later(belief, np.ones(n), AGILITY, FASTEST, SHARPEST).position
+    foreseen = later(belief, np.ones(n), EXPECTED).position
     true = np.stack([m.offsets([1.99 + 1.0])[0] for m in moves])
     assert np.median(np.linalg.norm(foreseen - true, axis=1)) < 0.04
 
@@ -103,9 +104,9 @@ def test_they_know_how_well_they_know():
     for _ in range(150):
         way.append(state[0].copy())
         start.state[:] = state
-        state = later(start, np.full(n, DT), AGILITY, FASTEST, SHARPEST).state[:1].copy()
-        state[..., 3:6] += np.sqrt(CALM * AGILITY * DT) * rng.standard_normal((n, 3))
-        state[..., 6:] += np.sqrt((DRIFT * SHARPEST) ** 2 * DT) * rng.standard_normal((n, 3))
+        state = later(start, np.full(n, DT), EXPECTED).state[:1].copy()
+        state[..., 3:6] += np.sqrt(EXPECTED.calm * AGILITY * DT) * rng.standard_normal((n, 3))
+        state[..., 6:] += np.sqrt((EXPECTED.drift * SHARPEST) ** 2 * DT) * rng.standard_normal((n, 3))
     way = np.array(way)
     *_, belief = followed(way[:, :, :3], rng)
     off = belief.state[0] - way[-1]

@@ -6,7 +6,6 @@ import pytest
 from benchmarks.random_scenes import moving_scene
 from comove.errors import OptionError
 from comove.execution import Executor, Known, Measured, Observed, Sensor
-from comove.execution.measured import SIGMAS
 from comove.verification.record import verify_execution
 from tests.execution.test_executor import crossing, disc
 
@@ -71,7 +70,7 @@ def test_what_stands_needs_less_of_a_margin_until_it_starts():
 
 
 def test_what_has_never_been_seen_may_be_anywhere():
-    assert Observed(STEADY).observe(0.0).margin[0] == pytest.approx(SIGMAS * 10.0)
+    assert Observed(STEADY).observe(0.0).margin[0] == pytest.approx(Sensor().sigmas * Sensor().unseen)
 
 
 def test_what_stands_needs_no_measurements():

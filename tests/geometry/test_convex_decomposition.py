@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.geometry.convex_decomposition import SHARE, SHEET, decompose, left_out
+from comove.geometry.clipping import left_out
+from comove.geometry.convex_decomposition import SETTINGS, decompose
 from comove.geometry.polytopes import hull_of
 from comove.geometry.topology import solids_and_sheets
 from tests.cases import examples
@@ -66,7 +67,7 @@ def test_a_mesh_that_is_not_convex_is_held(seed):
     vertices, faces = star(rng)
     vertices = Rotation.random(random_state=seed).apply(vertices) + rng.uniform(-1, 1, 3)
     decomposition = check(vertices, faces, rng)
-    assert decomposition.excess < 2 * SHARE * np.ptp(vertices, axis=0).max()
+    assert decomposition.excess < 2 * SETTINGS.share * np.ptp(vertices, axis=0).max()
 
 
 def test_what_boxes_make_up_is_held_exactly():
@@ -137,7 +138,7 @@ def test_a_sheet_is_held_and_what_it_leaves_open_stays_open(seed):
         decomposition = decompose(solids_and_sheets(turned + shift, faces), few=few)
         assert held(decomposition, on_surface(turned + shift, faces, 400, rng)).max() < 1e-8
         assert held(decomposition, shift[None])[0] > 0.1
-        assert held(decomposition, turn.apply([[-0.4, 0.1, 0.05]]) + shift)[0] > 0.05 - 2 * SHEET
+        assert held(decomposition, turn.apply([[-0.4, 0.1, 0.05]]) + shift)[0] > 0.05 - 2 * SETTINGS.sheet
 
 
 @examples(40)

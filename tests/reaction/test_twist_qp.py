@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from comove.reaction import twist_qp
 from comove.reaction.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
 from comove.reaction.twists import hand_velocities, nodes_of, poses_of
 from tests.cases import examples
@@ -369,17 +368,16 @@ def test_rounds_that_would_find_the_same_again_are_not_made(seed, monkeypatch):
     before[1, :2] = -before[0, :2]
     poses, rounds = poses_of(scene, "start"), []
 
-    def answer():
-        programme = TwistProgramme(scene)
+    def answer(settings):
+        programme = TwistProgramme(scene, settings=settings)
         solved = programme._solved
         monkeypatch.setattr(programme, "_solved", lambda *args: rounds.append(0) or solved(*args))
         rounds.clear()
         return programme.allowed(poses, before, 0 * before, Sighting.still(scene)), len(rounds)
 
-    short, n_short = answer()
-    monkeypatch.setattr(twist_qp, "AS_GOOD", -np.inf)
-    long, n_long = answer()
-    assert n_short < n_long == twist_qp.MAX_ROUNDS
+    short, n_short = answer(ProgrammeSettings())
+    long, n_long = answer(ProgrammeSettings(as_good=-np.inf))
+    assert n_short < n_long == ProgrammeSettings().max_rounds
     hands = [hand_velocities(scene, poses, found.twists) for found in (short, long)]
     slack = np.linalg.norm(hands[1] - before, axis=1).max()  # far more than the acceleration allows
     assert np.abs(hands[0] - hands[1]).max() < 0.03 * slack

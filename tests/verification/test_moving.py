@@ -99,7 +99,7 @@ def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     straight, still = np.zeros((n_knots - 1, nodes.shape[1])), Paths(np.zeros((0, 1, 3)), np.zeros((0, 0)))
     shift = np.linspace(0.0, 1.0, n_knots)[:, None] * np.array(velocity)
     along = Paths(shift[:, None], np.zeros((n_knots - 1, 1)))
-    need, shape = Need(0.0, 1e-4, 1e-7, 1e-12), (body.edges, body.radii)
+    need, shape = Need(0.0, 1e-4, 1e-7, 1e-12, 2_000_000, 300_000), (body.edges, body.radii)
     around = Around(scene.obstacles, still, *wide, need)
     at_rest = certified_clearance(CurveArrays(nodes, straight), *shape, around)
     moved = CurveArrays(nodes + shift[:, None], straight)

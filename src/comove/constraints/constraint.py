@@ -23,8 +23,6 @@ Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
 """[m] or [rad], allowed where a tolerance of nothing is asked for."""
-N_PIECES = 32
-"""Pieces into which a chord is cut where an error may be larger inside than at its ends."""
 
 
 class Hands(NamedTuple):
@@ -114,6 +112,7 @@ class Constraint(ABC):
     sampled : whether the search has to sample the error; False where coordinates hold it or distances are measured
     convex : whether the error along a chord is never larger than at its ends
     slope : upper bound of the change of the error per metre that one hand moves
+    n_pieces : pieces into which a chord is cut where the error may be larger inside than at its ends
     """
 
     tolerance: float
@@ -122,6 +121,7 @@ class Constraint(ABC):
     sampled: ClassVar[bool] = True
     convex: ClassVar[bool] = False
     slope: ClassVar[float] = 1.0
+    n_pieces: ClassVar[int] = 32
 
     @property
     @abstractmethod
@@ -153,13 +153,13 @@ class Constraint(ABC):
         error = self.error(position, course.n_dims)
         worst = np.maximum(error[1:], error[:-1])
         if not self.convex:
-            share = np.linspace(0.0, 1.0, N_PIECES, endpoint=False)[:, None, None]
+            share = np.linspace(0.0, 1.0, self.n_pieces, endpoint=False)[:, None, None]
             steps = np.diff(position, axis=0)
             inner = (position[:-1, None] + share * steps[:, None]).reshape(-1, *position.shape[1:])
             inner_error = self.error(np.concatenate([position[:1], inner]), course.n_dims)[1:]
             way = np.linalg.norm(steps[:, list(self.hands)], axis=2).sum(axis=1)
-            worst = np.maximum(worst, inner_error.reshape(-1, N_PIECES).max(axis=1))
-            stray = stray + self.slope * way / (2 * N_PIECES)
+            worst = np.maximum(worst, inner_error.reshape(-1, self.n_pieces).max(axis=1))
+            stray = stray + self.slope * way / (2 * self.n_pieces)
         return float((worst + stray).max())
 
     def measure(self, error: float) -> float:

@@ -11,9 +11,6 @@ import numpy as np
 from comove.constraints.constraint import Array, Course, Hands, PairConstraint, PairKeys
 from comove.io.keys import Length, PositiveLength
 
-RELATIVE_TOLERANCE = 1e-3
-"""Tolerance of a distance or relative pose that states none, as a part of the distance."""
-
 
 @dataclass(frozen=True)
 class DistanceConstraint(PairConstraint):
@@ -45,8 +42,8 @@ class DistanceConstraint(PairConstraint):
 
 
 def distance_tolerance(tolerance: float | None, distance: float) -> float:
-    """Return the tolerance of a distance [m]; where it is None, the default fraction of the distance."""
-    return RELATIVE_TOLERANCE * distance if tolerance is None else tolerance
+    """Return the tolerance of a distance or relative pose [m]; where it is None, a thousandth of the distance."""
+    return 1e-3 * distance if tolerance is None else tolerance
 
 
 class DistanceKeys(PairKeys):

@@ -11,9 +11,6 @@ import numpy as np
 from comove.constraints.constraint import Array, Course, Hands, PairConstraint, PairKeys
 from comove.io.keys import Length
 
-HEIGHT_TOLERANCE = 1e-3
-"""Tolerance of a same height that states none [m]."""
-
 
 @dataclass(frozen=True)
 class SameHeightConstraint(PairConstraint):
@@ -57,7 +54,7 @@ class SameHeightKeys(PairKeys):
     """A constraint that keeps two hands at the same height (last coordinate), within `tolerance` [m]."""
 
     type: Literal["same_height"]
-    tolerance: Length = HEIGHT_TOLERANCE
+    tolerance: Length = 1e-3
 
     def resolved(self, hands: Hands) -> SameHeightConstraint:
         """Return the constraint."""

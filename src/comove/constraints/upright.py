@@ -14,8 +14,6 @@ from pydantic import AfterValidator, Field
 from comove.constraints.constraint import Array, Constraint, ConstraintKeys, Course, Hands
 from comove.io.keys import no_minus_zero
 
-TOLERANCE_DEG = 0.1
-"""Tolerance of an upright load that states none [deg]."""
 LEVEL = 1e-12
 """[m], by which hands at one height may differ by rounding."""
 
@@ -80,7 +78,7 @@ class UprightKeys(ConstraintKeys):
     """
 
     type: Literal["upright"]
-    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = TOLERANCE_DEG
+    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = 0.1
 
     def resolved(self, hands: Hands) -> UprightConstraint:
         """Return the constraint on all holders of the load."""

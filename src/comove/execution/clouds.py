@@ -8,7 +8,6 @@ scene's file are kept as they are.
 from __future__ import annotations
 
 from collections import deque
-from math import sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,18 +18,17 @@ from comove.errors import OptionError
 from comove.execution.observers import Observer
 from comove.execution.tracks import Memory, Scanner, blank, margins, moved, updated
 from comove.geometry import distances as sd
+from comove.geometry.rotations import evenly_spread, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
 from comove.primitives.arguments import is_number, numbers
 from comove.reaction.twist_qp import Sighting
 from comove.scenes.scene import FAR, Body, Scene
+from comove.scenes.shapes import inside_polygon
 from comove.verification.bounds import lengths
 
 Array = NDArray[np.float64]
 
-AROUND = 0.2  # m beyond the workspace, in which points count
-FUTURE = 1.0  # s, by which a cloud may be ahead of the clock
 AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # diagonal of a rotation matrix
-HISTORY = 2.0  # s, for which it is known where the load was
 
 
 class Clouds(Observer):
@@ -69,7 +67,7 @@ class Clouds(Observer):
         nodes : array, shape (n_nodes, 3), hands first, then corners of the load [m]
         """
         self._carried.append((time, nodes))
-        while self._carried[0][0] < time - HISTORY:
+        while self._carried[0][0] < time - self.scanner.history:
             self._carried.popleft()
 
     def update(self, points: ArrayLike, time: float) -> None:
@@ -97,7 +95,7 @@ class Clouds(Observer):
             )
         if not is_number(time):
             raise OptionError(f"a cloud at {time!r} s", way_out="give the time at which it was measured [s]")
-        if self._carried and time > self._carried[-1][0] + FUTURE:
+        if self._carried and time > self._carried[-1][0] + self.scanner.future:
             raise OptionError(
                 f"a cloud at {time:g} s lies in the future, it is {self._carried[-1][0]:g} s",
                 way_out="give times on the clock of the execution",
@@ -118,13 +116,13 @@ class Clouds(Observer):
         table[n:, AXES] = 1.0
         table[n:, sd.SIZE] = table[n:, sd.REACH] = memory.spheres.radius
         velocity[n:] = memory.tracks.velocity[memory.spheres.track]
-        margin[n:] = margins(memory, time, self.scanner.agility)
+        margin[n:] = margins(memory, time, self.scanner)
         return Sighting(table, velocity, np.zeros((n + m, 3)), margin)
 
     def _others(self, points: Array, time: float) -> Array:
         """Return the points, in space, that belong to neither the load nor a known obstacle and are not far away."""
-        scene, body = self.scene, self.scene.body
-        near_by = (points >= scene.lower - AROUND) & (points <= scene.upper + AROUND)  # and a number
+        scene, body, around = self.scene, self.scene.body, self.scanner.around
+        near_by = (points >= scene.lower - around) & (points <= scene.upper + around)  # and a number
         points = points[np.logical_and.reduce(near_by.T)]
         points = np.concatenate([points, np.zeros((len(points), 3 - scene.n_dims))], axis=1)
         nodes, near = self._nodes(time), self.scanner.own
@@ -224,14 +222,11 @@ def surface(row: Array, n_dims: int, spacing: float, rng: np.random.Generator) -
     reach = row[sd.REACH]
     angle = spacing * inner / reach**2  # between rays that end at grazing incidence
     if n_dims == 2:
-        turn = 2 * np.pi * (np.arange(np.ceil(2 * np.pi / angle)) + rng.random()) / np.ceil(2 * np.pi / angle)
-        rays = np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=1)
+        count = int(np.ceil(2 * np.pi / angle))
+        turn = rotation_in_plane(2 * np.pi / count * rng.random()).T
     else:
-        count = int(np.ceil(4 * np.pi / angle**2))
-        z, turn = (2 * np.arange(count) + 1) / count - 1, np.pi * (3 - sqrt(5)) * np.arange(count)
-        across = np.sqrt(1 - z**2)
-        rays = np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
-        rays = rays @ np.linalg.qr(rng.standard_normal((3, 3)))[0]
+        count, turn = int(np.ceil(4 * np.pi / angle**2)), np.linalg.qr(rng.standard_normal((3, 3)))[0]
+    rays = evenly_spread(count, n_dims) @ turn
     return center + _along(table, rays, reach)[:, None] * rays
 
 
@@ -280,14 +275,11 @@ def _of_obstacles(points: Array, table: Array, near: float) -> NDArray[np.bool_]
 
 def _of_body(points: Array, nodes: Array, body: Body, near: float) -> NDArray[np.bool_]:
     """Return which points (n, 3) lie within the distance `near` [m] of a body with these nodes (n_nodes, 3) [m]."""
-    found, crossings = np.zeros((2, len(points)), dtype=np.int64)
+    found = np.zeros(len(points), dtype=bool)
     for (i, j), radius in zip(body.edges, body.radii, strict=True):
         a, way = nodes[i], nodes[j] - nodes[i]
         share = np.clip((points - a) @ way / max(way @ way, sd.TINY), 0.0, 1.0)
         found |= lengths(points - a - share[:, None] * way) <= radius + near
-        x, y = (points - a)[:, :2].T
-        if way[1] != 0.0:
-            crossings += ((y < 0.0) != (way[1] > y)) & (x < y * way[0] / way[1])
     for corners in body.solids:
         if (
             len(corners) != N_CORNERS
@@ -299,4 +291,4 @@ def _of_body(points: Array, nodes: Array, body: Body, near: float) -> NDArray[np
         middle, size = 0.5 * (nodes[corners[7]] + nodes[corners[0]]), lengths(halves)
         out = np.maximum(0.0, np.abs((points - middle) @ halves.T) / size - size)
         found |= lengths(out) <= near
-    return (found > 0) | (body.filled & (crossings % 2 == 1))
+    return found | inside_polygon(nodes[body.border], points) if body.filled else found

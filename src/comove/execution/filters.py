@@ -19,12 +19,32 @@ from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 
-CALM = 0.006  # factor on the acceleration's density in the steady filter
-SLOW, REST = 0.2, 0.02  # of `fastest`, below which the density falls; its factor for rest
-DRIFT = 0.1  # of an angular velocity that is to be expected, by how much it changes within a second
-FORGETS = 0.9  # factor on the ratio per measurement
-RATIO = 4.0  # natural logarithm, from which on something has happened
 POSITION, VELOCITY, TURN = slice(0, 3), slice(3, 6), slice(6, 9)
+
+
+class Expectations(NamedTuple):
+    """The motions that filters expect of obstacles.
+
+    Attributes
+    ----------
+    agility : spectral density of the accelerations that are not turns, of obstacles that do not stand still [m^2/s^3]
+    fastest, sharpest : standard deviations of velocities and angular velocities [m/s], [rad/s]
+    calm : factor on the density in the steady filter
+    slow, rest : share of `fastest` below which the density falls, and its factor for what rests
+    drift : share of an angular velocity that is to be expected by which it changes within a second
+    forgets : factor on the logarithm of the likelihood ratio per measurement
+    ratio : natural logarithm of the likelihood ratio from which on the motion has changed
+    """
+
+    agility: float
+    fastest: float
+    sharpest: float
+    calm: float = 0.006
+    slow: float = 0.2
+    rest: float = 0.02
+    drift: float = 0.1
+    forgets: float = 0.9
+    ratio: float = 4.0
 
 
 class Belief(NamedTuple):
@@ -90,30 +110,28 @@ def unknown(position: Array, variances: Array) -> Belief:
     return Belief(state, covariance, np.zeros(n))
 
 
-def later(belief: Belief, dt: Array, agility: float, fastest: float, sharpest: float) -> Belief:
+def later(belief: Belief, dt: Array, expected: Expectations) -> Belief:
     """Return the estimates after a time without measurements.
 
     Parameters
     ----------
     dt : array, shape (n,), [s]
-    agility : spectral density of the accelerations that are not turns, of obstacles that do not stand still [m^2/s^3]
-    fastest, sharpest : standard deviations of velocities and angular velocities [m/s], [rad/s]
     """
     state, covariance = belief.state.copy(), belief.covariance.copy()
     # What has been standing cannot turn, only start.
     square = (state[0, :, VELOCITY] ** 2).sum(axis=1) + covariance[0, :, range(3, 6), range(3, 6)].max(axis=0)
-    density = agility * np.clip(square / (SLOW * fastest) ** 2, REST, 1.0)
-    for kind, left in enumerate((CALM, 1.0)):
-        _predict(state[kind], covariance[kind], dt, left * density, (DRIFT * sharpest) ** 2)
+    density = expected.agility * np.clip(square / (expected.slow * expected.fastest) ** 2, expected.rest, 1.0)
+    for kind, left in enumerate((expected.calm, 1.0)):
+        _predict(state[kind], covariance[kind], dt, left * density, (expected.drift * expected.sharpest) ** 2)
     return Belief(state, covariance, belief.ratio)
 
 
-def informed(belief: Belief, position: Array, variance: float) -> Belief:
+def informed(belief: Belief, position: Array, variance: float, expected: Expectations) -> Belief:
     """Return the estimates updated by measured positions, (n, 3) [m], with a variance [m^2] of each coordinate."""
     state, covariance = belief.state.copy(), belief.covariance.copy()
     steady, quick = (_correct(*each, position, variance) for each in zip(state, covariance, strict=True))
-    ratio = np.minimum(FORGETS * belief.ratio + steady - quick, 0.0)
-    happened = ratio < -RATIO
+    ratio = np.minimum(expected.forgets * belief.ratio + steady - quick, 0.0)
+    happened = ratio < -expected.ratio
     state[0, happened], covariance[0, happened] = state[1, happened], covariance[1, happened]
     return Belief(state, covariance, np.where(happened, 0.0, ratio))
 

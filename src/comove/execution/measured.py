@@ -1,7 +1,7 @@
 """Obstacles that are known only from measurements, which are noisy, delayed and sometimes missing.
 
 Every obstacle is tracked by a steady and a quick filter (`filters`). The margin that is kept on top of the scene's
-clearance, for the present position after the delay and missed measurements, is `SIGMAS` standard deviations of the
+clearance, for the present position after the delay and missed measurements, is `sigmas` standard deviations of the
 filter that is less certain: the quick one, which expects sudden turns.
 """
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
-from comove.execution.filters import Belief, informed, later, unknown
+from comove.execution.filters import Belief, Expectations, informed, later, unknown
 from comove.execution.observers import Observer, sighting
 from comove.primitives.arguments import is_number, numbers, require_positive
 from comove.reaction.twist_qp import Sighting
@@ -21,10 +21,8 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-SIGMAS = 3.0
-MOST = {"noise": 10.0, "agility": 1e6, "fastest": 1e3, "sharpest": 1e3}
+MOST = {"noise": 10.0, "agility": 1e6, "fastest": 1e3, "sharpest": 1e3, "sigmas": 10.0, "unseen": 1e3}
 FINEST = 1e-9  # m of noise, below which filters fail by rounding
-UNSEEN = 10.0  # m, standard deviation of obstacles never seen
 
 
 @dataclass(frozen=True)
@@ -39,6 +37,8 @@ class Sensor:
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly velocities change
     fastest, sharpest : standard deviations of the velocity of an obstacle that has just been seen, and of the angular
         velocity of its direction [m/s], [rad/s]
+    sigmas : margin for the uncertainty, in standard deviations
+    unseen : standard deviation of the position of an obstacle never seen [m]
     """
 
     noise: float = 0.01
@@ -47,6 +47,8 @@ class Sensor:
     agility: float = 0.5
     fastest: float = 0.5
     sharpest: float = 1.2
+    sigmas: float = 3.0
+    unseen: float = 10.0
 
     def __post_init__(self) -> None:
         for name, most in MOST.items():
@@ -74,12 +76,13 @@ class Observed(Observer):
         self.sensor = sensor or Sensor()
         n, n_dims = len(scene.motions), scene.n_dims
         self._when = np.full(n, -np.inf)
-        spread = np.repeat([UNSEEN, self.sensor.fastest, self.sensor.sharpest], 3).reshape(3, 3)
+        self._expected = Expectations(self.sensor.agility, self.sensor.fastest, self.sensor.sharpest)
+        spread = np.repeat([self.sensor.unseen, self.sensor.fastest, self.sensor.sharpest], 3).reshape(3, 3)
         spread[:2, n_dims:] = 0.0  # nothing leaves the plane
         spread[2, : 2 * (3 - n_dims)] = 0.0
         self._belief = unknown(scene.centers, scene.moving[:, None] * spread.ravel() ** 2)
         # Compiles, or loads, the kernels now.
-        informed(self._predicted(np.arange(n), 0.0), scene.centers, self.sensor.noise**2)
+        informed(self._predicted(np.arange(n), 0.0), scene.centers, self.sensor.noise**2, self._expected)
 
     def update(self, obstacle: int, center: ArrayLike, time: float) -> None:
         """Take in one measurement.
@@ -120,15 +123,15 @@ class Observed(Observer):
 
     def _take_in(self, which: NDArray[np.int64], centers: Array, time: float) -> None:
         """Update the estimates of some obstacles by centres, (n_measured, 3) [m], measured at one instant [s]."""
-        belief = informed(self._predicted(which, time), centers, self.sensor.noise**2)
+        belief = informed(self._predicted(which, time), centers, self.sensor.noise**2, self._expected)
         self._belief.put(which, belief)
         self._when[which] = time
 
     def _predicted(self, which: NDArray[np.int64], time: float) -> Belief:
         """Return the estimates for some obstacles at a later instant [s]."""
-        when, sensor = self._when[which], self.sensor
+        when = self._when[which]
         dt = np.where(np.isfinite(when), np.maximum(time - when, 0.0), 0.0)
-        return later(self._belief.at(which), dt, sensor.agility, sensor.fastest, sensor.sharpest)
+        return later(self._belief.at(which), dt, self._expected)
 
     def observe(self, time: float) -> Sighting:
         """Return the obstacles at their estimated positions, with a margin for the uncertainty."""
@@ -136,7 +139,7 @@ class Observed(Observer):
         velocity, margin = np.zeros((n, 3)), np.zeros(n)
         belief = self._predicted(moving, time)
         center[moving], velocity[moving] = belief.position, belief.velocity
-        margin[moving] = SIGMAS * belief.deviation
+        margin[moving] = self.sensor.sigmas * belief.deviation
         return sighting(self.scene, center, velocity, margin)
 
     def spins(self, time: float) -> Array:

@@ -25,9 +25,6 @@ Array = NDArray[np.float64]
 Position = Callable[[float], ArrayLike]
 
 STILL = 1e-6  # m/s, below which an obstacle is taken to stand
-INSTANT = 1e-4  # s, over which the velocity of a function is taken
-TURN = 0.02  # s, over which its turning is
-SHARPEST = 10.0  # rad/s, of a turn that is expected to go on
 
 
 class Observer(ABC):
@@ -99,6 +96,8 @@ class Functions(Observer):
     ----------
     scene : the scene to which the obstacles belong
     positions : one function per obstacle, from time [s] to its centre, n_dims numbers [m]; None where it stands still
+    instant, turn : times over which velocities, and their turning, are taken [s]
+    sharpest : angular velocity of a turn that is still expected to go on [rad/s]
 
     Raises
     ------
@@ -106,7 +105,15 @@ class Functions(Observer):
         If there are not as many functions as obstacles.
     """
 
-    def __init__(self, scene: Scene, positions: Sequence[Position | None]):
+    def __init__(
+        self,
+        scene: Scene,
+        positions: Sequence[Position | None],
+        *,
+        instant: float = 1e-4,
+        turn: float = 0.02,
+        sharpest: float = 10.0,
+    ):
         if len(positions) != len(scene.motions):
             raise OptionError(
                 f"{len(positions)} functions for {len(scene.motions)} obstacles",
@@ -115,6 +122,7 @@ class Functions(Observer):
             )
         super().__init__(scene)
         self._positions = tuple(positions)
+        self._instant, self._turn, self._sharpest = instant, turn, sharpest
 
     @classmethod
     def of_motions(cls, scene: Scene) -> Functions:
@@ -143,16 +151,18 @@ class Functions(Observer):
 
     def observe(self, time: float) -> Sighting:
         """Return the obstacles at their present positions, with velocities from the last instant."""
-        before, now = self.ground_truth(np.array([max(0.0, time - INSTANT), max(INSTANT, time)]))
-        return sighting(self.scene, now, (now - before) / INSTANT, np.zeros(len(now)))
+        instant = self._instant
+        before, now = self.ground_truth(np.array([max(0.0, time - instant), max(instant, time)]))
+        return sighting(self.scene, now, (now - before) / instant, np.zeros(len(now)))
 
     def spins(self, time: float) -> Array:
         """Return the angular velocities of the velocities' directions; array, shape (n_rows, 3) [rad/s]."""
-        before, now = self.observe(max(0.0, time - TURN)).velocity, self.observe(time).velocity
+        turn = self._turn
+        before, now = self.observe(max(0.0, time - turn)).velocity, self.observe(time).velocity
         across, along = np.cross(before, now), (before * now).sum(axis=1)
         sine = np.linalg.norm(across, axis=1)
-        angle = np.where(time > TURN, np.arctan2(sine, along), 0.0)
-        rate = np.where(angle < SHARPEST * TURN, angle / TURN, 0.0)  # faster turns are jumps
+        angle = np.where(time > turn, np.arctan2(sine, along), 0.0)
+        rate = np.where(angle < self._sharpest * turn, angle / turn, 0.0)  # faster turns are jumps
         return across * (rate / np.maximum(sine, 1e-300))[:, None]
 
 

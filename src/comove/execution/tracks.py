@@ -21,17 +21,27 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.errors import OptionError
-from comove.geometry.sphere_cover import Cells, covered, square_of, thinned
+from comove.geometry.distances import points_apart
+from comove.geometry.sphere_cover import Cells, covered, thinned
 from comove.primitives.arguments import require_count, require_positive
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-SIGMAS = 3.0
-OTHER = 0.25  # of its points, by which a track must grow or shrink for its middle to say nothing
-DEEP = 0.5  # of a sphere's radius: points so near to its centre say that it is still seen
-ALIKE = 0.05  # m/s, by which the velocities of tracks that touch may differ to be one
-FORGOTTEN = 0.5  # factor on a track's `stray` from one cloud to the next
+
+MOST = {
+    **{
+        "noise": 1.0,
+        "spacing": 1.0,
+        "detail": 10.0,
+        "own": 10.0,
+        "memory": 60.0,
+        "agility": 1e6,
+        "fastest": 1e3,
+    },
+    **{"sigmas": 10.0, "other": 1.0, "deep": 1.0, "alike": 10.0, "forgotten": 1.0},
+    **{"around": 100.0, "future": 60.0, "history": 60.0},
+}
 
 
 @dataclass(frozen=True)
@@ -48,6 +58,14 @@ class Scanner:
     memory : time for which obstacles out of sight are kept [s]
     agility : spectral density of the obstacles' acceleration [m^2/s^3]: how suddenly they turn
     fastest : standard deviation of a velocity that is not known yet [m/s]
+    sigmas : margin for noise and unknown motion, in standard deviations
+    other : share of its points by which a track must grow or shrink for its middle to say nothing
+    deep : share of a sphere's radius; points so near to its centre say that it is still seen
+    alike : difference of velocity up to which tracks that touch are one [m/s]
+    forgotten : factor on a track's `stray` from one cloud to the next
+    around : distance beyond the workspace up to which points count [m]
+    future : time by which a cloud may be ahead of the clock [s]
+    history : time for which it is known where the load was [s]
     """
 
     noise: float = 0.002
@@ -58,17 +76,17 @@ class Scanner:
     memory: float = 0.5
     agility: float = 0.1
     fastest: float = 0.5
+    sigmas: float = 3.0
+    other: float = 0.25
+    deep: float = 0.5
+    alike: float = 0.05
+    forgotten: float = 0.5
+    around: float = 0.2
+    future: float = 1.0
+    history: float = 2.0
 
     def __post_init__(self) -> None:
-        for name, most in (
-            ("noise", 1.0),
-            ("spacing", 1.0),
-            ("detail", 10.0),
-            ("own", 10.0),
-            ("memory", 60.0),
-        ):
-            require_positive(name, getattr(self, name), most)
-        for name, most in (("agility", 1e6), ("fastest", 1e3)):
+        for name, most in MOST.items():
             require_positive(name, getattr(self, name), most)
         require_count("most", self.most, 1000)
         if self.spacing > self.detail:
@@ -151,15 +169,15 @@ def moved(memory: Memory, time: float, agility: float) -> Memory:
     return Memory(time, tracks, spheres._replace(center=center))
 
 
-def margins(memory: Memory, time: float, agility: float) -> Array:
+def margins(memory: Memory, time: float, scanner: Scanner) -> Array:
     """Return how far points in a sphere may have left it at a later instant [s]; array, shape (n_spheres,) [m].
 
     The points themselves are known up to the noise, which the radii include; the margin is for their motion since.
     """
     tracks, (_, _, track, seen) = memory.tracks, memory.spheres
     age = np.maximum(time - seen, 0.0)
-    variance = tracks.covariance[track, 1, 1] * age**2 + agility * age**3 / 3
-    return SIGMAS * np.sqrt(variance) + tracks.stray[track] * age
+    variance = tracks.covariance[track, 1, 1] * age**2 + scanner.agility * age**3 / 3
+    return scanner.sigmas * np.sqrt(variance) + tracks.stray[track] * age
 
 
 def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Memory:
@@ -167,17 +185,19 @@ def updated(memory: Memory, points: Array, time: float, scanner: Scanner) -> Mem
     edge, lapse = 0.5 * scanner.detail, time - memory.time
     cells, now = thinned(points, edge), moved(memory, time, scanner.agility)
     tracks, spheres = now.tracks, now.spheres
-    reach = margins(now, time, scanner.agility) + scanner.spacing
-    nearest, beyond, confirmed = _nearest_spheres(cells.point, spheres.center, spheres.radius, reach)
+    reach = margins(now, time, scanner) + scanner.spacing
+    nearest, beyond, confirmed = _nearest_spheres(
+        cells.point, spheres.center, spheres.radius, reach, scanner.deep
+    )
     known = nearest >= 0
     label = np.where(known, spheres.track[nearest] if len(spheres.track) else -1, -1)
     # How far points lie out of where the motion puts them, margins aside.
     out = np.zeros(len(tracks.size))
     np.maximum.at(out, label[known], np.maximum(beyond[known] - reach[nearest[known]] + scanner.spacing, 0.0))
-    tracks = tracks._replace(stray=np.maximum(out / lapse, FORGOTTEN * tracks.stray))
-    part, heirs = _parts(cells, label, tracks.velocity)
+    tracks = tracks._replace(stray=np.maximum(out / lapse, scanner.forgotten * tracks.stray))
+    part, heirs = _parts(cells, label, tracks.velocity, scanner.alike)
     tracks = _measured(tracks, points, part[cells.of], heirs, time, scanner)
-    pad = SIGMAS * scanner.noise + scanner.spacing / sqrt(2.0)  # between the points of a square grid
+    pad = scanner.sigmas * scanner.noise + scanner.spacing / sqrt(2.0)  # between the points of a square grid
     fresh = covered(points, cells, part, scanner.detail, scanner.most)
     seen = np.full(len(fresh.radius), time)
     # Spheres that no point confirms; merged tracks continue as their heirs.
@@ -225,7 +245,7 @@ def _measured(
         return Tracks(middle, np.zeros((n, 3)), fresh, size, np.full(n, time), none)
     state, is_heir = before.at(old), heirs >= 0
     first = np.unique(heirs, return_index=True)[1]  # of several heirs, the largest
-    same = is_heir & (np.abs(size - state.size) <= OTHER * state.size)
+    same = is_heir & (np.abs(size - state.size) <= scanner.other * state.size)
     same &= np.isin(np.arange(n), first)
     gain = state.covariance[:, :, 0] / (state.covariance[:, 0, 0] + variance)[:, None]
     gain *= same[:, None]
@@ -245,8 +265,14 @@ def _measured(
     )
 
 
-def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numbers]:
+def _parts(cells: Cells, label: Numbers, velocity: Array, most_apart: float) -> tuple[Numbers, Numbers]:
     """Sort cells into connected parts, each of cells of one track, of tracks that touch and move alike, or of none.
+
+    Parameters
+    ----------
+    label : array of int, shape (n_cells,), tracks, -1 for none
+    velocity : array, shape (n_tracks, 3) [m/s]
+    most_apart : difference of velocity up to which tracks move alike [m/s]
 
     Returns
     -------
@@ -261,7 +287,7 @@ def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numb
     span = block.max(axis=0) - low + 2
     place = ((block[:, 0] - low[0]) * span[1] + block[:, 1] - low[1]) * span[2] + block[:, 2] - low[2]
     _, one, of = np.unique(place * (label.max() + 2) + label + 1, return_index=True, return_inverse=True)
-    nodes = _joined(place[one], label[one], span[1] * span[2], span[2], velocity)
+    nodes = _joined(place[one], label[one], span[1] * span[2], span[2], velocity, most_apart)
     _, part = np.unique(nodes[of], return_inverse=True)
     size = np.bincount(part)
     owner = np.full(len(size), -1)
@@ -273,7 +299,9 @@ def _parts(cells: Cells, label: Numbers, velocity: Array) -> tuple[Numbers, Numb
 
 
 @kernel
-def _joined(place: Numbers, label: Numbers, row: int, column: int, velocity: Array) -> Numbers:
+def _joined(
+    place: Numbers, label: Numbers, row: int, column: int, velocity: Array, most_apart: float
+) -> Numbers:
     """Return, for each node, the first node to which it is connected; array of int, shape (n_nodes,).
 
     Parameters
@@ -295,7 +323,7 @@ def _joined(place: Numbers, label: Numbers, row: int, column: int, velocity: Arr
                         a, b = label[i], label[j]
                         alike = a == b
                         if a >= 0 and b >= 0 and not alike:
-                            alike = square_of(velocity[a], velocity[b]) < ALIKE * ALIKE
+                            alike = points_apart(velocity[a], velocity[b]) < most_apart
                         if alike:
                             _join(root, i, j)
                         j += 1
@@ -320,12 +348,13 @@ def _root(root: Numbers, i: int) -> int:
 
 @kernel
 def _nearest_spheres(
-    points: Array, center: Array, radius: Array, reach: Array
+    points: Array, center: Array, radius: Array, reach: Array, deep: float
 ) -> tuple[Numbers, Array, NDArray[np.bool_]]:
     """Return each point's nearest sphere, -1 beyond all reaches, its distance from it, and which spheres are
     confirmed.
 
-    Spheres that are confirmed still contain a point deep inside, or are nearest to one. Distances are from the
+    Spheres that are confirmed still contain a point nearer to their centre than the share `deep` of their radius, or
+    are nearest to one. Distances are from the
     surface [m], negative inside.
     """
     n, m = points.shape[0], center.shape[0]
@@ -338,7 +367,7 @@ def _nearest_spheres(
             square = x * x + y * y + z * z
             if square > far * far:
                 continue
-            if square < (DEEP * radius[j]) ** 2:
+            if square < (deep * radius[j]) ** 2:
                 confirmed[j] = True
             out = sqrt(square) - radius[j]
             if out < beyond[i]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, MeshError, SceneError
-from comove.geometry.convex_decomposition import SHEET, ConvexDecomposition, decompose
+from comove.geometry.convex_decomposition import SETTINGS, ConvexDecomposition, decompose
 from comove.geometry.topology import Parts, solids_and_sheets
 from comove.geometry.triangles import FORMATS, read_bytes, triangles_of
 
@@ -95,8 +95,9 @@ def _read(data: bytes, suffix: str, scale: float) -> tuple[Mesh, tuple[str, ...]
     n_parts, n_sheets = len(parts.solids) + len(parts.sheets), len(parts.sheets)
     if n_sheets:
         which = "" if n_sheets == n_parts else f" in {n_sheets} of its {n_parts} parts"
+        thick = f"{SETTINGS.sheet * width:.2g} m thick"
         told = (
-            f"is not closed{which}: what is open counts as thin walls (as a load {SHEET * width:.2g} m thick), and "
+            f"is not closed{which}: what is open counts as thin walls (as a load {thick}), and "
             "nothing is inside it; close it if it is a solid",
         )
     if width > LARGE:

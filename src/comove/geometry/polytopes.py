@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry import distances as sd
+from comove.geometry.rotations import evenly_spread
 from comove.geometry.surfaces import nearest
 
 Array = NDArray[np.float64]
 
-ALIKE = 1e-9  # by which unit normals of one facet may differ
-OUT = 1e-9  # of a polytope's size, by which the planes of a coarser one are moved outwards
+ROUNDING = 1e-9  # of a size, below which lengths do not count; also between normals of one facet
 FAR = 1e6  # of a polytope's size, beyond which no vertex of a coarser one is
-MANY_VERTICES, MANY_PLANES = 48, 40  # beyond which a coarser polytope is looked for
-MOST_PLANES = 96  # of a coarser one
 
 
 @dataclass(frozen=True)
@@ -92,25 +90,30 @@ def thickened(points: Array, thickness: float) -> Array:
 
 def _planes(vertices: Array, normals: Array) -> Array:
     """Return the planes that touch the vertices, one for each different normal; array, shape (n, 4)."""
-    kept = np.unique(np.round(normals / ALIKE).astype(np.int64), axis=0, return_index=True)[1]
+    kept = np.unique(np.round(normals / ROUNDING).astype(np.int64), axis=0, return_index=True)[1]
     normals = normals[np.sort(kept)]
     return np.column_stack([normals, (vertices @ normals.T).max(axis=0)])
 
 
-def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
+def coarser(
+    hull: Polytope, tolerance: float, *, many: tuple[int, int] = (48, 40), most_planes: int = 96
+) -> tuple[Polytope, float]:
     """Return a polytope with fewer planes around a hull that has many, and how far it reaches beyond the hull [m].
 
     It begins as a box. The vertex that is farthest from the hull is cut off by the plane that touches the hull at the
-    point nearest to the vertex, until no vertex is farther than `tolerance` [m], or `MOST_PLANES` are reached. A hull
-    that has few vertices and planes is returned as it is.
+    point nearest to the vertex, until no vertex is farther than `tolerance` [m], or `most_planes` are reached.
+
+    Parameters
+    ----------
+    many : numbers of vertices and planes; a hull that has no more of either is returned as it is
     """
-    if len(hull.vertices) <= MANY_VERTICES and len(hull.planes) <= MANY_PLANES:
+    if len(hull.vertices) <= many[0] and len(hull.planes) <= many[1]:
         return hull, 0.0
     from scipy.spatial import HalfspaceIntersection
 
     middle = hull.vertices.mean(axis=0)
     axes = np.linalg.svd(hull.vertices - middle, full_matrices=False)[2]
-    normals, out = np.concatenate([axes, -axes]), OUT * hull.size
+    normals, out = np.concatenate([axes, -axes]), ROUNDING * hull.size
     while True:
         offsets = (hull.vertices @ normals.T).max(axis=0) + out
         planes = np.column_stack([normals, offsets])
@@ -122,7 +125,7 @@ def coarser(hull: Polytope, tolerance: float) -> tuple[Polytope, float]:
         apart = np.linalg.norm(vertices - feet, axis=1)
         worst = int(apart.argmax())
         beyond = float(apart[worst])
-        if beyond <= tolerance or len(normals) >= MOST_PLANES:
+        if beyond <= tolerance or len(normals) >= most_planes:
             break
         normals = np.concatenate([normals, [(vertices[worst] - feet[worst]) / beyond]])
     found = solid_hull_of(vertices)
@@ -169,15 +172,8 @@ def bevelled(polytope: Polytope) -> Array:
     return _planes(vertices, np.concatenate([found, ALL_AROUND[new]]))
 
 
-def _all_around(count: int) -> Array:
-    """Return unit vectors that are evenly spread on a Fibonacci spiral; array, shape (count, 3)."""
-    k = np.arange(count) + 0.5
-    z, turn = 1 - 2 * k / count, np.pi * (1 + np.sqrt(5.0)) * k
-    return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
-
-
 BETWEEN = np.radians(50.0)
-ALL_AROUND = _all_around(40)  # no direction is farther than 25 deg from one of them
+ALL_AROUND = evenly_spread(40)  # no direction is farther than 25 deg from one of them
 SAME_DIRECTION = np.cos(np.radians(12.0))
 
 

@@ -229,6 +229,20 @@ def facing(x: Array) -> Array:
     return standing(x, UP if abs(x[2]) < 0.999 else np.array([1.0, 0.0, 0.0]))
 
 
+def evenly_spread(count: int, n_dims: int = 3) -> Array:
+    """Return unit vectors that are evenly spread, in the plane or in space (Fibonacci's lattice).
+
+    Array, shape (count, 3).
+    """
+    k = np.arange(count)
+    if n_dims == 2:
+        turn = 2 * np.pi * k / count
+        return np.stack([np.cos(turn), np.sin(turn), np.zeros(count)], axis=1)
+    z, turn = (2 * k + 1) / count - 1, np.pi * (3 - np.sqrt(5.0)) * k
+    across = np.sqrt(1 - z**2)
+    return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
+
+
 def _about_middle(points: Array) -> Array:
     return points - points.mean(axis=-2, keepdims=True)
 

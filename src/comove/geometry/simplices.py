@@ -16,6 +16,7 @@ FACES = np.array(  # which corners, -1 for none
     + [[i, j, -1] for i in range(4) for j in range(i)]
     + [[i, j, k] for i in range(4) for j in range(i) for k in range(j)]
 )
+MAX_STEPS = 60  # of GJK; gaps are bounds of the distance after any of them
 DEGENERATE = 1e-14  # of the product of squared edges: faces that flat have sides that tell more
 
 

@@ -40,13 +40,12 @@ from comove.geometry.distances import (
     nearest_on_segment,
     point_distance,
 )
-from comove.geometry.simplices import has_last_before, nearest_of_simplex
+from comove.geometry.simplices import MAX_STEPS, has_last_before, nearest_of_simplex
 
 N_CORNERS = 8
 """A box's corners are numbered in binary: bit k says on which side of the centre along the half edge k."""
 BOX_ROWS = 4
 TOLERANCE = 1e-8  # m, of the least distance along an edge; the gap there is about as near to the distance
-MAX_STEPS = 60  # of GJK
 TOUCHING = 1e-9  # m, nearest points closer than this count as an overlap
 
 

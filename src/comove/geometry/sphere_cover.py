@@ -8,19 +8,34 @@ distance of the farthest point: the union always contains all points.
 
 from __future__ import annotations
 
-from math import cos, pi, sin, sqrt
+from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.geometry.rotations import evenly_spread
 
 Array = NDArray[np.float64]
 
-HOLLOW = 10.0  # times the detail: no sphere of points is larger, there might be something inside
-N_ITERATIONS = 24  # of one sphere
-N_DIRECTIONS = 26  # in which it is looked at how far a sphere sticks out
+
+class CoverEffort(NamedTuple):
+    """Settings of the search for spheres, as kernels take them.
+
+    Attributes
+    ----------
+    hollow : largest radius of a sphere, as a multiple of the detail: in larger ones there might be something unseen
+    n_iterations : steps of the search for the centre of a sphere
+    n_directions : directions in which it is looked at how far a sphere sticks out
+    """
+
+    hollow: float = 10.0
+    n_iterations: int = 24
+    n_directions: int = 26
+
+
+COVER_EFFORT = CoverEffort()
 
 
 class Cells(NamedTuple):
@@ -65,7 +80,14 @@ def thinned(points: Array, edge: float) -> Cells:
     return Cells(np.stack(sums, axis=1) / np.maximum(counts, 1)[:, None], key[first], of)
 
 
-def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float, most: int) -> SphereCover:
+def covered(
+    points: Array,
+    cells: Cells,
+    group: NDArray[np.int64],
+    detail: float,
+    most: int,
+    effort: CoverEffort = COVER_EFFORT,
+) -> SphereCover:
     """Return spheres that contain all points, where each sphere belongs to one group.
 
     Parameters
@@ -81,7 +103,9 @@ def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float
     counts = np.bincount(group)
     order = np.argsort(group, kind="stable")
     ends = np.cumsum(counts)
-    center, sphere, n = _split(cells.point, order, ends - counts, ends, detail, max(most, len(counts)))
+    directions = evenly_spread(effort.n_directions, 2 if np.ptp(cells.point[:, 2]) == 0.0 else 3)
+    spans, most = np.stack([ends - counts, ends], axis=1), max(most, len(counts))
+    center, sphere, n = _split(cells.point, order, spans, detail, most, directions, effort)
     center, mine = center[:n], sphere[cells.of]
     radius = np.zeros(n)
     np.maximum.at(radius, mine, np.linalg.norm(points - center[mine], axis=1))
@@ -91,21 +115,21 @@ def covered(points: Array, cells: Cells, group: NDArray[np.int64], detail: float
 
 
 @kernel
-def _split(points, order, firsts, lasts, detail, most):
+def _split(points, order, spans, detail, most, directions, effort):
     """Return the centres (most, 3) of spheres, the sphere of every point, and the number of spheres.
 
     Parameters
     ----------
     order : array of int, shape (n_points,), indices of the points group by group; it is rearranged
-    firsts, lasts : arrays of int, shape (n_groups,), where each group begins and ends in `order`
+    spans : array of int, shape (n_groups, 2), where each group begins and ends in `order`
+    directions : array, shape (n_directions, 3), unit vectors in which it is looked at how far a sphere sticks out
     """
-    directions = _directions(np.ptp(points[:, 2]) == 0.0)
     center, excess = np.zeros((most, 3)), np.zeros(most)
     first, last = np.zeros(most, dtype=np.int64), np.zeros(most, dtype=np.int64)
-    n = firsts.shape[0]
+    n = spans.shape[0]
     for k in range(n):
-        first[k], last[k] = firsts[k], lasts[k]
-        excess[k] = _sphere(points, order, first[k], last[k], directions, detail, center[k])
+        first[k], last[k] = spans[k]
+        excess[k] = _sphere(points, order[first[k] : last[k]], directions, detail, effort, center[k])
     while n < most:
         k = excess[:n].argmax()
         if not excess[k] > detail:
@@ -113,7 +137,7 @@ def _split(points, order, firsts, lasts, detail, most):
         middle = _halved(points, order, first[k], last[k])
         first[n], last[n], last[k] = middle, last[k], middle
         for i in (k, n):
-            excess[i] = _sphere(points, order, first[i], last[i], directions, detail, center[i])
+            excess[i] = _sphere(points, order[first[i] : last[i]], directions, detail, effort, center[i])
         n += 1
     sphere = np.zeros(points.shape[0], dtype=np.int64)
     for k in range(n):
@@ -123,50 +147,37 @@ def _split(points, order, firsts, lasts, detail, most):
 
 
 @kernel
-def _directions(flat):
-    """Return unit vectors, evenly spread on the circle or the sphere (Fibonacci's lattice)."""
-    directions = np.zeros((N_DIRECTIONS, 3))
-    for i in range(N_DIRECTIONS):
-        if flat:
-            angle = 2 * pi * i / N_DIRECTIONS
-            directions[i, 0], directions[i, 1] = cos(angle), sin(angle)
-        else:
-            z, angle = (2 * i + 1) / N_DIRECTIONS - 1, pi * (3 - sqrt(5)) * i
-            across = sqrt(1 - z * z)
-            directions[i, 0], directions[i, 1], directions[i, 2] = across * cos(angle), across * sin(angle), z
-    return directions
+def _sphere(points, own, directions, detail, effort, center):
+    """Write in `center` the centre of a sphere about some points, and return how far it sticks out of them [m].
 
-
-@kernel
-def _sphere(points, order, first, last, directions, detail, center):
-    """Write in `center` the centre of a sphere about some points, and return how far it sticks out of them [m]."""
+    `own` holds the numbers of these points.
+    """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for i in range(first, last):
+    for i in own:
         for axis in range(3):
-            low[axis] = min(low[axis], points[order[i], axis])
-            high[axis] = max(high[axis], points[order[i], axis])
+            low[axis], high[axis] = min(low[axis], points[i, axis]), max(high[axis], points[i, axis])
     here, best = 0.5 * (low + high), np.inf
-    for step in range(N_ITERATIONS):
-        farthest, at = -1.0, first
-        for i in range(first, last):
-            square = square_of(points[order[i]], here)
+    for step in range(effort.n_iterations):
+        farthest, at = -1.0, own[0]
+        for i in own:
+            square = square_of(points[i], here)
             if square > farthest:
                 farthest, at = square, i
         if farthest < best:
             best = farthest
             center[:] = here
         for axis in range(3):
-            here[axis] += (points[order[at], axis] - here[axis]) / (step + 3)
+            here[axis] += (points[at, axis] - here[axis]) / (step + 3)
     radius, out = sqrt(best), 0.0
-    if radius <= 0.5 * detail or last - first == 1:
+    if radius <= 0.5 * detail or own.shape[0] == 1:
         return 0.0
-    if radius > HOLLOW * detail:
+    if radius > effort.hollow * detail:
         return radius
     for k in range(directions.shape[0]):
         here[:] = center + radius * directions[k]
         nearest = np.inf
-        for i in range(first, last):
-            nearest = min(nearest, square_of(points[order[i]], here))
+        for i in own:
+            nearest = min(nearest, square_of(points[i], here))
             if nearest <= out:  # elsewhere it sticks out more
                 break
         out = max(out, nearest)

@@ -20,8 +20,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-FEW_CORNERS = 16  # of a hull that is looked at between its corners as well
-
 
 class LoadPoints(NamedTuple):
     """The geometry that must not touch anything, in the frames of the rigid groups.
@@ -111,10 +109,10 @@ def _on_faces(corners: Array, n_points: int) -> Array:
     return 0.5 * (corners[0] + corners[7]) + outer @ halves
 
 
-def _on_hull(corners: Array, n_points: int) -> Array:
-    """Return the corners (n, 3) of a hull and, where they are few, points between them on its faces [m]."""
+def _on_hull(corners: Array, n_points: int, few: int = 16) -> Array:
+    """Return the corners (n, 3) of a hull and, where they are at most `few`, points between them on its faces [m]."""
     hull = solid_hull_of(np.unique(corners, axis=0))
-    if len(hull.vertices) > FEW_CORNERS:
+    if len(hull.vertices) > few:
         return hull.vertices
     spacing = hull.size / max(1, (n_points - 1) // 4)
     touching = np.abs(hull.vertices @ hull.planes[:, :3].T - hull.planes[:, 3]) < 1e-7 * hull.size

@@ -55,13 +55,9 @@ Array = NDArray[np.float64]
 NOTHING = -2
 """What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
 MAX_PERIOD = 1.0  # s, far beyond where steps are small
-MAX_ROUNDS = 20  # of solving and adding missing rows
 ENDLESS = 1e30  # infinite for the solver
 TOLERANCE = 1e-9  # m/s, of rows in the solver
-# Weights of squared slack against the objective's squared velocities: of margins, clearances, limits.
-MARGINS_GIVE_WAY, GIVES_WAY, LIMITS_GIVE_WAY = 1e4, 1e6, 1e8
 DIFFERENCE = 1e-6  # m, over which slopes of errors are taken
-AS_GOOD = 0.02  # of a slack, by which further rounds may change it: tangents lie as far inside their balls
 TOLD = 1e-8  # m/s, relaxing by less is rounding
 HARD, RETREATS, MARGINS, CLEARANCES, LIMITS = range(5)  # relaxed rows, by stage
 EQUAL = 5  # the solver's word for an equation
@@ -96,6 +92,10 @@ class ProgrammeSettings:
     n_points : points sampled on a body's longest edge, and equally dense ones on the others
     turning_weight : weight of rotation that moves no hand, as a fraction of the load's extent squared
     spare : distance kept on top of the scene's clearance [m]
+    max_rounds : most rounds of solving and adding missing rows
+    as_good : share of a slack by which further rounds may change it; tangents lie as far inside their balls
+    margins_weight, clearances_weight, limits_weight : weights of the squared slack of margins for uncertainty, of
+        clearances and of limits of the hands, against the objective's squared velocities
     """
 
     gain: float = 10.0
@@ -104,6 +104,11 @@ class ProgrammeSettings:
     n_points: int = 15
     turning_weight: float = 1e-4
     spare: float = 0.0
+    max_rounds: int = 20
+    as_good: float = 0.02
+    margins_weight: float = 1e4
+    clearances_weight: float = 1e6
+    limits_weight: float = 1e8
 
 
 class Assembled(NamedTuple):
@@ -164,7 +169,7 @@ class TwistProgramme:
             self._freedom,
             self._hands[0],
             (n_obstacles, self.scene.obstacles.shape[1]),
-            MAX_ROUNDS + 1,
+            self.settings.max_rounds + 1,
             len(self.scene.sampled),
         )
         n_rows = len(self._work.low)
@@ -196,7 +201,7 @@ class TwistProgramme:
         m = self._sampled_rows(m)
         twists, gives_way, settled = np.empty((len(poses.center), 6)), HARD, False
         self._limits_slack = 0.0
-        for _ in range(MAX_ROUNDS):
+        for _ in range(self.settings.max_rounds):
             x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
             n_rows, missed = missing_rows(qp, poses, sighting, x, m, twists)
             settled = n_rows == m
@@ -315,8 +320,9 @@ class TwistProgramme:
         size = n + len(kinds)
         quadratic, linear, rows = np.zeros((size, size)), np.zeros(size), np.zeros((m, size))
         quadratic[:n, :n], linear[:n], rows[:, :n] = asked.quadratic, asked.linear, asked.rows
-        weights = np.where(kinds == work.slack.size, LIMITS_GIVE_WAY, GIVES_WAY)
-        weights[which[unsure[soft]]] = MARGINS_GIVE_WAY
+        weigh = self.settings
+        weights = np.where(kinds == work.slack.size, weigh.limits_weight, weigh.clearances_weight)
+        weights[which[unsure[soft]]] = weigh.margins_weight
         quadratic[range(n, size), range(n, size)] = 1.0
         rows[np.flatnonzero(soft), n + which] = 1.0 / np.sqrt(weights)[which]
         z, _, flag, info = daqp.solve(
@@ -337,7 +343,7 @@ class TwistProgramme:
         owner, lacking = work.owner[new], work.low[new] - work.rows[new] @ x
         slack = work.slack[work.body[new], owner % work.slack.shape[1]]
         granted = np.where(owner == LIMIT, self._limits_slack, slack)
-        return bool((lacking <= (1.0 + AS_GOOD) * granted + TOLERANCE).all())
+        return bool((lacking <= (1.0 + self.settings.as_good) * granted + TOLERANCE).all())
 
     def _blocking(self, multipliers: Array) -> int:
         """Return the owner of the row with the largest multiplier.

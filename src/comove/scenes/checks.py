@@ -10,18 +10,14 @@ from pathlib import Path, PurePosixPath
 from comove.constraints.distance import DistanceKeys, distance_tolerance
 from comove.constraints.upright import UprightKeys
 from comove.errors import ComoveWarning, near_name
+from comove.geometry.meshes import LARGE
 from comove.io.keys import HAND, UNTURNED, VECTOR, marked
 from comove.io.messages import Flaw, KeyPath, counted, show
 from comove.io.yaml_reader import MAX_NAMES, near_files
-from comove.scenes.model import BarLoad, FrameLoad, GraspPart, SceneFile
+from comove.scenes.model import ROUNDING, BarLoad, FrameLoad, GraspPart, SceneFile
 
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""
-LARGE_WORKSPACE = 50.0
-"""A workspace wider than this is probably written in millimetres [m]."""
-
-ROUNDING = 1e-12
-"""[m]"""
 _UNFIT = {
     (2, "obstacle", "cylinder"): ("a cylinder needs a spatial scene", "use circle or box"),
     (2, "obstacle", "mesh"): ("a mesh needs a spatial scene", "use box, circle or capsule"),
@@ -250,7 +246,7 @@ def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
     """Warn of lengths that look like millimetres, and of obstacles that are faster than the hands may move."""
     place = f"{file}: " if file is not None else ""
     extent = max(high - low for low, high in zip(scene.workspace.lower, scene.workspace.upper, strict=True))
-    if extent > LARGE_WORKSPACE:
+    if extent > LARGE:
         message = f"{place}workspace: {extent:g} m wide, which looks like millimetres; lengths are in metres"
         warnings.warn(message, ComoveWarning, stacklevel=3)
     limit = scene.limits.speed

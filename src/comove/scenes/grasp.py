@@ -24,7 +24,6 @@ HELD = {
 }
 """Grasp frames at heading 0, by their names: the approach points down, or along the heading with fingers that open
 upwards."""
-FREE_STEP = 45.0  # deg, between the angles about the vertical that are tried where the yaw is free
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +115,10 @@ def grasp_of(file: SceneFile, carried: tuple[int, ...]) -> Grasp | None:
     )
 
 
-def alternatives(file: SceneFile) -> tuple[GraspPart, ...]:
+def alternatives(file: SceneFile, step: float = 45.0) -> tuple[GraspPart, ...]:
     """Return the grasps that a scene file leaves open, each with a yaw that is given; none where it has none.
 
-    Where the yaw is free, hands are turned by all multiples of `FREE_STEP` beyond their offsets: all by the same, or
+    Where the yaw is free, hands are turned by all multiples of `step` [deg] beyond their offsets: all by the same, or
     the first against the others.
     """
     if file.grasp is None:
@@ -129,7 +128,7 @@ def alternatives(file: SceneFile) -> tuple[GraspPart, ...]:
         if part.yaw == "load":
             found.append(part)
             continue
-        turns = FREE_STEP * np.arange(round(360 / FREE_STEP))
+        turns = step * np.arange(round(360 / step))
         for first, others in ((1, 1), (1, -1)):
             for turn in turns.tolist():
                 signs = [first if name == file.names[0] else others for name in file.names]

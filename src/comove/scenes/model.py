@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 from functools import reduce
 from operator import or_
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -58,6 +58,8 @@ MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
 """[s]"""
 MAX_MANIPULATORS = 100
 """Hands of one scene; distances grow with the square of their number."""
+ROUNDING = 1e-12
+"""[m], by which lengths of one file that must agree may differ."""
 ROBOT_CLEARANCE = 0.005
 """[m], kept on robots where the file does not say."""
 
@@ -119,7 +121,7 @@ class BoxObstacle(_Turned):
 class SphereObstacle(_Obstacle):
     """A circle in the plane, a sphere in space, of `radius` [m]."""
 
-    shape: Annotated[Literal["sphere", "circle"], AfterValidator(lambda _: "sphere")]
+    shape: Annotated[Literal["circle", "sphere"], AfterValidator(lambda _: "sphere")]
     center: Vector
     radius: PositiveLength
 
@@ -436,35 +438,19 @@ class SceneFile(Sparse):
         return tuple(self.names.index(name) for name in self.holders)
 
 
-_OBSTACLES: dict[str, type[BaseModel]] = {
-    "box": BoxObstacle,
-    "circle": SphereObstacle,
-    "sphere": SphereObstacle,
-    "capsule": CapsuleObstacle,
-    "cylinder": CylinderObstacle,
-    "ellipsoid": EllipsoidObstacle,
-    "ellipse": EllipsoidObstacle,
-    "mesh": MeshObstacle,
-}
-_LOADS: dict[str, type[BaseModel]] = {
-    "bar": BarLoad,
-    "frame": FrameLoad,
-    "polygon": PolygonLoad,
-    "box": BoxLoad,
-    "mesh": MeshLoad,
-}
-_OBJECTIVES: dict[str, type[BaseModel]] = {
-    "least_jerk": LeastJerkObjective,
-    "least_time": LeastTimeObjective,
-    "paper": PaperObjective,
-}
+def _by_name(union: Any, key: str) -> dict[str, type[BaseModel]]:
+    """Return the models of a union, by the names that their key may have."""
+    models = get_args(get_args(union)[0])
+    return {name: model for model in models for name in get_args(model.model_fields[key].annotation)}
+
+
 CONTRACT = Contract(
     root=SceneFile,
     families={
-        "obstacles": Family("shape", _OBSTACLES, 2),
-        "load": Family("shape", _LOADS, 1),
+        "obstacles": Family("shape", _by_name(Obstacle, "shape"), 2),
+        "load": Family("shape", _by_name(Load, "shape"), 1),
         "constraints": Family("type", KINDS, 2),
-        "objective": Family("type", _OBJECTIVES, 1),
+        "objective": Family("type", _by_name(Objective, "type"), 1),
     },
 )
 """What messages know of the keys."""

@@ -31,12 +31,11 @@ from comove.scenes.groups import (
     orientation_of,
     tilt_between,
 )
-from comove.scenes.model import BarLoad, BoxLoad, Gripped, PolygonLoad, SceneFile
+from comove.scenes.model import ROUNDING, BarLoad, BoxLoad, Gripped, PolygonLoad, SceneFile
 
 Array = NDArray[np.float64]
 
 ENDS = ("start", "goal")
-ROUNDING = 1e-12  # m
 HEADING = 1e-3  # m, by which hands that tell a heading must be beside each other
 TILT_ROUNDING = 1e-9  # rad
 

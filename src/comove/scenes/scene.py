@@ -451,9 +451,7 @@ class Scene:
         if len(body.solids):
             found = min(found, solids_clearance(nodes, body.solids, table, *self.workspace))
         if body.filled:
-            first, second = body.edges.T
-            border = nodes[first[first != second]]  # without the hands, which are points
-            for j in np.flatnonzero(inside_polygon(border, table[:, 1:4])):
+            for j in np.flatnonzero(inside_polygon(nodes[body.border], table[:, 1:4])):
                 found = min(found, (-float(table[j, sd.REACH]), int(j)))
         clearance, nearest = found[0], int(self.owners[rows][found[1]]) if found[1] >= 0 else -1
         hulls = [(edge, radius) for edge, radius in zip(body.edges, body.radii, strict=True)]

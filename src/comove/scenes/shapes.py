@@ -61,6 +61,12 @@ class Body:
     filled: bool = False
     solids: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, N_CORNERS), dtype=np.int64))
 
+    @property
+    def border(self) -> NDArray[np.int64]:
+        """Return the nodes at which its edges begin, without the hands, which are points; array, shape (n_edges,)."""
+        first, second = self.edges.T
+        return first[first != second]
+
 
 def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
     """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load"."""

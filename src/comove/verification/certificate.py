@@ -30,6 +30,7 @@ checked for being inside.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -52,17 +53,37 @@ from comove.verification.clearance_kernels import (
 
 Array = NDArray[np.float64]
 
-LOOSE, TIGHT = 1e-4, 1e-7  # m, how far the bound may stay below the true clearance
-COMMON = (0.3, 10.0)  # m, sides of workspaces for which these are made; for others they grow and shrink along
 ROUNDING = 1e-12  # of the largest coordinate, and of a metre
 
 
-def need_of(scene: Scene, nodes: Array) -> Need:
-    """Return the accuracy required of the bound for a body with these nodes, array of shape (..., 3) [m]."""
-    side = float((scene.upper - scene.lower).max())
-    unit = 1.0 if COMMON[0] <= side <= COMMON[1] else side
-    largest = max(1.0, side, float(np.abs(nodes).max()))
-    return Need(scene.clearance, LOOSE * unit, TIGHT * unit, ROUNDING * largest)
+@dataclass(frozen=True)
+class CertificateSettings:
+    """Settings of the certificate: how tight its bound is, and how long it looks for it; it is sound in any case.
+
+    Attributes
+    ----------
+    loose, tight : how far the bound may stay below the true clearance, in general and close to the required one [m]
+    common : sides of workspaces for which these are made; for others they grow and shrink along [m]
+    most_cells, most_halves : cells of edges, and halves of intervals of solids and triangles, each of which takes a
+        search for a direction; a bound that needs more is given up as it stands, lower than it might be
+    """
+
+    loose: float = 1e-4
+    tight: float = 1e-7
+    common: tuple[float, float] = (0.3, 10.0)
+    most_cells: int = 2_000_000
+    most_halves: int = 300_000
+
+    def need(self, scene: Scene, nodes: Array) -> Need:
+        """Return the accuracy required of the bound for a body with these nodes, array of shape (..., 3) [m]."""
+        side = float((scene.upper - scene.lower).max())
+        unit = 1.0 if self.common[0] <= side <= self.common[1] else side
+        rounding = ROUNDING * max(1.0, side, float(np.abs(nodes).max()))
+        most = self.most_cells, self.most_halves
+        return Need(scene.clearance, self.loose * unit, self.tight * unit, rounding, *most)
+
+
+SETTINGS = CertificateSettings()
 
 
 class Clearance(NamedTuple):
@@ -82,7 +103,12 @@ class Clearance(NamedTuple):
     nearest: int
 
 
-def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None, since: float = 0.0) -> Clearance:
+def certify(
+    motion: CoordinatedMotion,
+    bounds: NodeBounds | None = None,
+    since: float = 0.0,
+    settings: CertificateSettings = SETTINGS,
+) -> Clearance:
     """Bound the clearance of the whole load and all hands over continuous time.
 
     Parameters
@@ -103,10 +129,16 @@ def certify(motion: CoordinatedMotion, bounds: NodeBounds | None = None, since: 
     paths = Paths(np.zeros((0, len(scene.obstacles), 3)), np.zeros((0, len(scene.obstacles))))
     if scene.moving.any():
         paths = Paths(scene.by_row(scene.offsets(time)), scene.by_row(scene.obstacle_sagittas(time)))
-    return certify_curve(scene, CurveArrays(nodes, deviation), time, paths)
+    return certify_curve(scene, CurveArrays(nodes, deviation), time, paths, settings)
 
 
-def certify_curve(scene: Scene, curve: CurveArrays, time: Array, paths: Paths) -> Clearance:
+def certify_curve(
+    scene: Scene,
+    curve: CurveArrays,
+    time: Array,
+    paths: Paths,
+    settings: CertificateSettings = SETTINGS,
+) -> Clearance:
     """Bound the clearance of a load that is known at some instants, among obstacles that move on `paths`.
 
     Parameters
@@ -115,7 +147,7 @@ def certify_curve(scene: Scene, curve: CurveArrays, time: Array, paths: Paths) -
     """
     if not all(np.isfinite(array).all() for array in (*curve, *paths)):
         return Clearance(-np.inf, -np.inf, float(time[0]), -1)
-    body, own, need = scene.body, scene.convex_rows, need_of(scene, curve.nodes)
+    body, own, need = scene.body, scene.convex_rows, settings.need(scene, curve.nodes)
     moving = Paths(*(np.ascontiguousarray(array[:, own]) for array in paths))
     around = Around(scene.obstacles[own], moving, *scene.workspace, need)
     found = certified_clearance(curve, body.edges, body.radii, around)

@@ -24,8 +24,6 @@ from comove.geometry.surfaces import (
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
-MAX_CELLS = 2_000_000  # a bound that needs more is given up as it stands: still sound, only lower
-MAX_HALVES = 300_000  # the same for solids and triangles, where each takes a search for a direction
 STACK = 256
 
 
@@ -37,12 +35,16 @@ class Need(NamedTuple):
     clearance : required clearance [m]; the bound is tightened where it is close to it
     loose, tight : allowed difference between bound and true clearance, in general and close to the required one [m]
     rounding : rounding error of distances [m]
+    most_cells, most_halves : cells of edges, and halves for solids and triangles, beyond which a bound is given up as
+        it stands: still sound, only lower
     """
 
     clearance: float
     loose: float
     tight: float
     rounding: float
+    most_cells: int
+    most_halves: int
 
 
 class CurveArrays(NamedTuple):
@@ -263,7 +265,7 @@ def _while_swept(
             last = point_distance(obstacles, j, x, y, z) - radius
             found = _with_distance(found, min(first, last), k, j, need)
             along = max(along, min(distance, 2 * distance - first, 2 * distance - last))
-        if along - moved >= enough or top + 2 >= STACK or cells > MAX_CELLS:
+        if along - moved >= enough or top + 2 >= STACK or cells > need.most_cells:
             found = _with_bound(found, along - moved - swell)
             continue
         stack[top, 0], stack[top, 1], stack[top, 2], stack[top, 3] = t0, t1, s0, s1
@@ -328,7 +330,7 @@ def certified_solids(
                             normal[0], normal[1], normal[2] = other[0], other[1], other[2]
                         # Where they touch, or no direction does better at mid-time, halving gains nothing.
                         gains = at_middle > 0.0 and clear < min(met, at_middle) - slack
-                        if gains and top + 2 <= STACK and cells <= MAX_HALVES:
+                        if gains and top + 2 <= STACK and cells <= need.most_halves:
                             stack[top, 0], stack[top, 1] = t0, t
                             stack[top + 1, 0], stack[top + 1, 1] = t, t1
                             top += 2
@@ -443,7 +445,7 @@ def certified_surface(
                             gains = (
                                 at_middle > 0.0 and clear - radii[h] < min(met, at_middle - radii[h]) - slack
                             )
-                            if gains and n_parts + 2 <= STACK and cells <= MAX_HALVES:
+                            if gains and n_parts + 2 <= STACK and cells <= need.most_halves:
                                 parts[n_parts, 0], parts[n_parts, 1] = t0, t
                                 parts[n_parts + 1, 0], parts[n_parts + 1, 1] = t, t1
                                 n_parts += 2

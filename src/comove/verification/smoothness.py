@@ -12,13 +12,6 @@ from comove.verification.bounds import largest_jerk, node_bounds
 
 Array = NDArray[np.float64]
 
-N_STEPS = 801
-HIGHEST, QUIET = (
-    10.0,
-    0.05,
-)  # Hz for a motion of a second, and share of the largest amplitude (Balasubramanian)
-PADDING = 16  # times as many samples for the spectrum
-
 
 @dataclass(frozen=True)
 class Smoothness:
@@ -41,15 +34,15 @@ class Smoothness:
     nearly_there: float
 
 
-def smoothness(motion: CoordinatedMotion) -> Smoothness:
-    """Return measures of how smooth a motion is."""
-    scene, s = motion.scene, np.linspace(0.0, 1.0, N_STEPS)
+def smoothness(motion: CoordinatedMotion, n_steps: int = 801) -> Smoothness:
+    """Return measures of how smooth a motion is, from `n_steps` samples."""
+    scene, s = motion.scene, np.linspace(0.0, 1.0, n_steps)
     _, velocity, acceleration = motion.hands(s)
-    jerk, speed = np.diff(acceleration, axis=0) * (N_STEPS - 1), np.linalg.norm(velocity, axis=2)
+    jerk, speed = np.diff(acceleration, axis=0) * (n_steps - 1), np.linalg.norm(velocity, axis=2)
     straight = 720.0 * max(float(((scene.goal - scene.start) ** 2).sum()), 1e-12)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]).sum(axis=1))])
     halfway, nearly = np.interp([0.5 * way[-1], 0.95 * way[-1]], way, s)
-    squared = float((jerk**2).sum() / (N_STEPS - 1))
+    squared = float((jerk**2).sum() / (n_steps - 1))
     return Smoothness(
         largest_jerk(motion, node_bounds(motion).jerk),
         squared,
@@ -60,7 +53,9 @@ def smoothness(motion: CoordinatedMotion) -> Smoothness:
     )
 
 
-def spectral_arc_length(speed: Array) -> float:
+def spectral_arc_length(
+    speed: Array, *, highest: float = 10.0, quiet: float = 0.05, padding: int = 16
+) -> float:
     """Return minus the arc length of the normalised amplitude spectrum of a speed; 0 where the speed is 0 throughout.
 
     The frequencies are those of a movement that lasts one second, so that the pace of a movement does not matter.
@@ -68,14 +63,17 @@ def spectral_arc_length(speed: Array) -> float:
     Parameters
     ----------
     speed : array, shape (n_steps,), evenly spaced from start to end
+    highest, quiet : frequency of a movement of a second [Hz], and share of the largest amplitude, beyond and below
+        which the spectrum does not count (Balasubramanian et al., 2015)
+    padding : how many times as many samples the spectrum has
     """
-    spectrum = np.abs(np.fft.rfft(speed, PADDING * len(speed)))
+    spectrum = np.abs(np.fft.rfft(speed, padding * len(speed)))
     if spectrum[0] <= 0.0:
         return 0.0
     amplitude = spectrum / spectrum[0]
-    frequency = np.arange(len(amplitude)) * (len(speed) - 1) / (PADDING * len(speed))  # over one second
-    kept = frequency <= HIGHEST
-    loud = np.flatnonzero(amplitude[kept] >= QUIET)
+    frequency = np.arange(len(amplitude)) * (len(speed) - 1) / (padding * len(speed))  # over one second
+    kept = frequency <= highest
+    loud = np.flatnonzero(amplitude[kept] >= quiet)
     frequency, amplitude = frequency[: loud[-1] + 1], amplitude[: loud[-1] + 1]
     if len(frequency) < 2:
         return 0.0

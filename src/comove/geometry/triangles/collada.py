@@ -13,10 +13,9 @@ import numpy as np
 
 from comove.errors import MeshError
 from comove.geometry.triangles.checks import ANEW, Array, Ints, fans, numbers, require_few, shown
-from comove.geometry.triangles.markup import elements_of
+from comove.geometry.triangles.markup import MAX_DEPTH, elements_of
 
 MAX_NODES = 10_000
-MAX_DEPTH = 64
 _EMPTY = ("lines", "linestrips")
 
 
