@@ -50,7 +50,7 @@ MET = (
 
 
 @dataclass(frozen=True)
-class RunLimits:
+class RunTolerances:
     """Limits by which an online run is judged.
 
     Attributes
@@ -154,7 +154,9 @@ class OnlineReport:
     reasons: tuple[str, ...]
 
 
-def judge_run(record: OnlineRecord, *, stride: int = 5, limits: RunLimits = RunLimits()) -> OnlineReport:
+def judge_run(
+    record: OnlineRecord, *, stride: int = 5, limits: RunTolerances = RunTolerances()
+) -> OnlineReport:
     """Measure a run, and say what is wrong with it.
 
     Parameters
@@ -181,7 +183,7 @@ def judge_run(record: OnlineRecord, *, stride: int = 5, limits: RunLimits = RunL
     return OnlineReport(**measures, nearest=nearest, reasons=tuple(_reasons(record, measures, limits)))
 
 
-def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunLimits) -> list[str]:
+def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -> list[str]:
     """Return the reasons against a run with these measures."""
     reasons = [
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"

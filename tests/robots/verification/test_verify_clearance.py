@@ -17,7 +17,7 @@ from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bod
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import (
     CarryCourse,
-    CertificateSettings,
+    JointCertificateSettings,
     Distances,
     Instants,
     PairCells,
@@ -28,7 +28,7 @@ from comove.scenes import Scene
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 
-TIGHT = CertificateSettings().tight
+TIGHT = JointCertificateSettings().tight
 TAKEN = (
     1.2e-4  # m, that the verification takes from distances: coal's accuracy, and hands that are a little off
 )
@@ -307,7 +307,7 @@ def test_what_cannot_be_computed_within_the_limit_is_not_certified(monkeypatch):
     from comove.robots import verify_joints
     from comove.robots.verification import checks
 
-    monkeypatch.setattr(checks, "certify", partial(certify, settings=CertificateSettings(most=100)))
+    monkeypatch.setattr(checks, "certify", partial(certify, settings=JointCertificateSettings(most=100)))
     verdict = verify_joints(baxter(), *known_carry())
     assert verdict.verified is None
     assert all("could not be certified" in reason for reason in verdict.reasons)
@@ -327,7 +327,7 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
     from comove.robots import verify_joints
     from comove.robots.verification import checks
 
-    monkeypatch.setattr(checks, "certify", partial(certify, settings=CertificateSettings(most=20_000)))
+    monkeypatch.setattr(checks, "certify", partial(certify, settings=JointCertificateSettings(most=20_000)))
     motion, joints = known_carry()
     top = 0.05 - 0.00515 - room  # m, that deep below the load fingers reach
     table = {"shape": "box", "center": [0.68, 0, top - 0.025], "size": [0.7, 1.6, 0.05]}

@@ -53,7 +53,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class CertificateSettings:
+class JointCertificateSettings:
     """Settings of how far the certificate goes into time; none of them lets it say more than it knows.
 
     Attributes
@@ -196,7 +196,7 @@ def certify(
     carried: LoadMotion,
     curve: PPoly,
     slack: float = 0.0,
-    settings: CertificateSettings = CertificateSettings(),
+    settings: JointCertificateSettings = JointCertificateSettings(),
 ) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
@@ -247,7 +247,7 @@ class _Known:
     computed : number of distances that were computed
     """
 
-    def __init__(self, distances: Distances, slack: float, settings: CertificateSettings):
+    def __init__(self, distances: Distances, slack: float, settings: JointCertificateSettings):
         self.distances, self.bodies = distances, distances.bodies
         self.slack, self.settings = slack, settings
         self.least, self.computed = [LinkClearance(np.inf, np.inf, -1, 0.0)] * 3, 0
