@@ -30,17 +30,21 @@ Numbers = NDArray[np.int64]
 
 
 MOST = {
-    **{
-        "noise": 1.0,
-        "spacing": 1.0,
-        "detail": 10.0,
-        "own": 10.0,
-        "memory": 60.0,
-        "agility": 1e6,
-        "fastest": 1e3,
-    },
-    **{"sigmas": 10.0, "other": 1.0, "deep": 1.0, "alike": 10.0, "forgotten": 1.0},
-    **{"around": 100.0, "future": 60.0, "history": 60.0},
+    "noise": 1.0,
+    "spacing": 1.0,
+    "detail": 10.0,
+    "own": 10.0,
+    "memory": 60.0,
+    "agility": 1e6,
+    "fastest": 1e3,
+    "sigmas": 10.0,
+    "other": 1.0,
+    "deep": 1.0,
+    "alike": 10.0,
+    "forgotten": 1.0,
+    "around": 100.0,
+    "future": 60.0,
+    "history": 60.0,
 }
 
 

@@ -17,9 +17,9 @@ from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bod
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.certificate import (
     CarryCourse,
-    JointCertificateSettings,
     Distances,
     Instants,
+    JointCertificateSettings,
     PairCells,
     certify,
 )
