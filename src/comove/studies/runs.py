@@ -249,12 +249,10 @@ class StudyStore(Store[StudyWriter]):
         with self.connected(reading=True) as connection:
             return {number for (number,) in connection.execute("SELECT number FROM runs")}
 
-    def runs(self, status: str | None = None) -> Iterator[StudyRun]:
-        """Yield the runs that have ended, or those of a status, in the order of their numbers."""
+    def runs(self) -> Iterator[StudyRun]:
+        """Yield the runs that have ended, in the order of their numbers."""
         with self.connected(reading=True) as connection:
-            where = "" if status is None else " WHERE status = ?"
-            query = f"SELECT {', '.join(COLUMNS)} FROM runs{where} ORDER BY number"
-            for row in connection.execute(query, () if status is None else (status,)):
+            for row in connection.execute(f"SELECT {', '.join(COLUMNS)} FROM runs ORDER BY number"):
                 yield StudyRun(*row)
 
     def motions(self, status: str = "verified") -> Iterator[tuple[StudyRun, StoredMotion]]:

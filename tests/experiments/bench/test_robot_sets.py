@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.bench.robot_witness import JointWitness
+from comove.experiments.bench.robot_drawing import JointWitness
 from comove.experiments.bench.runner import jobs_of, run
 from comove.experiments.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
 from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES

@@ -14,8 +14,6 @@ from comove.views.style import COLOURS, new_figure
 Array = NDArray[np.float64]
 
 STYLES = ("-", "--", "-.", ":")
-LEAST = 1e-4  # s, before which no times are drawn
-LARGEST = 10.0  # ratio, up to which they are drawn
 
 
 def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
@@ -26,7 +24,7 @@ def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
     times : by set and system, array, shape (n_runs,), time to the first verified motion, infinite if none [s]
     """
     finite = [t for of in times.values() for runs in of.values() for t in runs[np.isfinite(runs)]]
-    least = max(LEAST, 0.5 * min(finite, default=LEAST))
+    least = max(1e-4, 0.5 * min(finite, default=0.0))  # below, no times are drawn
     figure = _draw_below(times, least, 1.5 * max(finite, default=1.0))
     for axes in figure.axes:
         axes.set(xscale="log", xlabel="time to the first verified motion [s]")
@@ -41,9 +39,10 @@ def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
     ----------
     ratios : by set and system, array, shape (n_runs,), ratios of cost, infinite where nothing is verified
     """
-    figure = _draw_below(ratios, 1.0, LARGEST)
+    largest = 10.0
+    figure = _draw_below(ratios, 1.0, largest)
     for axes in figure.axes:
-        axes.set(xscale="log", xlabel="final cost / best cost known", xlim=(0.98, LARGEST))
+        axes.set(xscale="log", xlabel="final cost / best cost known", xlim=(0.98, largest))
         axes.set_xticks([1, 1.5, 2, 3, 5, 10], ["1", "1.5", "2", "3", "5", "10"])
         axes.minorticks_off()
     return figure

@@ -27,9 +27,7 @@ Array = NDArray[np.float64]
 
 REPORT, SHARES, RATIOS = "report.md", "shares.png", "costs.png"
 CONTENTS = Contents("report of runs", frozenset({REPORT}), frozenset({REPORT, SHARES, RATIOS}))
-NEAR = 1.05  # times the best cost known: "near the best"
 REFERENCE = "comove"
-SHOWN = 12  # failures a system and set that are listed
 FIGURES = {  # column: figure, factor
     "path [m]": ("path_length", 1.0),
     "peak acceleration [m/s²]": ("acceleration_max", 1.0),
@@ -96,10 +94,10 @@ class Standing:
         """Return the time to the first verified motion [s]; infinite if there is none."""
         return run.history[0][0] if run.history else np.inf
 
-    def near_best(self, run: Run) -> float:
-        """Return the time to a verified motion within 5 % of the best cost known [s]; infinite if there is none."""
+    def near_best(self, run: Run, within: float = 0.05) -> float:
+        """Return the time to a verified motion within a share of the best cost known [s]; infinite if none is."""
         best = self.best.get(run.configuration.scene, np.inf)
-        return next((seconds for seconds, cost in run.history if cost <= NEAR * best), np.inf)
+        return next((seconds for seconds, cost in run.history if cost <= (1.0 + within) * best), np.inf)
 
     def cost_ratio(self, run: Run) -> float:
         """Return the final cost divided by the best known; infinite if the final motion is not verified."""
@@ -290,15 +288,16 @@ def _against_table(of_set: Sequence[Standing]) -> str:
     return table(head, rows)
 
 
-def _failures(of_set: Sequence[Standing]) -> list[str]:
+def _failures(of_set: Sequence[Standing], most: int = 12) -> list[str]:
+    """Return a line for each run that is not verified, `most` for each system."""
     lines = []
     for s in of_set:
         failed = [run for run in s.runs if run.status != "verified"]
-        for run in failed[:SHOWN]:
+        for run in failed[:most]:
             c = run.configuration
             lines.append(f"- {s.system}, {c.scene}, seed {c.seed}: {run.status}: {run.message[:200]}")
-        if len(failed) > SHOWN:
-            lines.append(f"- {s.system}: {len(failed) - SHOWN} more")
+        if len(failed) > most:
+            lines.append(f"- {s.system}: {len(failed) - most} more")
     return lines
 
 

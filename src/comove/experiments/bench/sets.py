@@ -24,7 +24,7 @@ from comove.io.yaml_reader import read_yaml
 from comove.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from comove.experiments.bench.robot_witness import JointWitness
+    from comove.experiments.bench.robot_drawing import JointWitness
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ class RobotSet(SceneSet):
 
     def witness(self, of: BenchScene, scene: Scene) -> JointWitness:
         """Return the joints and the motion of the load."""
-        from comove.experiments.bench.robot_witness import JointWitness
+        from comove.experiments.bench.robot_drawing import JointWitness
 
         names = {key: f"{of.name}.{key}" for key in ("weights", "position")}
         arrays = read_arrays(of.path.with_name(JOINT_WITNESSES), tuple(names.values()))

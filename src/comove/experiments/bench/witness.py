@@ -20,7 +20,6 @@ from comove.verification.record import ExecutionReport, RecordSamples, verify_ex
 
 Array = NDArray[np.float64]
 
-N_SAMPLES = 801  # of a witness
 WHERE_NOTHING_MOVES = 1e-9  # m, added to every segment's way
 
 
@@ -55,7 +54,7 @@ class Witness:
         """Return the distance of the farthest hand from the centre [m]."""
         return float(np.linalg.norm(self.held, axis=1).max())
 
-    def hands(self, n_samples: int = N_SAMPLES) -> Array:
+    def hands(self, n_samples: int = 801) -> Array:
         """Return the hands at even times of the movement; array, shape (n_samples, n_manipulators, 3) [m]."""
         turns = np.stack(
             [

@@ -26,7 +26,7 @@ from comove.experiments.paper.figures import (
     shown_failures,
     verdict,
 )
-from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST, Outcome, title_of
+from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
 from comove.experiments.paper.measures import count_verified, measure_motion
 from comove.experiments.paper.runs import (
     AT_ONCE,
@@ -50,7 +50,6 @@ from comove.io.folders import Contents
 from comove.views.motion import N_STATES
 
 MINUTE = 60.0  # s
-WIDTH = 118  # of the page's lines
 LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes
 PAGE, FOLDER, RUNS = "paper.md", "paper", "runs.csv"
 CONTENTS = Contents(
@@ -131,11 +130,11 @@ def write_page(
     return "\n\n".join(_wrapped(block) for part in parts for block in part.strip().split("\n\n")) + "\n"
 
 
-def _wrapped(block: str) -> str:
-    """Wrap a paragraph into lines of even length; return anything else unchanged."""
+def _wrapped(block: str, width: int = 118) -> str:
+    """Wrap a paragraph into lines of at most `width`; return anything else unchanged."""
     if block.startswith(("#", "|", "!", "- ", "```")):
         return block
-    return textwrap.fill(" ".join(block.split()), WIDTH, break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(" ".join(block.split()), width, break_long_words=False, break_on_hyphens=False)
 
 
 def _head(runs: Runs, findings: Sequence[tuple[Claim, ClaimFinding]], effort: Effort, folder: str) -> str:
@@ -289,13 +288,10 @@ Comove's own rows: the same without `--method paper`. `taught` is Figure 4a by c
 """
 
 
-PATIENT = 300.0  # s, so that a slower machine ends alike
-
-
-def _by_hand() -> str:
-    """Return the commands that print the numbers of Figures 3 to 6."""
+def _by_hand(budget: float = 300.0) -> str:
+    """Return the commands that print the numbers of Figures 3 to 6, with a budget for slow machines."""
     return f"""
-how="--objective paper --weights 1,{GAIT["velocity"]:g},10 --budget {PATIENT:g}"
+how="--objective paper --weights 1,{GAIT["velocity"]:g},10 --budget {budget:g}"
 how="$how --acceleration {GAIT["acceleration"]:g}"
 banded() {{  # a scene with the band of the figures, and the movement of an earlier result to begin with
   grep -v ^demonstration $1.yaml
@@ -413,9 +409,9 @@ intervals after Wilson. A distance may be off by {TOLERANCE}. Measures are those
 not. Smoothness is the largest
 acceleration of a hand and the squared jerk of both hands, integrated over the motion of 10 s. J rewards early
 arrival, and the scenes limit no acceleration: on `narrow`, `comove` accelerates by {_fastest(runs, "comove")} m/s²
-in the median, the paper's method by {_fastest(runs, "paper")} m/s². `comove, {GENTLE:g} m/s²` is the same method
-under a limit of {GENTLE:g} m/s². Brackets hold intervals; "none" says that no run has the measure. Every run is
-stopped after {LONGEST:g} s of processor time.
+in the median, the paper's method by {_fastest(runs, "paper")} m/s². `comove, 1 m/s²` is the same method
+under a limit of 1 m/s². Brackets hold intervals; "none" says that no run has the measure. Every run is
+stopped after {runs.of("story")[0].job.budget:g} s of processor time.
 
 {shown}
 """

@@ -61,7 +61,6 @@ SENSITIVITY: dict[str, dict[str, dict[str, Any]]] = {
     "c_vel": {"0": {"velocity": 0.0}, "0.01": {}, "0.2": {"velocity": 0.2}, "1": {"velocity": 1.0}},
 }
 """One thing changed at a time, for the paper's method in the narrow passage: how a job differs."""
-N_RECORDINGS = 10
 FEW = 0.1  # seeds in the small tables, for one of the large table; and budgets shrink in a quick look
 ROLES = {
     "leader-follower [7]": "left leads",
@@ -71,7 +70,6 @@ ROLES = {
 """Who leads, by contender."""
 OTHER_SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]")
 MOVEMENT_CONTENDERS = ("comove", "comove without planner", "paper")
-MOVING_LIMIT = 3.0  # times the scene's duration, that an execution may last
 RECORDED: dict[str, tuple[str, int] | None] = {
     "line": None,
     "curve": None,
@@ -317,9 +315,9 @@ def movement_of(outcome: Outcome, hand: int) -> DMP:
     return DMP.fit(Demonstration(way.time, way.position[:, hand], f"{outcome.job.purpose}, hand {hand}"))
 
 
-def recordings() -> tuple[str, ...]:
+def recordings(count: int = 10) -> tuple[str, ...]:
     """Return the first shapes of the handwriting set; the first recording of each is used."""
-    return lasa_names()[:N_RECORDINGS]
+    return lasa_names()[:count]
 
 
 def recorded(name: str) -> Demonstration:
@@ -474,7 +472,7 @@ def _done(job: Wanted) -> Done:
         return run(job)
     load_kernels(SceneKind(2, moving=True))
     scene = example("turning")
-    budget = MOVING_LIMIT * scene.duration
+    budget = 3.0 * scene.duration  # as `comove run`
     return compare(Executor(scene).run(budget), budget)[0]
 
 

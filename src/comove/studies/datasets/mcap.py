@@ -26,8 +26,6 @@ from comove.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError
 from comove.studies.datasets.samples import EpisodeSamples
 
-JPEG_QUALITY = 92
-
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     """Write `episode_NUMBER.mcap` for every episode; return their number.
@@ -57,14 +55,14 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     return count
 
 
-def _jpegs(name: str, episode: EpisodeSamples) -> list[bytes]:
+def _jpegs(name: str, episode: EpisodeSamples, quality: int = 92) -> list[bytes]:
     """Return what a camera saw as JPEG files, one a sample."""
     from PIL import Image
 
     files = []
     for picture in episode.videos[name].pictures:
         file = io.BytesIO()
-        Image.fromarray(picture).save(file, format="JPEG", quality=JPEG_QUALITY)
+        Image.fromarray(picture).save(file, format="JPEG", quality=quality)
         files.append(file.getvalue())
     return files
 
