@@ -12,6 +12,7 @@ import argparse
 import time
 
 import numpy as np
+from timing import print_table
 
 from comove.execution import Clouds, Scanner
 from comove.reaction.twists import nodes_of, poses_of
@@ -44,10 +45,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=10_000)
     parser.add_argument("--clouds", type=int, default=40)
     options = parser.parse_args()
-    print(
-        "| dimensions | points | spheres | cloud, median [ms] | 90 % within [ms] | spheres asked for [ms] |"
-    )
-    print("|---|---|---|---|---|---|")
+    rows = []
     for n_dims in (2, 3):
         scene, rng = empty_scene(n_dims), np.random.default_rng(0)
         observer = Clouds(scene, Scanner())
@@ -71,10 +69,17 @@ def main() -> None:
             seen = observer.observe(now + 0.01)
             asked.append(1e3 * (time.thread_time() - begun))
         taken, asked = taken[3:], asked[3:]
-        print(
-            f"| {n_dims} | {options.points} | {len(seen.margin)} | {np.median(taken):.1f} "
-            f"| {np.quantile(taken, 0.9):.1f} | {np.median(asked):.2f} |"
-        )
+        times = f"{np.median(taken):.1f}", f"{np.quantile(taken, 0.9):.1f}", f"{np.median(asked):.2f}"
+        rows.append([n_dims, options.points, len(seen.margin), *times])
+    head = [
+        "dimensions",
+        "points",
+        "spheres",
+        "cloud, median [ms]",
+        "90 % within [ms]",
+        "spheres asked for [ms]",
+    ]
+    print_table(head, rows)
 
 
 if __name__ == "__main__":

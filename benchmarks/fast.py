@@ -18,7 +18,7 @@ import time
 from contextlib import suppress
 
 import numpy as np
-from timing import on_one_thread, peer, print_table
+from timing import by_toppra, on_one_thread, peer, print_table
 
 import comove
 from comove import LeastJerk, LeastTime, PaperCost
@@ -63,28 +63,11 @@ def main() -> None:
 
 
 def toppra_duration(motion: comove.CoordinatedMotion) -> str:
-    """Shortest duration of a path by TOPP-RA (Pham and Pham, 2018), no hand beyond its limits."""
-    try:
-        import toppra
-        from toppra import algorithm, constraint
-    except ImportError:
-        return "-"
-    toppra.setup_logging("ERROR")
-    s = np.linspace(0.0, 1.0, N_PATH)
-    hands = motion.hands(s)[0].reshape(N_PATH, -1)
-    # At rest at both ends, the path by time has no speed there: by its own length it has.
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(hands, axis=0), axis=1))])
-    kept = np.concatenate([[True], np.diff(length) > 1e-6])
-    path = toppra.SplineInterpolator(length[kept], hands[kept])
-    share = 1.0 / np.sqrt(motion.scene.n_dims)  # of a hand's limit, that each of its axes may use
-    n = hands.shape[1]
-    speed = constraint.JointVelocityConstraint(np.tile([-share, share], (n, 1)) * LIMITS["speed"])
-    acceleration = constraint.JointAccelerationConstraint(
-        np.tile([-share, share], (n, 1)) * LIMITS["acceleration"]
-    )
-    found = algorithm.TOPPRA(
-        [speed, acceleration], path, parametrizer="ParametrizeConstAccel"
-    ).compute_trajectory()
+    """Shortest duration of a path by TOPP-RA, no hand beyond its limits."""
+    n_dims, n = motion.scene.n_dims, motion.scene.start.size
+    share = np.full(n, 1.0 / np.sqrt(n_dims))  # of a hand's limit, that each of its axes may use
+    hands = motion.hands(np.linspace(0.0, 1.0, N_PATH))[0].reshape(N_PATH, n)
+    found = by_toppra(hands, share * LIMITS["speed"], share * LIMITS["acceleration"])
     return "-" if found is None else f"{found.duration:.3f}"
 
 
