@@ -109,14 +109,24 @@ class Compared:
     report: ExecutionReport
 
     @property
-    def ours(self) -> bool:
-        """Return whether the method is this package's executor."""
-        return self.method not in MODULATED
-
-    @property
     def arrived(self) -> bool:
         """Return whether the hands reached their goal."""
         return not any("goal is missed" in reason for reason in self.report.reasons)
+
+    @property
+    def distance_error(self) -> float:
+        """Return the bound of the largest error of a fixed distance [m]."""
+        return self.report.distance_error_max
+
+    @property
+    def clearance(self) -> float:
+        """Return the certified clearance of load and hands [m]."""
+        return self.report.clearance_min
+
+    @property
+    def tolerance(self) -> float:
+        """Return the largest tolerance of a distance [m]; infinite where none is fixed."""
+        return max((c.tolerance for c in self.record.scene.distances), default=np.inf)
 
     @cached_property
     def distance_errors(self) -> Array:
@@ -131,7 +141,7 @@ class Compared:
     @property
     def off(self) -> NDArray[np.bool_]:
         """Return at which steps the distance error exceeds the largest tolerance; array of bool, shape (n_steps,)."""
-        return self.distance_errors > max((c.tolerance for c in self.record.scene.distances), default=np.inf)
+        return self.distance_errors > self.tolerance
 
     @property
     def touching(self) -> NDArray[np.bool_]:

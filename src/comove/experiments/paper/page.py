@@ -157,7 +157,7 @@ comove reproduce --seeds 2 --out look
 ```
 
 The first writes this page, the second is a quick look at it. This page: version {__version__}, {runs.seeds} seeds,
-{len(runs.outcomes)} solutions and {len(runs.encounters)} executions, {effort.processes} at a time, in
+{len(runs.outcomes)} solutions and {len(runs.compared)} executions, {effort.processes} at a time, in
 {effort.seconds / MINUTE:.1f} minutes on the wall and {effort.processor / effort.processes / MINUTE:.1f} minutes of
 processor time each.
 Budgets and times below are processor times: what else the machine did meanwhile does not count.
@@ -213,7 +213,7 @@ ours: it {_outcome(runs, "same matrix on all")}. Right: comove's [execution](exe
 motions that are known.
 All follow a straight primitive whose bar turns by a quarter. Numbers tell what was where at the same time. With three
 more ways to do it (`comove run turning.yaml --out beside --compare`); tolerance of the distance
-{1e3 * runs.encounters[0].tolerance:g} mm:
+{1e3 * runs.compared[0].tolerance:g} mm:
 
 {tables.encounters_table(runs)}
 

@@ -92,25 +92,6 @@ STORY = {"wide": "Sine", "narrow": "Sine", "complex": "Multi_Models_3"}
 """The movement with which everybody begins in the large table, by scene."""
 
 
-@dataclass(frozen=True)
-class Encounter:
-    """Holds the figures of one execution among moving obstacles.
-
-    Attributes
-    ----------
-    method : as in `comove.experiments.modulation.comparison`
-    distance_error, clearance : bounds over all instants [m]
-    tolerance : tolerance of the distance [m]
-    arrived : whether it reached its goal
-    """
-
-    method: str
-    distance_error: float
-    clearance: float
-    tolerance: float
-    arrived: bool
-
-
 @dataclass(frozen=True, eq=False)
 class Runs:
     """Holds the results of all runs.
@@ -121,15 +102,14 @@ class Runs:
     outcomes : outcomes of all jobs. Those for "joint" are of the movements taught jointly in the wide passage, for
         "given" of the initial movements of one hand given to both, before any optimisation, for "as taught" of both
         hands recorded at once, for "straight" of the straight line of one hand
-    encounters, compared : figures and recorded executions among moving obstacles
+    compared : executions among moving obstacles, by every method
     recorded : the human movement of Figure 1, its primitive, and the motion if it is given to both hands
     transports : Baxter's transports, by [5] as well; empty if `absent` names what is not installed for them
     """
 
     seeds: int
     outcomes: tuple[Outcome, ...]
-    encounters: tuple[Encounter, ...]
-    compared: tuple[Compared, ...] = ()
+    compared: tuple[Compared, ...]
     recorded: tuple[Demonstration, DMP, CoordinatedMotion] | None = None
     transports: tuple[baxter.Transport, ...] = ()
     absent: str = ""
@@ -168,9 +148,9 @@ class Runs:
         """Return Baxter's transports through one passage by one method, the first or drawn one first."""
         return [t for t in self.transports if (t.passage.scene, t.passage.who) == (scene, who)]
 
-    def encounter(self, method: str) -> Encounter:
-        """Return the figures of one method among moving obstacles."""
-        (found,) = [e for e in self.encounters if e.method == method]
+    def encounter(self, method: str) -> Compared:
+        """Return the execution of one method among moving obstacles."""
+        (found,) = [one for one in self.compared if one.method == method]
         return found
 
 
@@ -240,7 +220,6 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
         ),
         transports=tuple(found for found in done if isinstance(found, baxter.Transport)),
         absent=absent,
-        encounters=tuple(_encounter(c) for c in compared),
         compared=tuple(compared),
         recorded=(recording, alone["Sine"], given_to_both(alone["Sine"], "narrow")),
     )
@@ -474,14 +453,3 @@ def _done(job: Wanted) -> Done:
     scene = example("turning")
     budget = 3.0 * scene.duration  # as `comove run`
     return compare(Executor(scene).run(budget), budget)[0]
-
-
-def _encounter(one: Compared) -> Encounter:
-    scene = one.record.scene
-    return Encounter(
-        method=one.method,
-        distance_error=one.report.distance_error_max,
-        clearance=one.report.clearance_min,
-        tolerance=max(c.tolerance for c in scene.distances),
-        arrived=one.arrived,
-    )
