@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError, ResultError
-from comove.experiments.bench.drawing import DIFFICULTIES
+from comove.experiments.bench.drawing import DIFFICULTIES, Witness
 from comove.experiments.bench.sets import SETS, HandSet, draw_set, scene_text, scenes_of
-from comove.experiments.bench.witness import Witness
 from comove.scenes import Scene
 from tests.experiments.bench.witnesses import witness_of
 

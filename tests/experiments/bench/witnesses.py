@@ -4,8 +4,8 @@ from functools import cache
 
 import yaml
 
+from comove.experiments.bench.drawing import Witness
 from comove.experiments.bench.sets import JOINT_WITNESSES, WITNESSES
-from comove.experiments.bench.witness import Witness
 from comove.io.arrays import read_arrays
 
 

@@ -65,25 +65,20 @@ class Peer(System):
         return ", ".join(sorted(f"{package} {version(package)}" for package in packages))
 
     def refuses(self, scene: Scene) -> str:
-        """Return why peers cannot represent the scene, empty if they can."""
-        return refusal(scene)
+        """Return why peers cannot represent the scene, in one sentence; empty if they can."""
+        if scene.moving.any():
+            return "It knows only obstacles that stand still."
+        if scene.body.n_nodes > len(scene.manipulators):
+            return "It moves hands, which do not tell how this load is turned."
+        if not all(isinstance(c, (DistanceConstraint, SeparationConstraint)) for c in scene.constraints):
+            return "It is told of distances and separations of hands, and of no other constraint."
+        return ""
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import the modules and compile the kernels of distances."""
         for name in self.modules:
             needed(name)
         clearances(problem.scene, problem.scene.start[None])
-
-
-def refusal(scene: Scene) -> str:
-    """Return why no peer can represent a scene, in one sentence; empty if they can."""
-    if scene.moving.any():
-        return "It knows only obstacles that stand still."
-    if scene.body.n_nodes > len(scene.manipulators):
-        return "It moves hands, which do not tell how this load is turned."
-    if not all(isinstance(c, (DistanceConstraint, SeparationConstraint)) for c in scene.constraints):
-        return "It is told of distances and separations of hands, and of no other constraint."
-    return ""
 
 
 def independent_distances(scene: Scene) -> list[DistanceConstraint]:

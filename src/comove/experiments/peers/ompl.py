@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.coordination.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
-from comove.experiments.peers.common import Best, Peer, independent_distances, needed, refusal, timed
+from comove.experiments.peers.common import Best, Peer, independent_distances, needed, timed
 from comove.experiments.systems import Offers, SystemProblem
 from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
 from comove.planning.planner import along
@@ -74,7 +74,7 @@ class OMPL(Peer):
         """Return why a planner for one load that all hands hold does not suit the scene, empty if it does."""
         if len(scene.groups) > 1 or scene.groups[0].orientation not in ("plane", "axis", "space"):
             return "It plans for one load that all hands hold and that may turn freely."
-        return refusal(scene)
+        return super().refuses(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the kernels of its checks."""
@@ -131,7 +131,7 @@ class ProjectedOMPL(Peer):
         """Return why the scene has no distances to project on, or peers cannot represent it; empty if it suits."""
         if not scene.distances:
             return "No distance ties the hands, so that there is nothing to project on."
-        return refusal(scene)
+        return super().refuses(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the kernels of its checks."""

@@ -30,7 +30,6 @@ from comove.experiments.peers.common import (
     growing,
     kept_clearance,
     needed,
-    refusal,
 )
 from comove.experiments.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
 from comove.primitives.basis import motion_basis
@@ -387,7 +386,7 @@ class Coupled(Peer):
         """Return why the coupling of two hands does not suit the scene, empty if it does."""
         if len(scene.manipulators) != 2 or len(scene.distances) != 1:
             return "It couples two hands by one distance."
-        return refusal(scene)
+        return super().refuses(scene)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Imitate the first guess, roll out with the coupling, and offer the result."""

@@ -24,7 +24,6 @@ from comove.experiments.peers.common import (
     kept_clearance,
     moved_aside,
     needed,
-    refusal,
 )
 from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
 from comove.geometry import distances as sd
@@ -72,7 +71,7 @@ class Transcription(Peer):
         """Return why the scene cannot be represented, such as meshes without a formula; empty if it can."""
         if (scene.obstacles[:, sd.KIND] == sd.POLYTOPE).any():
             return "It knows boxes, spheres, capsules, cylinders and ellipsoids, but no meshes."
-        return refusal(scene)
+        return super().refuses(scene)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Minimise J over the knots."""
