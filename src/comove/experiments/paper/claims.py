@@ -157,8 +157,8 @@ def verifies_all_constraints(runs: Runs) -> ClaimFinding:
         f"band of {_mm(runs.plan.band)}: {counts[0]} runs verified, {counts[1]} in the narrow passage. They complete "
         f"{most} generations at most, then (6) has taken so much away that the covariance is not positive definite; "
         f"with 0 a run hands out the movement that it began with. The repaired method without its schedules: "
-        f"{counts[2]}. With all [repairs](ablation.md): {counts[3]} on the three scenes, within {_mm(0.0002)}. Equation (7b) as "
-        "two inequalities has no interior, so that resampling needs a band."
+        f"{counts[2]}. With all [repairs](ablation.md): {counts[3]} on the three scenes, within {_mm(0.0002)}. "
+        "Equation (7b) as two inequalities has no interior, so that resampling needs a band."
     )
     return _graded(why, _share(narrow) >= RELIABLE)
 
