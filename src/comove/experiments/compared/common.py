@@ -22,6 +22,8 @@ from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -144,10 +146,8 @@ def count_execution(search: Search, hands: Array) -> None:
     hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands at even times [m]
     """
     scene, even = search.scene, np.linspace(0.0, len(hands) - 1.0, N_STEPS)
-    flat, steps = hands.reshape(len(hands), -1), np.arange(len(hands))
-    sampled = np.stack([np.interp(even, steps, column) for column in flat.T], axis=1)
-    nodes = np.zeros((1, N_STEPS, hands.shape[1], 3))
-    nodes[0, :, :, : scene.n_dims] = sampled.reshape(N_STEPS, *hands.shape[1:])
+    sampled = interpolated(even, np.arange(len(hands)), hands.reshape(len(hands), -1))
+    nodes = spatial(sampled.reshape(1, N_STEPS, *hands.shape[1:]))
     search.evaluations += 1
     value = search.objective.evaluate_nodes(nodes, scene.offsets_along(N_STEPS))
     search.tell(float(value.cost[0]), float(value.penalty[0]))

@@ -46,6 +46,7 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.primitives.arguments import require_positive
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -190,9 +191,7 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
         period,
     )
     s = np.linspace(0.0, 1.0, len(skill.slowness))
-    flat = deviation.reshape(len(phase), -1)
-    measured = np.stack([np.interp(s, phase, column) for column in flat.T], axis=1)
-    measured = measured.reshape(skill.path.shape[1:])
+    measured = interpolated(s, phase, deviation.reshape(len(phase), -1)).reshape(skill.path.shape[1:])
     force = np.einsum("spde,spef,spf->spd", across, of_robot, measured)
     slowness = np.interp(s, phase, 1.0 / pace)
     along = k_t / laws.partner

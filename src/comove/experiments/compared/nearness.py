@@ -20,6 +20,7 @@ from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge
 from comove.geometry.distances import distance_and_gradient
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 
 Array = NDArray[np.float64]
 
@@ -65,9 +66,7 @@ def clearance_rows(
     rows, low : arrays, shapes (n_rows, n_hands * n_dims) and (n_rows,), of ``rows v >= low`` for the velocities v
     """
     n_hands, n_dims = hands.shape
-    nodes = np.zeros((n_hands, 3))
-    nodes[:, :n_dims] = hands
-    found, count = _near(nodes, scene.body.edges, scene.body.radii, table, approach.need + reach)
+    found, count = _near(spatial(hands), scene.body.edges, scene.body.radii, table, approach.need + reach)
     edge, obstacle = found[:count, 0].astype(int), found[:count, 1].astype(int)
     share, left, normal = found[:count, 2], found[:count, 3] - approach.need, found[:count, 4:]
     rows = np.zeros((count, n_hands, n_dims))

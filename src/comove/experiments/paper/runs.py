@@ -26,6 +26,7 @@ from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
 from comove.processes import run_tasks
 from comove.scenes import recording_of
+from comove.trajectory import interpolated
 
 Movement = DMP | dict[str, DMP] | None
 """A movement, one for each hand by its name, or None for straight lines."""
@@ -308,7 +309,7 @@ def _drawn(recording: Demonstration, n_steps: int = 1001) -> NDArray[np.complex1
     """Return a planar recording as complex numbers, turned and scaled to go from 0 to 1, from rest to rest."""
     first, last = recording.time[[0, -1]]
     when = first + minimum_jerk(np.linspace(0.0, 1.0, n_steps)) * (last - first)
-    x, y = (np.interp(when, recording.time, column) for column in recording.position.T)
+    x, y = interpolated(when, recording.time, recording.position).T
     point = x + 1j * y
     return (point - point[0]) / (point[-1] - point[0])
 

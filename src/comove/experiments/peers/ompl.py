@@ -23,6 +23,7 @@ from comove.experiments.systems import Offers, SystemProblem
 from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
 from comove.planning.planner import along
 from comove.scenes.scene import Scene
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -319,7 +320,7 @@ class Manifold:
         """Return projected hands at shares of a path; states (n_states, n) -> (n_shares, n_hands, n_dims) [m]."""
         length = np.linalg.norm(np.diff(states, axis=0), axis=1)
         at = np.concatenate([[0.0], np.cumsum(length)]) / max(length.sum(), 1e-12)
-        x = np.stack([np.interp(shares, at, column) for column in states.T], axis=1)
+        x = interpolated(shares, at, states)
         for row in x:
             self.project(row, 1e-12)
         return x.reshape(-1, *self.shape)
