@@ -58,7 +58,8 @@ def _bootstrapped(values: Array, of: Callable[[Array], Array]) -> Interval:
 
 def _picked(count: int, shape: tuple[int, ...], resamples: int = 2000, seed: int = 0) -> NDArray[np.int64]:
     """Return numbers below `count` for every resample; array, shape (resamples, *shape)."""
-    return np.random.default_rng(seed).integers(count, size=(resamples, *shape))
+    rng = np.random.default_rng(seed)
+    return rng.integers(count, size=(resamples, *shape))
 
 
 def _tails(values: Array) -> tuple[float, float]:
