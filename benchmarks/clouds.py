@@ -15,6 +15,7 @@ import numpy as np
 from timing import print_table
 
 from comove.execution import Clouds, Scanner
+from comove.experiments.examples import scene_contents
 from comove.reaction.twists import nodes_of, poses_of
 from comove.scenes import Scene
 
@@ -23,20 +24,8 @@ N_BODIES, PERIOD = 10, 0.05  # s
 
 def empty_scene(n_dims: int) -> Scene:
     """A bar in an empty square or cube."""
-    hands = [
-        {"name": name, "start": [0.05, y, 0.5][:n_dims], "goal": [0.95, y, 0.5][:n_dims]}
-        for name, y in (("left", 0.4), ("right", 0.6))
-    ]
-    return Scene.from_dict(
-        {
-            "name": "empty",
-            "duration": 5.0,
-            "workspace": {"lower": [0] * n_dims, "upper": [1] * n_dims},
-            "obstacles": [],
-            "load": {"shape": "bar", "length": 0.2},
-            "manipulators": hands,
-        }
-    )
+    ends = [np.array([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)]) for x in (0.05, 0.95)]
+    return Scene.from_dict(scene_contents("empty", [1.0] * n_dims, [], {"shape": "bar", "length": 0.2}, ends))
 
 
 def main() -> None:

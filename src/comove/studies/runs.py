@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from comove.errors import ResultError, shortened
-from comove.studies.store import KILLS, Store, Writer, declared, kinds_of, parquet_kinds
+from comove.studies.store import KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
 
 STATUSES = ("verified", "not delivered", "not verified", "invalid", "refused", "error", "killed", "late")
 LONGEST = 500
@@ -193,7 +193,7 @@ class StudyStore(Store[StudyWriter]):
         "carries": "key TEXT PRIMARY KEY, joints BLOB, certificate TEXT, simulation TEXT",
         "videos": "key TEXT, camera TEXT, video BLOB, PRIMARY KEY (key, camera)",
         "about": "name TEXT PRIMARY KEY, value TEXT",
-        "kills": KILLS,
+        "kills": KILLS_COLUMNS,
     }
     MADE_BY = "comove generate STUDY --out DIR, or comove sweep STUDY --out DIR"
     WRITER = StudyWriter
