@@ -13,7 +13,7 @@ from comove.experiments.paper.runs import (
     INITIAL,
     RECORDED,
     STRAIGHT,
-    Plan,
+    ReproductionPlan,
     Runs,
     all_jobs,
     at_once,
@@ -81,7 +81,7 @@ def measures_of(job):
     return GOOD
 
 
-NAMES = (STRAIGHT, "initial", "winding", "joint", "two", *map(at_once, range(Plan(1).at_once)))
+NAMES = (STRAIGHT, "initial", "winding", "joint", "two", *map(at_once, range(ReproductionPlan(1).at_once)))
 MOVEMENTS = dict.fromkeys((*NAMES, *recordings(), *RECORDED))
 
 
@@ -92,7 +92,7 @@ def ideal_runs(seeds=3):
         *(Job("straight", scene, "nobody", STRAIGHT) for scene in INITIAL),
         Job("joint", "wide", "comove", "initial"),
         Job("as taught", "open", "nobody", at_once(0)),
-        *all_jobs(Plan(seeds), MOVEMENTS),
+        *all_jobs(ReproductionPlan(seeds), MOVEMENTS),
     ]
     outcomes = tuple(
         Outcome(job, measures_of(job), STEADY if job.keep else None, motion_of(job), LOG) for job in jobs
@@ -116,7 +116,7 @@ def ideal_runs(seeds=3):
         for seed in range(2)
     )
     compared = tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS)
-    return Runs(Plan(seeds), outcomes, compared, transports=transports + by_joints())
+    return Runs(ReproductionPlan(seeds), outcomes, compared, transports=transports + by_joints())
 
 
 def by_joints():

@@ -37,7 +37,7 @@ from comove.experiments.paper.runs import (
     STORY,
     SWING,
     TWO,
-    Plan,
+    ReproductionPlan,
     Runs,
     run_everything,
 )
@@ -83,7 +83,7 @@ def reproduce(
     tell : function called with words on the progress
     """
     started, before = time.perf_counter(), _processor_time()
-    runs = run_everything(Plan(seeds), processes, tell)
+    runs = run_everything(ReproductionPlan(seeds), processes, tell)
     tell("pictures")
     draw_all(runs, folder / FOLDER)
     (folder / FOLDER / RUNS).write_text(tables.all_runs(runs), encoding="utf-8")

@@ -84,7 +84,7 @@ STORY = {"wide": "Sine", "narrow": "Sine", "complex": "Multi_Models_3"}
 
 
 @dataclass(frozen=True)
-class Plan:
+class ReproductionPlan:
     """The numbers of a reproduction.
 
     Attributes
@@ -134,7 +134,7 @@ class Runs:
     transports : Baxter's transports, by [5] as well; empty if `absent` names what is not installed for them
     """
 
-    plan: Plan
+    plan: ReproductionPlan
     outcomes: tuple[Outcome, ...]
     compared: tuple[Compared, ...]
     recorded: tuple[Demonstration, DMP, CoordinatedMotion] | None = None
@@ -181,7 +181,7 @@ class Runs:
         return found
 
 
-def run_everything(plan: Plan, processes: int, tell: Callable[[str], None]) -> Runs:
+def run_everything(plan: ReproductionPlan, processes: int, tell: Callable[[str], None]) -> Runs:
     """Run all jobs of the reproduction.
 
     Parameters
@@ -252,7 +252,7 @@ def run_everything(plan: Plan, processes: int, tell: Callable[[str], None]) -> R
     )
 
 
-def movements_after(alone: dict[str, DMP], joint: Outcome, plan: Plan) -> dict[str, Movement]:
+def movements_after(alone: dict[str, DMP], joint: Outcome, plan: ReproductionPlan) -> dict[str, Movement]:
     """Return all movements by name.
 
     They are those of one hand, `alone`: the initial movements of Figure 3, the recorded and synthetic ones; further
@@ -349,12 +349,12 @@ def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
     return CoordinatedDMP.from_demonstration(movement, loaded, arms_coordinates(loaded), basis).rollout()
 
 
-def all_jobs(plan: Plan, movements: Mapping[str, Movement]) -> list[Job]:
+def all_jobs(plan: ReproductionPlan, movements: Mapping[str, Movement]) -> list[Job]:
     """Return all jobs except the initial movements, the longest first."""
     return figure_jobs(plan, movements) + table_jobs(plan, movements)
 
 
-def figure_jobs(plan: Plan, movements: Mapping[str, Movement]) -> list[Job]:
+def figure_jobs(plan: ReproductionPlan, movements: Mapping[str, Movement]) -> list[Job]:
     """Return the jobs for figures and single claims."""
     job = partial(_job, movements)
     figure = {"tolerance": plan.band, **GAIT}
@@ -390,7 +390,7 @@ def figure_jobs(plan: Plan, movements: Mapping[str, Movement]) -> list[Job]:
     return jobs
 
 
-def table_jobs(plan: Plan, movements: Mapping[str, Movement]) -> list[Job]:
+def table_jobs(plan: ReproductionPlan, movements: Mapping[str, Movement]) -> list[Job]:
     """Return the jobs for tables of several seeds."""
     job, budget = partial(_job, movements), plan.movements_budget * min(1.0, plan.small * plan.seeds)
     jobs = [
