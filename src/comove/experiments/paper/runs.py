@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
@@ -197,59 +197,58 @@ def run_everything(plan: ReproductionPlan, processes: int, tell: Callable[[str],
         Job("joint", "wide", "comove", "initial", alone["initial"], keep=True, tolerance=plan.band, **GAIT)
     )
     alone |= {name: DMP.fit(recorded(name)) for name in RECORDED}
-    movements = movements_after(alone, joint, plan)
-    jobs = all_jobs(plan, movements)
-    absent = baxter.missing()
-    passages = [
-        baxter.Passage(scene, who, GAIT["velocity"], plan.fresh + i, drawn=i == 0)
-        for scene in baxter.PASSAGES
-        for who in baxter.METHODS
-        for i in plan.few(plan.baxter)
-    ]
-    passages += [
-        baxter.Passage(scene, baxter.WITH_JOINTS, GAIT["velocity"], plan.fresh, start=start)
-        for scene in baxter.PASSAGES
-        for start in baxter.STARTS
-    ]
-    if absent:
-        passages = []
-    step = max(1, len(jobs) // 20)
+    jobs, absent = all_jobs(plan, movements_after(alone, joint, plan)), baxter.missing()
+    passages = [] if absent else baxter_passages(plan)
+    step, n = max(1, len(jobs) // 20), 1 + len(passages) + len(jobs)
 
     def told(done: int) -> None:
         if done % step == 0 or done == n:
             tell(f"{done} of {n} runs")
 
-    n = 1 + len(passages) + len(jobs)
     tell(f"{n} runs, {processes} at once; first the kernels are loaded")
     # Moving obstacles and arms, with kernels of their own to load, go first.
     done = _all_done([None, *passages, *jobs], processes, told)
     (compared,) = (found for found in done if isinstance(found, list))
-    unsearched = [
-        ("given", scene, movement, given_to_both(alone[movement], scene))
-        for scene, movement in INITIAL.items()
-    ] + [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
-    unsearched += [
-        ("as taught", "open", at_once(number), taught_at_once(number, plan.band))
-        for number in plan.few(plan.at_once)
-    ]
+    searched = (found for found in done if isinstance(found, Outcome))
     recording = recording_of(example("narrow"))
     assert recording is not None
     return Runs(
         plan=plan,
-        outcomes=(
-            *initial,
-            joint,
-            *(
-                Outcome(Job(purpose, scene, "nobody", movement), measure_motion(motion), None, motion)
-                for purpose, scene, movement, motion in unsearched
-            ),
-            *(found for found in done if isinstance(found, Outcome)),
-        ),
+        outcomes=(*initial, joint, *unsearched(alone, plan), *searched),
         transports=tuple(found for found in done if isinstance(found, baxter.Transport)),
         absent=absent,
         compared=tuple(compared),
         recorded=(recording, alone["Sine"], given_to_both(alone["Sine"], "narrow")),
     )
+
+
+def baxter_passages(plan: ReproductionPlan) -> list[baxter.Passage]:
+    """Return Baxter's transports: by the methods of the figures, and by [5] with its joints."""
+    velocity = GAIT["velocity"]
+    by_method = [
+        baxter.Passage(scene, who, velocity, plan.fresh + i, drawn=i == 0)
+        for scene in baxter.PASSAGES
+        for who in baxter.METHODS
+        for i in plan.few(plan.baxter)
+    ]
+    return by_method + [
+        baxter.Passage(scene, baxter.WITH_JOINTS, velocity, plan.fresh, start=start)
+        for scene in baxter.PASSAGES
+        for start in baxter.STARTS
+    ]
+
+
+def unsearched(alone: Mapping[str, DMP], plan: ReproductionPlan) -> Iterator[Outcome]:
+    """Yield the outcomes of motions that do not come from a search."""
+    motions = [("given", s, name, given_to_both(alone[name], s)) for s, name in INITIAL.items()]
+    motions += [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
+    motions += [
+        ("as taught", "open", at_once(number), taught_at_once(number, plan.band))
+        for number in plan.few(plan.at_once)
+    ]
+    for purpose, scene, movement, motion in motions:
+        job = Job(purpose, scene, "nobody", movement)
+        yield Outcome(job, measure_motion(motion), motion=motion)
 
 
 def movements_after(alone: dict[str, DMP], joint: Outcome, plan: ReproductionPlan) -> dict[str, Movement]:
