@@ -351,9 +351,8 @@ def _tangents(slope: Array) -> Array:
 
 def _normals(tangent: Array, across: Array, bent: NDArray[np.bool_]) -> Array:
     """Return unit normals, (n_steps, 3): `across` where the path bends, else the last normal transported along it."""
-    last = (
-        across[bent][0] if bent.any() else np.eye(3)[np.abs(tangent[0]).argmin()]
-    )  # straight all along: any
+    # Of a path that is straight all along any normal does.
+    last = across[bent][0] if bent.any() else np.eye(3)[np.abs(tangent[0]).argmin()]
     normal = np.empty_like(tangent)
     for k, along in enumerate(tangent):
         last = across[k] if bent[k] else last

@@ -145,12 +145,8 @@ class ProjectedOMPL(Peer):
         """Plan, simplify, and offer both paths."""
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
         _quiet(problem.seed)
-        scene, settings = problem.scene, self.settings
-        manifold, free, n = (
-            Manifold(scene, settings.projections),
-            _free_hands(scene, settings.step),
-            scene.start.size,
-        )
+        scene, settings, n = problem.scene, self.settings, problem.scene.start.size
+        manifold, free = Manifold(scene, settings.projections), _free_hands(scene, settings.step)
         ambient = base.RealVectorStateSpace(n)
         ambient.setBounds(
             _bounds(base, *(np.tile(border, len(scene.start)) for border in (scene.lower, scene.upper)))
