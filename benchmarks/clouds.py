@@ -12,8 +12,10 @@ import argparse
 import time
 
 import numpy as np
+from timing import print_table
 
 from comove.execution import Clouds, Scanner
+from comove.experiments.examples import scene_contents
 from comove.reaction.twists import nodes_of, poses_of
 from comove.scenes import Scene
 
@@ -22,20 +24,8 @@ N_BODIES, PERIOD = 10, 0.05  # s
 
 def empty_scene(n_dims: int) -> Scene:
     """A bar in an empty square or cube."""
-    hands = [
-        {"name": name, "start": [0.05, y, 0.5][:n_dims], "goal": [0.95, y, 0.5][:n_dims]}
-        for name, y in (("left", 0.4), ("right", 0.6))
-    ]
-    return Scene.from_dict(
-        {
-            "name": "empty",
-            "duration": 5.0,
-            "workspace": {"lower": [0] * n_dims, "upper": [1] * n_dims},
-            "obstacles": [],
-            "load": {"shape": "bar", "length": 0.2},
-            "manipulators": hands,
-        }
-    )
+    ends = [np.array([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)]) for x in (0.05, 0.95)]
+    return Scene.from_dict(scene_contents("empty", [1.0] * n_dims, [], {"shape": "bar", "length": 0.2}, ends))
 
 
 def main() -> None:
@@ -44,10 +34,7 @@ def main() -> None:
     parser.add_argument("--points", type=int, default=10_000)
     parser.add_argument("--clouds", type=int, default=40)
     options = parser.parse_args()
-    print(
-        "| dimensions | points | spheres | cloud, median [ms] | 90 % within [ms] | spheres asked for [ms] |"
-    )
-    print("|---|---|---|---|---|---|")
+    rows = []
     for n_dims in (2, 3):
         scene, rng = empty_scene(n_dims), np.random.default_rng(0)
         observer = Clouds(scene, Scanner())
@@ -71,10 +58,17 @@ def main() -> None:
             seen = observer.observe(now + 0.01)
             asked.append(1e3 * (time.thread_time() - begun))
         taken, asked = taken[3:], asked[3:]
-        print(
-            f"| {n_dims} | {options.points} | {len(seen.margin)} | {np.median(taken):.1f} "
-            f"| {np.quantile(taken, 0.9):.1f} | {np.median(asked):.2f} |"
-        )
+        times = f"{np.median(taken):.1f}", f"{np.quantile(taken, 0.9):.1f}", f"{np.median(asked):.2f}"
+        rows.append([n_dims, options.points, len(seen.margin), *times])
+    head = [
+        "dimensions",
+        "points",
+        "spheres",
+        "cloud, median [ms]",
+        "90 % within [ms]",
+        "spheres asked for [ms]",
+    ]
+    print_table(head, rows)
 
 
 if __name__ == "__main__":

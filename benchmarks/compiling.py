@@ -16,6 +16,8 @@ import tempfile
 import time
 from collections import defaultdict
 
+from timing import print_table
+
 
 def exclusive_times(events) -> dict[str, list[float]]:
     """Compilation time of every function and signature without the functions it calls [s], by function."""
@@ -62,18 +64,16 @@ def main() -> None:
     total = sum(map(sum, times.values()))
     signatures = sum(map(len, times.values()))
     print(f"{wall:.1f} s, of which {total:.1f} s compile {len(times)} functions for {signatures} signatures")
-    rooms = defaultdict(float)
+    rooms = defaultdict(list)
     for name, each in times.items():
-        rooms[name.rsplit(".", 1)[0]] += sum(each)
-    for title, table in (("module", rooms), ("function", {name: sum(each) for name, each in times.items()})):
-        print(f"\n| {title} | seconds | signatures |\n|---|---|---|")
-        for name, seconds in sorted(table.items(), key=lambda row: -row[1])[: options.rows]:
-            count = (
-                len(times[name])
-                if title == "function"
-                else sum(len(each) for key, each in times.items() if key.rsplit(".", 1)[0] == name)
-            )
-            print(f"| {name} | {seconds:.2f} | {count} |")
+        rooms[name.rsplit(".", 1)[0]] += each
+    for title, of in (("module", rooms), ("function", times)):
+        print()
+        slowest = sorted(of.items(), key=lambda row: -sum(row[1]))[: options.rows]
+        print_table(
+            [title, "seconds", "signatures"],
+            [[name, f"{sum(each):.2f}", len(each)] for name, each in slowest],
+        )
 
 
 if __name__ == "__main__":

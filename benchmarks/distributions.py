@@ -40,6 +40,7 @@ from comove.planning import carried_demonstration, movements_of
 from comove.planning.resemblance import followed, precision_root
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import ViaPoint
+from comove.trajectory import interpolated
 
 Array = np.ndarray
 N_WEIGHTS = 20  # a dimension
@@ -73,7 +74,7 @@ def main() -> None:
 
 def even(demo: Demonstration, s: Array = INSTANTS) -> Array:
     """Return the positions of a recording at shares of its duration."""
-    return np.stack([np.interp(s * demo.duration, demo.time, column) for column in demo.position.T], axis=1)
+    return interpolated(s * demo.duration, demo.time, demo.position)
 
 
 class Comove:

@@ -18,19 +18,19 @@ import time
 from contextlib import suppress
 
 import numpy as np
-from timing import on_one_thread, peer, print_table
+from timing import by_toppra, on_one_thread, peer, print_table
 
 import comove
 from comove import LeastJerk, LeastTime, PaperCost
 from comove.experiments.examples import example_path
 from comove.experiments.peers.common import clearances
-from comove.experiments.peers.drake import constrained
+from comove.experiments.peers.drake import Drake
 from comove.experiments.systems import Offers, SystemProblem
 
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 NAMES = ("narrow", "complex", "window", "triangle")
 N_PATH = 200  # points of the path that TOPP-RA gets
-N_CONTROL, ORDER, N_SAMPLES = 30, 6, 2001  # of Drake's splines, and of what is made of them
+N_SAMPLES = 2001  # of Drake's splines
 DRAKE_BUDGET = 120.0  # s
 
 
@@ -63,28 +63,11 @@ def main() -> None:
 
 
 def toppra_duration(motion: comove.CoordinatedMotion) -> str:
-    """Shortest duration of a path by TOPP-RA (Pham and Pham, 2018), no hand beyond its limits."""
-    try:
-        import toppra
-        from toppra import algorithm, constraint
-    except ImportError:
-        return "-"
-    toppra.setup_logging("ERROR")
-    s = np.linspace(0.0, 1.0, N_PATH)
-    hands = motion.hands(s)[0].reshape(N_PATH, -1)
-    # At rest at both ends, the path by time has no speed there: by its own length it has.
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(hands, axis=0), axis=1))])
-    kept = np.concatenate([[True], np.diff(length) > 1e-6])
-    path = toppra.SplineInterpolator(length[kept], hands[kept])
-    share = 1.0 / np.sqrt(motion.scene.n_dims)  # of a hand's limit, that each of its axes may use
-    n = hands.shape[1]
-    speed = constraint.JointVelocityConstraint(np.tile([-share, share], (n, 1)) * LIMITS["speed"])
-    acceleration = constraint.JointAccelerationConstraint(
-        np.tile([-share, share], (n, 1)) * LIMITS["acceleration"]
-    )
-    found = algorithm.TOPPRA(
-        [speed, acceleration], path, parametrizer="ParametrizeConstAccel"
-    ).compute_trajectory()
+    """Shortest duration of a path by TOPP-RA, no hand beyond its limits."""
+    n_dims, n = motion.scene.n_dims, motion.scene.start.size
+    share = np.full(n, 1.0 / np.sqrt(n_dims))  # of a hand's limit, that each of its axes may use
+    hands = motion.hands(np.linspace(0.0, 1.0, N_PATH))[0].reshape(N_PATH, n)
+    found = by_toppra(hands, share * LIMITS["speed"], share * LIMITS["acceleration"])
     return "-" if found is None else f"{found.duration:.3f}"
 
 
@@ -124,7 +107,8 @@ def drake_duration(motion: comove.CoordinatedMotion) -> str:
     solvers = peer("pydrake.solvers")
     scene = motion.scene
     problem, offers = SystemProblem(scene, budget=DRAKE_BUDGET), Offers()
-    optimisation = constrained(problem, offers, N_CONTROL, ORDER)
+    drake = Drake("drake", n_control=30, order=6)
+    optimisation = drake.constrained(problem, offers)
     n, (n_hands, n_dims) = scene.start.size, scene.start.shape
     share = 1.0 / np.sqrt(n_dims)  # of a hand's limit, that each of its axes may use
     for bound, limit in (
@@ -137,8 +121,7 @@ def drake_duration(motion: comove.CoordinatedMotion) -> str:
     optimisation.AddDurationConstraint(0.5, 10.0)
     optimisation.AddDurationCost(1.0)
     s = np.linspace(0.0, 1.0, N_SAMPLES)
-    basis, programme = optimisation.basis(), optimisation.get_mutable_prog()
-    values = np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(N_CONTROL)] for at in s])
+    programme, values = optimisation.get_mutable_prog(), drake.values(optimisation.basis(), s)
     guess = np.linalg.lstsq(values, motion.hands(s)[0].reshape(N_SAMPLES, -1), rcond=None)[0].T
     programme.SetInitialGuess(optimisation.control_points(), guess)
     programme.SetInitialGuess(optimisation.duration(), scene.duration)

@@ -24,6 +24,7 @@ import warnings
 import numpy as np
 from dodging import dodge, news
 from random_scenes import moving_scene
+from timing import print_head, print_row
 
 from comove.execution import Executor, Functions, Known, Measured, Scanned, Sensor
 from comove.experiments.modulation import Sharing
@@ -35,6 +36,10 @@ from comove.verification.record import Record, verify_execution
 SENSOR = Sensor(noise=0.01, delay=0.05, dropout=0.1)
 LATE = {"seen": 0.0, "clouds": 0.03, "measured": SENSOR.delay}  # s, until there can be news
 LONGEST = 3.0  # times the duration
+HEADER = (
+    *("method", "arrived", "contacts", "distance error [m]"),
+    *("clearance [mm]", "of the limits", "control [ms]", "replan [s]"),
+)
 
 
 def executed(scene: Scene, observer) -> dict[str, float]:
@@ -77,13 +82,15 @@ def row(name: str, runs: list[dict]) -> None:
         np.concatenate([r["control"] for r in runs]) if runs and runs[0]["control"] else np.array([np.nan])
     )
     again = [t for r in runs for t in r["plans"][1:]] or [np.nan]
-    print(
-        f"| {name} | {sum(r['arrived'] for r in runs)}/{len(runs)} | {sum(r['contact'] for r in runs)} "
-        f"| {max(r['distance'] for r in runs):.1e} | {1e3 * min(r['clearance'] for r in runs):.1f} "
-        f"| {max(r['limits'] for r in runs):.3f} "
-        f"| {1e3 * np.median(control):.2f}, {1e3 * np.quantile(control, 0.999):.2f} "
-        f"| {np.median(again):.3f} |",
-        flush=True,
+    print_row(
+        [
+            *(name, f"{sum(r['arrived'] for r in runs)}/{len(runs)}", sum(r["contact"] for r in runs)),
+            f"{max(r['distance'] for r in runs):.1e}",
+            f"{1e3 * min(r['clearance'] for r in runs):.1f}",
+            f"{max(r['limits'] for r in runs):.3f}",
+            f"{1e3 * np.median(control):.2f}, {1e3 * np.quantile(control, 0.999):.2f}",
+            f"{np.median(again):.3f}",
+        ]
     )
 
 
@@ -105,11 +112,7 @@ def main() -> None:
     taken = [seed for seed, scene in scenes.items() if is_taken(scene)]
     print(f"the goal is taken at the end in {len(taken)} of {len(scenes)}: {taken}")
     hit: dict[str, dict[int, Record]] = {}
-    print(
-        "| method | arrived | contacts | distance error [m] | clearance [mm] | of the limits | control [ms] "
-        "| replan [s] |"
-    )
-    print("|---|---|---|---|---|---|---|---|")
+    print_head(HEADER)
     for name in options.only:
         begun, runs = time.perf_counter(), []
         for seed, scene in scenes.items():

@@ -19,7 +19,7 @@ import argparse
 from typing import Any
 
 import numpy as np
-from timing import elapsed, on_one_thread, print_table
+from timing import by_toppra, elapsed, on_one_thread, print_table
 
 from comove.demonstrations import Demonstration, lasa_names
 from comove.primitives import DMP, largest, slowed
@@ -85,24 +85,10 @@ def peer(
     dmp: DMP, velocity: np.ndarray, acceleration: np.ndarray
 ) -> tuple[float, float, float, float] | None:
     """Return the same of toppra; None where it is not installed."""
-    try:
-        import toppra
-        from toppra import algorithm, constraint
-    except ImportError:
-        return None
-    toppra.setup_logging("ERROR")
     position = dmp.at(np.linspace(0.0, dmp.duration, N_PATH)).position
-    # At rest at both ends, the path by time has no speed there: by its own length it has.
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
-    kept = np.concatenate([[True], np.diff(length) > 1e-6 * length[-1] / N_PATH])
-    path = toppra.SplineInterpolator(length[kept], position[kept])
-    limits = [
-        constraint.JointVelocityConstraint(np.stack([-velocity, velocity], axis=1)),
-        constraint.JointAccelerationConstraint(np.stack([-acceleration, acceleration], axis=1)),
-    ]
 
     def timed() -> Any:
-        return algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
+        return by_toppra(position, velocity, acceleration)
 
     found = timed()
     if found is None:

@@ -31,6 +31,7 @@ from comove.coordination import CooperativeDMP
 from comove.demonstrations import Demonstration, lasa_names
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, Pose, PoseDMP, Variant
+from comove.trajectory import interpolated
 
 N_BASIS = (10, 20, 50)
 ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
@@ -101,7 +102,7 @@ def movement_primitives(demos: list[Demonstration], n_basis: int) -> list[np.nda
         model.imitate(s, demo.position.copy())
         model.configure(start_y=demo.position[0].copy(), goal_y=demo.position[-1].copy())
         played_time, played = model.open_loop(run_t=1.0)
-        paths.append(np.stack([np.interp(s, played_time, column) for column in played.T], axis=1))
+        paths.append(interpolated(s, played_time, played))
     return paths
 
 

@@ -21,6 +21,7 @@ import numba
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from timing import print_head, print_row
 
 from comove.geometry.distances import CENTER, segment_distance
 from comove.planning import SceneKind
@@ -143,10 +144,12 @@ def main() -> None:
     parser.add_argument("--people", action="store_true", help="a person who walks by instead of balls")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    print(
-        "| scene | witnessed | arrived [s] | contacts | hold, commanded | hands apart [mm] | links [mm] "
-        "| load [mm] | choices | each [ms] | relaxed [m/s] | stopped | step [ms], median and 99.9 % |\n"
-        "|---|---|---|---|---|---|---|---|---|---|---|---|---|"
+    print_head(
+        [
+            *("scene", "witnessed", "arrived [s]", "contacts", "hold, commanded", "hands apart [mm]"),
+            *("links [mm]", "load [mm]", "choices", "each [ms]", "relaxed [m/s]", "stopped"),
+            "step [ms], median and 99.9 %",
+        ]
     )
     well, control = [], []
     for name in options.robots:
@@ -161,15 +164,17 @@ def main() -> None:
             steps = 1e3 * np.array(log.control)
             well.append((known, record.arrived, not record.contacts, not report.reasons))
             control.append(steps)
-            print(
-                f"| {name} {seed} | {'yes' if known else 'no'} "
-                f"| {f'{report.duration_s:.1f}' if record.arrived else '-'} "
-                f"| {len(record.contacts)} | {report.hold_error_max:.0e} "
-                f"| {1e3 * report.distance_error_max:.2f} | {1e3 * report.clearance_scene:.1f} "
-                f"| {1e3 * report.clearance_carried:.1f} | {len(log.planning) - 1} "
-                f"| {1e3 * np.median(log.planning[1:] or [0.0]):.0f} | {log.relaxed:.3f} "
-                f"| {log.stopped} | {np.median(steps):.2f}, {np.quantile(steps, 0.999):.2f} |",
-                flush=True,
+            print_row(
+                [
+                    *(f"{name} {seed}", "yes" if known else "no"),
+                    f"{report.duration_s:.1f}" if record.arrived else "-",
+                    *(len(record.contacts), f"{report.hold_error_max:.0e}"),
+                    *(f"{1e3 * report.distance_error_max:.2f}", f"{1e3 * report.clearance_scene:.1f}"),
+                    *(f"{1e3 * report.clearance_carried:.1f}", len(log.planning) - 1),
+                    f"{1e3 * np.median(log.planning[1:] or [0.0]):.0f}",
+                    *(f"{log.relaxed:.3f}", log.stopped),
+                    f"{np.median(steps):.2f}, {np.quantile(steps, 0.999):.2f}",
+                ]
             )
     steps = np.concatenate(control)
     for words, rows in (("witnessed", [row for row in well if row[0]]), ("all", well)):

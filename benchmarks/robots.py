@@ -21,6 +21,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from timing import print_head, print_row
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import RobotError, SceneError
@@ -94,27 +95,28 @@ def table_of_solves(
     scenes: list[Path], seeds: range, timed: bool
 ) -> Iterator[tuple[Path, VerifiedJointMotion]]:
     """Print a row a scene; gives the motion of the first seed."""
-    print(
-        "| scene | verified | first [s] | of the processor | all [s] | of the processor "
-        "| the first lasts [s] | the last [s] | J | from what was taught [m] "
-        "| distance error [m] | margin [rad] | speed | torque |"
-        " links [mm] | load [mm] |\n|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|"
+    print_head(
+        [
+            *("scene", "verified", "first [s]", "of the processor", "all [s]", "of the processor"),
+            *("the first lasts [s]", "the last [s]", "J", "from what was taught [m]", "distance error [m]"),
+            *("margin [rad]", "speed", "torque", "links [mm]", "load [mm]"),
+        ]
     )
     times = []
     for path in scenes:
         runs = [solved(path, seed, timed) for seed in seeds]
         measures = {key: np.array([m[key] for _, m in runs]) for key in runs[0][1]}
         times.append(measures["seconds"])
-        print(
-            f"| {path.stem} | {sum(v is not None for v, _ in runs)}/{len(seeds)} "
-            f"| {np.nanmedian(measures['first']):.2f} | {np.nanmedian(measures['first processor']):.2f} "
-            f"| {np.median(measures['seconds']):.2f} | {np.median(measures['processor']):.2f} "
-            f"| {np.nanmedian(measures['first lasts']):.2f} | {np.median(measures['lasts']):.2f} "
-            f"| {np.median(measures['J']):.3f} | {np.median(measures['taught']):.3f} "
-            f"| {measures['distance'].max():.1e} | {measures['margin'].min():.3f} "
-            f"| {measures['speed'].max():.2f} | {measures['torque'].max():.2f} "
-            f"| {1e3 * measures['links'].min():.1f} | {1e3 * measures['load'].min():.1f} |",
-            flush=True,
+        times_of = "first", "first processor", "seconds", "processor", "first lasts", "lasts"
+        print_row(
+            [
+                *(path.stem, f"{sum(v is not None for v, _ in runs)}/{len(seeds)}"),
+                *(f"{np.nanmedian(measures[name]):.2f}" for name in times_of),
+                *(f"{np.median(measures[name]):.3f}" for name in ("J", "taught")),
+                *(f"{measures['distance'].max():.1e}", f"{measures['margin'].min():.3f}"),
+                *(f"{measures[name].max():.2f}" for name in ("speed", "torque")),
+                *(f"{1e3 * measures[name].min():.1f}" for name in ("links", "load")),
+            ]
         )
         if (motion := next((v for v, _ in runs if v is not None), None)) is not None:
             yield path, motion
@@ -125,19 +127,22 @@ def row(name: str, execution) -> None:
     """Print what a simulation measured."""
     m = execution.measures
     slip = "-" if m["slip_max"] is None else f"{1e3 * m['slip_max']:.2f}"
-    print(
-        f"| {name} | {'yes' if execution.delivered else 'no'} | {1e3 * m['end_error']:.2f} "
-        f"| {1e3 * m['distance_error_max']:.3f} | {slip} | {m['internal_force_max']:.1f} "
-        f"| {1e3 * m['lag_max']:.2f} | {len(execution.contacts)} | {execution.steps_per_second:.0f} |",
-        flush=True,
+    print_row(
+        [
+            *(name, "yes" if execution.delivered else "no", f"{1e3 * m['end_error']:.2f}"),
+            *(f"{1e3 * m['distance_error_max']:.3f}", slip, f"{m['internal_force_max']:.1f}"),
+            *(f"{1e3 * m['lag_max']:.2f}", len(execution.contacts), f"{execution.steps_per_second:.0f}"),
+        ]
     )
 
 
 def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
     """Print a row a simulation."""
-    print(
-        "| simulation | delivered | end [mm] | distance [mm] | slip [mm] | inner force [N] | lag [mm] | contacts"
-        " | steps/s |\n|---|---|---|---|---|---|---|---|---|"
+    print_head(
+        [
+            *("simulation", "delivered", "end [mm]", "distance [mm]", "slip [mm]"),
+            *("inner force [N]", "lag [mm]", "contacts", "steps/s"),
+        ]
     )
     for path, motion in motions:
         row(f"{path.stem}, weld", simulate(motion.joints, motion.scene, motion.robot, Weld()))
@@ -156,12 +161,13 @@ def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> Non
                 key: max(run.measures[key] or 0.0 for run in runs)
                 for key in ("end_error", "distance_error_max", "slip_max", "internal_force_max", "lag_max")
             }
-            print(
-                f"| {name} | {sum(run.delivered for run in runs)}/{N_PERTURBED} | {1e3 * worst['end_error']:.2f} "
-                f"| {1e3 * worst['distance_error_max']:.3f} | {1e3 * worst['slip_max']:.2f} "
-                f"| {worst['internal_force_max']:.1f} | {1e3 * worst['lag_max']:.2f} "
-                f"| {sum(len(run.contacts) for run in runs)} | |",
-                flush=True,
+            print_row(
+                [
+                    *(name, f"{sum(run.delivered for run in runs)}/{N_PERTURBED}"),
+                    *(f"{1e3 * worst['end_error']:.2f}", f"{1e3 * worst['distance_error_max']:.3f}"),
+                    *(f"{1e3 * worst['slip_max']:.2f}", f"{worst['internal_force_max']:.1f}"),
+                    *(f"{1e3 * worst['lag_max']:.2f}", sum(len(run.contacts) for run in runs), ""),
+                ]
             )
         joints, _ = RobotCarrier(motion.robot, motion.scene).track(CoordinatedMotion.straight(motion.scene))
         for grasp in (Weld(), Friction()):
@@ -171,10 +177,8 @@ def table_of_simulations(motions: list[tuple[Path, VerifiedJointMotion]]) -> Non
 
 def table_of_transfers(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
     """Print a row a scene: whether a way from home to the grasp, and one home, was found and passed verification."""
-    print(
-        "| from home and back | found | of the processor [s] | approach lasts [s] | release lasts [s] | why not |"
-    )
-    print("|---|---|---|---|---|---|")
+    ways_last = "approach lasts [s]", "release lasts [s]"
+    print_head(["from home and back", "found", "of the processor [s]", *ways_last, "why not"])
     for path, motion in motions:
         begun, found, lasts, why = time.process_time(), "yes", (np.nan, np.nan), ""
         try:
@@ -183,7 +187,7 @@ def table_of_transfers(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
         except RobotError as error:
             found, why = "no", str(error)
         used = time.process_time() - begun
-        print(f"| {path.stem} | {found} | {used:.2f} | {lasts[0]:.1f} | {lasts[1]:.1f} | {why} |", flush=True)
+        print_row([path.stem, found, f"{used:.2f}", *(f"{x:.1f}" for x in lasts), why])
     print()
 
 

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from timing import number, on_one_thread, peer, print_table
+from timing import by_toppra, number, on_one_thread, peer, print_table
 
 from comove import LeastTime
 from comove.experiments.bench.sets import scenes_of
-from comove.robots import JointMotion, Robot, carry
+from comove.robots import Robot, carry
 
 Array = NDArray[np.float64]
 
@@ -39,8 +39,7 @@ def main() -> None:
     asked = parser.parse_args()
     on_one_thread()
     warnings.simplefilter("ignore")
-    toppra = peer("toppra")
-    toppra.setup_logging("ERROR")
+    peer("toppra")
     found: dict[str, list[tuple[float, ...]]] = {}
     for frozen in scenes_of(asked.set, asked.scenes):
         scene = frozen.load()
@@ -52,27 +51,17 @@ def main() -> None:
             if motion is not None:
                 found.setdefault(name, []).append(seen(motion.joints.curve, motion.joints.duration, columns))
                 fastest = motion.joints if objective is not None else None
-        if fastest is not None and (timed := by_toppra(toppra, robot, fastest, columns)) is not None:
-            found.setdefault("TOPP-RA on the latter's path", []).append(timed)
+        if fastest is not None:
+            position = fastest.curve(np.linspace(0.0, fastest.duration, N_PATH))[:, columns]
+            timed = by_toppra(position, robot.velocity[columns], robot.acceleration[columns])
+            if timed is not None:
+                own = seen(timed, timed.duration, np.arange(len(columns)))
+                found.setdefault("TOPP-RA on the latter's path", []).append(own)
     rows = [
         [name, str(len(values)), *(number(np.median(column), 3) for column in zip(*values, strict=True))]
         for name, values in found.items()
     ]
     print_table(("", "motions", *SEEN), rows)
-
-
-def by_toppra(toppra: Any, robot: Robot, joints: JointMotion, columns: Array) -> tuple[float, ...] | None:
-    """Time the path of joints by TOPP-RA; return what `seen` measures, None where it finds nothing."""
-    position = joints.curve(np.linspace(0.0, joints.duration, N_PATH))[:, columns]
-    # At rest at both ends, the path by time has no speed there: by its own length it has.
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
-    kept = np.concatenate([[True], np.diff(length) > 1e-6 * length[-1] / N_PATH])
-    path = toppra.SplineInterpolator(length[kept], position[kept])
-    kinds = toppra.constraint.JointVelocityConstraint, toppra.constraint.JointAccelerationConstraint
-    most = robot.velocity[columns], robot.acceleration[columns]
-    limits = [kind(np.stack([-x, x], axis=1)) for kind, x in zip(kinds, most, strict=True)]
-    timed = toppra.algorithm.TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
-    return None if timed is None else seen(timed, timed.duration, np.arange(len(columns)))
 
 
 def seen(curve: Any, duration: float, columns: Array) -> tuple[float, ...]:

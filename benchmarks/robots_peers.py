@@ -35,6 +35,7 @@ from robots_peers_drake import by_drake
 from robots_peers_ompl import by_ompl
 from robots_peers_roboplan import RoboPlan, by_roboplan
 from robots_peers_terms import BUDGET, N_SAMPLES, Outcome, Terms, flaws
+from timing import print_head, print_row
 
 from comove.experiments.bench.sets import own_scenes, scenes_of
 from comove.planning import SceneKind
@@ -154,8 +155,9 @@ def main() -> None:
                 singles.setdefault(scene.file.robot, []).append(
                     alone(Terms(scene, robot, carrier), options.seed)
                 )
-    print("| robot | system | carried | first [s] | all [s] | acceleration | jerk | what was wrong |")
-    print("|---|---|---|---|---|---|---|---|")
+    print_head(
+        ["robot", "system", "carried", "first [s]", "all [s]", "acceleration", "jerk", "what was wrong"]
+    )
     robots = sorted({name for name, _ in rows})
     for name, system in [(name, system) for name in [*robots, "all"] for system in options.systems]:
         results = [row for robot in robots for row in rows[robot, system] if name in (robot, "all")]
@@ -163,19 +165,16 @@ def main() -> None:
         smooth = [sizes(found.joints) for found in good if found.joints is not None]
         reasons = [wrong.split(" by ")[0] for _, wrong in results if wrong]
         told = "; ".join(f"{reasons.count(reason)} {reason}" for reason in sorted(set(reasons)))
-        print(
-            f"| {name} | {system} | {len(good)}/{len(results)} "
-            f"| {median([f.first for f in good])} | {median([f.whole for f in good])} "
-            f"| {median([s[0] for s in smooth])} | {median([s[1] for s in smooth])} | {told} |"
-        )
+        times = median([f.first for f in good]), median([f.whole for f in good])
+        even = (median([s[k] for s in smooth]) for k in (0, 1))
+        print_row([name, system, f"{len(good)}/{len(results)}", *times, *even, told])
     if singles:
-        print("\n| robot, one arm alone | comove found | [s] | RoboPlan found | [s] |\n|---|---|---|---|---|")
+        print()
+        print_head(["robot, one arm alone", "comove found", "[s]", "RoboPlan found", "[s]"])
     for name, runs in singles.items():
-        cells = [
-            f"{sum(run[k][1] for run in runs)}/{len(runs)} | {median([run[k][0] for run in runs])}"
-            for k in (0, 1)
-        ]
-        print(f"| {name} | {' | '.join(cells)} |")
+        counts = [f"{sum(run[k][1] for run in runs)}/{len(runs)}" for k in (0, 1)]
+        times = [median([run[k][0] for run in runs]) for k in (0, 1)]
+        print_row([name, counts[0], times[0], counts[1], times[1]])
 
 
 if __name__ == "__main__":

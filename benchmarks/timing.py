@@ -1,4 +1,4 @@
-"""What the benchmarks share: clocks, tables in markdown, and peers that may be missing."""
+"""What the benchmarks share: clocks, tables in markdown, peers that may be missing, and TOPP-RA."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from math import ceil, floor, log10
 from statistics import median
 from types import ModuleType
 from typing import Any
+
+import numpy as np
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -74,6 +76,45 @@ def print_table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> None
     cells.insert(1, ["-" * width for width in widths])
     for row in cells:
         print("| " + " | ".join(map(str.ljust, row, widths)) + " |")
+
+
+def print_head(header: Sequence[str]) -> None:
+    """Print the head of a table in markdown whose rows come one by one."""
+    print_row(header)
+    print("|" + "---|" * len(header), flush=True)
+
+
+def print_row(cells: Sequence[object]) -> None:
+    """Print a row of a table in markdown."""
+    print(f"| {' | '.join(map(str, cells))} |", flush=True)
+
+
+def by_toppra(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Any:
+    """The fastest movement along a path by TOPP-RA (Pham and Pham, 2018), a curve that has a `duration`.
+
+    None where it finds none, or is not installed.
+
+    Parameters
+    ----------
+    position : array, shape (n_steps, n), samples of a movement from rest to rest
+    velocity, acceleration : arrays, shape (n,), limits of every coordinate
+    """
+    try:
+        import toppra
+        from toppra.algorithm import TOPPRA
+        from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
+    except ImportError:
+        return None
+    toppra.setup_logging("ERROR")
+    # At rest at both ends, the path by time has no speed there: by its own length it has.
+    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
+    kept = np.concatenate([[True], np.diff(length) > 1e-6 * length[-1] / len(position)])
+    path = toppra.SplineInterpolator(length[kept], position[kept])
+    limits = [
+        kind(np.stack([-most, most], axis=1))
+        for kind, most in ((JointVelocityConstraint, velocity), (JointAccelerationConstraint, acceleration))
+    ]
+    return TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
 
 
 def number(value: float, digits: int = 3) -> str:

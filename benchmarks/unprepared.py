@@ -22,7 +22,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from timing import on_one_thread
+from timing import on_one_thread, print_head, print_row
 
 ROBOTS = {
     "two_ur3": ["package://ur_description/urdf/ur3_joint_limited_robot.urdf"] * 2,
@@ -102,13 +102,12 @@ def main() -> None:
     wanted = {name: (ROBOTS | OTHERS)[name] for name in asked.robots}
     wanted |= {Path(urdfs).stem: urdfs.split("+") for urdfs in asked.more}
     wanted = wanted or (OTHERS if asked.others else ROBOTS)
-    print("| robot | new [s] | scene [s] | solve [s] | simulate [s] | minutes | what came of it |")
-    print("|---|---|---|---|---|---|---|", flush=True)
+    print_head(["robot", "new [s]", "scene [s]", "solve [s]", "simulate [s]", "minutes", "what came of it"])
     with tempfile.TemporaryDirectory() as folder:
         for name, urdfs in wanted.items():
             seconds, outcome = delivered(name, urdfs, Path(folder), asked.seed)
             shown = [f"{value:.1f}" for value in seconds] + ["-"] * (4 - len(seconds))
-            print(f"| {name} | {' | '.join(shown)} | {sum(seconds) / 60:.1f} | {outcome} |", flush=True)
+            print_row([name, *shown, f"{sum(seconds) / 60:.1f}", outcome])
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ from comove.experiments.peers.common import (
     independent_distances,
     timed,
 )
-from comove.experiments.peers.shapes import N_STEPS, Shapes
+from comove.experiments.peers.shapes import Shapes
 from comove.experiments.registry import PEERS, SYSTEMS
 from comove.experiments.systems import N_SAMPLES, Offers, SystemProblem, cost_of, measured
 from comove.scenes import Scene
@@ -214,7 +214,7 @@ def test_slopes_of_shape_weights(n_dims):
     assert shapes.cost_slope(at(x)[2]) @ shift == pytest.approx((more - less) / (2 * step), rel=1e-5)
     expected = (constrained_more - constrained_less) / (2 * step)
     np.testing.assert_allclose(shapes.constraint_slopes(at(x)[2]) @ shift, expected, atol=1e-4)
-    assert len(at(x)[2]) == N_STEPS
+    assert len(at(x)[2]) == shapes.n_steps
 
 
 def test_paths_keep_the_speed_limit():

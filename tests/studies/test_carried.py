@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from dataclasses import replace
+from functools import partialmethod
 from pathlib import Path
 
 import numpy as np
@@ -265,7 +266,7 @@ NEVER = [
 
 @pytest.mark.parametrize(("changes", "told"), NEVER)
 def test_what_no_arm_can_do_is_told_before_the_first_run(tmp_path, monkeypatch, changes, told):
-    monkeypatch.setattr("comove.studies.generation.ATTEMPTS", 3)
+    monkeypatch.setattr(Study, "draw", partialmethod(Study.draw, attempts=3))
     outcome = invoke("generate", written(tmp_path, **changes), "--out", tmp_path / "out")
     assert outcome.exit_code == 2 and outcome.stderr.count("\n") == 1, outcome.stderr
     assert re.search(rf"none of \d+ draws gives a valid scene, the last because: .*{told}", outcome.stderr)

@@ -22,13 +22,12 @@ def test_without_dask_the_way_out_is_told(monkeypatch):
         on_dask("local", 2)
 
 
-def test_a_scheduler_that_is_not_there(tmp_path, monkeypatch):
+def test_a_scheduler_that_is_not_there(tmp_path):
     pytest.importorskip("distributed")
-    monkeypatch.setattr("comove.studies.on_dask.CONNECT", 1.0)
     with pytest.raises(OptionError, match=r"--dask: no scheduler answers at 'tcp://127.0.0.1:9'"):
-        run_study(FakeStudy(2), tmp_path, on_dask("tcp://127.0.0.1:9", 1))
+        run_study(FakeStudy(2), tmp_path, on_dask("tcp://127.0.0.1:9", 1, timeout=1.0))
     with pytest.raises(OptionError, match="no scheduler answers at 'nonsense://x'"):
-        run_study(FakeStudy(2), tmp_path, on_dask("nonsense://x", 1))
+        run_study(FakeStudy(2), tmp_path, on_dask("nonsense://x", 1, timeout=1.0))
     run_study(FakeStudy(2), tmp_path, on_processes(1))  # nothing is in the way of going on
     assert len(rows(tmp_path)[0]) == 2
 

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from comove.experiments.systems import SystemOutcome, SystemProblem, with_figures
 from comove.planning import SceneKind
 from comove.planning.clock import now
-from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry
+from comove.robots import RobotCarrier, VerifiedJointMotion, carry
 from comove.robots.kernels import load_robot_kernels
-from comove.scenes.scene import Scene
-from comove.simulators import Execution, Friction, GraspModel, Perturbation, Weld, simulate
+from comove.simulators import Execution, Friction, Perturbation, Weld, simulate
 from comove.studies.carried import robot_of
 
 Array = NDArray[np.float64]
@@ -20,8 +19,7 @@ Array = NDArray[np.float64]
 def carried(problem: SystemProblem) -> SystemOutcome:
     """Carry the load by comove's method for robots; it counts as verified where it is delivered as well.
 
-    The joints are played in MuJoCo, perturbed by numbers that belong to scene and seed; hands hold the load by
-    friction where they have fingers, and are welded to it otherwise.
+    The joints are played in MuJoCo (see `executed`).
     """
     scene, robot = problem.scene, robot_of(problem.scene)
     load_robot_kernels(SceneKind.of(scene))
@@ -38,7 +36,7 @@ def carried(problem: SystemProblem) -> SystemOutcome:
     seconds, report = now() - begun, solution.report
     execution = None
     if solution.motion is not None:
-        execution = executed(solution.motion, secure_grasp(robot, scene), problem.seed)
+        execution = executed(solution.motion, problem.seed)
     reasons = (
         solution.solution.reasons or solution.verdict.reasons if execution is None else execution.reasons
     )
@@ -64,14 +62,13 @@ def carried(problem: SystemProblem) -> SystemOutcome:
     return with_figures(outcome, timed, last, [(at, hands(motion)) for at, motion in found])
 
 
-def secure_grasp(robot: Robot, scene: Scene) -> GraspModel:
-    """Return friction, where all hands of a scene have fingers, and a weld otherwise."""
-    return Friction() if all(robot.arm(name).fingers for name in scene.manipulators) else Weld()
+def executed(motion: VerifiedJointMotion, seed: int) -> Execution:
+    """Simulate a verified motion, perturbed by numbers that belong to its scene and the seed.
 
-
-def executed(motion: VerifiedJointMotion, grasp: GraspModel, seed: int) -> Execution:
-    """Simulate a verified motion, perturbed by numbers that belong to its scene and the seed."""
+    Hands hold the load by friction where all of them have fingers, and are welded to it otherwise.
+    """
     scene, robot = motion.scene, motion.robot
+    grasp = Friction() if all(robot.arm(name).fingers for name in scene.manipulators) else Weld()
     drawn = Perturbation.drawn(
         np.random.default_rng([seed, int(scene.sha256[:8], 16)]), len(robot.joint_names)
     )

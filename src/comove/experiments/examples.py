@@ -17,7 +17,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-BEYOND = 0.1  # m, by which walls reach beyond the workspace
 EXAMPLES = ("wide", "narrow", "complex", "window", "triangle")
 
 
@@ -76,20 +75,22 @@ def scene_contents(
     }
 
 
-def wall(x: float, thickness: float, low: Array, high: Array, height: float = 1.0) -> list[dict[str, Any]]:
+def wall(
+    x: float, thickness: float, low: Array, high: Array, height: float = 1.0, beyond: float = 0.1
+) -> list[dict[str, Any]]:
     """Return boxes that form a wall across x with an opening: two in the plane, four in space.
 
     Parameters
     ----------
     low, high : arrays, shape (n_dims - 1,), corners of the opening [m]
-    height : height of the workspace [m]; the wall reaches `BEYOND` it
+    height, beyond : height of the workspace, and by how much the wall reaches beyond it [m]
     """
-    whole = (-BEYOND, height + BEYOND)
-    sides: list[tuple[tuple[float, float], ...]] = [((-BEYOND, low[0]),), ((high[0], height + BEYOND),)]
+    whole = (-beyond, height + beyond)
+    sides: list[tuple[tuple[float, float], ...]] = [((-beyond, low[0]),), ((high[0], height + beyond),)]
     if len(low) == 2:
         between = (low[0], high[0])
         sides = [(*side, whole) for side in sides]
-        sides += [(between, (-BEYOND, low[1])), (between, (high[1], height + BEYOND))]
+        sides += [(between, (-beyond, low[1])), (between, (high[1], height + beyond))]
     return [
         {
             "shape": "box",

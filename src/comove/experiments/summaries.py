@@ -12,8 +12,6 @@ from scipy.stats import binomtest
 Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
-RESAMPLES = 2000
-SEED = 0  # of all resamples
 
 
 class Interval(NamedTuple):
@@ -54,10 +52,14 @@ def _bootstrapped(values: Array, of: Callable[[Array], Array]) -> Interval:
     values = values[~np.isnan(values)]
     if not len(values):
         return NOTHING
-    rng = np.random.default_rng(SEED)
-    drawn = values[rng.integers(len(values), size=(RESAMPLES, len(values)))]
-    low, high = _tails(of(drawn))
+    low, high = _tails(of(values[_picked(len(values), values.shape)]))
     return Interval(float(of(values[None])[0]), low, high)
+
+
+def _picked(count: int, shape: tuple[int, ...], resamples: int = 2000, seed: int = 0) -> NDArray[np.int64]:
+    """Return numbers below `count` for every resample; array, shape (resamples, *shape)."""
+    rng = np.random.default_rng(seed)
+    return rng.integers(count, size=(resamples, *shape))
 
 
 def _tails(values: Array) -> tuple[float, float]:
@@ -76,8 +78,7 @@ def slope_interval(x: ArrayLike, times: ArrayLike) -> Interval:
     times : array, shape (n_points, n_repeats), positive
     """
     log_x, measured = np.log(np.asarray(x, dtype=float)), np.asarray(times, dtype=float)
-    rng = np.random.default_rng(SEED)
-    picked = rng.integers(measured.shape[1], size=(RESAMPLES, *measured.shape))
+    picked = _picked(measured.shape[1], measured.shape)
     drawn = np.median(np.take_along_axis(measured[None], picked, axis=2), axis=2)
     medians = np.concatenate([np.median(measured, axis=1)[None], drawn])
     centred = log_x - log_x.mean()

@@ -32,7 +32,6 @@ Array = NDArray[np.float64]
 
 N_SAMPLES = 8001  # of an offer, even in time
 WEIGHTS = PaperCost()
-FIRST_LOOK = 0.3  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +161,7 @@ def _first_look(system: OwnSystem, n_dims: int) -> None:
     ball = {"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}
     bar = {"shape": "bar", "length": 0.2}
     scene = Scene.from_dict(scene_contents("first-look", [1.0] * n_dims, [ball], bar, ends))
-    solve(scene, method=system.method, planner=system.planner, budget=FIRST_LOOK)
+    solve(scene, method=system.method, planner=system.planner, budget=0.3)
 
 
 @dataclass(frozen=True)

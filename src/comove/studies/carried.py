@@ -51,8 +51,6 @@ from comove.verification.verify import VerifiedMotion
 
 Array = NDArray[np.float64]
 
-STILL = 0.1  # s, for which a robot has to stand at an end
-
 
 def robot_of(scene: Scene) -> Robot:
     """Return the robot that a scene names, loaded once.
@@ -75,8 +73,12 @@ def _loaded(path: Path) -> Robot:
     return Robot.load(path)
 
 
-def require_hold(scene: Scene) -> None:
+def require_hold(scene: Scene, still: float = 0.1) -> None:
     """Make sure that the arms can hold the load at start and goal by one of the scene's grasps, as the judge sees it.
+
+    Parameters
+    ----------
+    still : time for which the robot has to stand at an end [s]
 
     Raises
     ------
@@ -86,7 +88,7 @@ def require_hold(scene: Scene) -> None:
     robot, first = robot_of(scene), None
     for choice in scene.alternatives:
         try:
-            carrier = RobotCarrier(robot, choice.timed(STILL))
+            carrier = RobotCarrier(robot, choice.timed(still))
             _require_held(carrier, "start", carrier.starts)
             _require_held(carrier, "goal", carrier.goals)
             return
@@ -108,7 +110,7 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
         q = robot.home
         for arm, own in zip(carrier.holders, joints, strict=True):
             q[arm.columns] = own
-        standing = JointMotion(np.array([0.0, STILL]), robot.joint_names, np.stack([q, q]))
+        standing = JointMotion(np.array([0.0, scene.duration]), robot.joint_names, np.stack([q, q]))
         verdict = verify_joints(robot, motion, standing)
         if verdict.verified is not None:
             return

@@ -42,8 +42,6 @@ from comove.studies.study_file import GENERATE, MAX_EPISODES, DrawPart, StudyFil
 
 Model = TypeVar("Model", bound=Part)
 
-ATTEMPTS = 100
-"""Draws after which an episode is given up."""
 PROBED, PROBED_DRAWS = 50, 2000
 """Episodes, and draws in all, by which the share of rejected draws is told before the first run."""
 
@@ -281,11 +279,11 @@ class Study:
         rng = np.random.default_rng([self.file.seed, number])
         return int(rng.integers(2**48))
 
-    def draw(self, number: int) -> Drawn:
-        """Return the scene of an episode: of draws one after the other, the first that is a valid scene."""
+    def draw(self, number: int, attempts: int = 100) -> Drawn:
+        """Return the scene of an episode: of draws one after the other, `attempts` at most, the first valid one."""
         seed, reason = self.seed_of(number), ""
         rng = np.random.default_rng(seed)
-        for rejected in range(ATTEMPTS):
+        for rejected in range(attempts):
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore", ComoveWarning)
@@ -296,7 +294,7 @@ class Study:
                 reason = str(error)
             except Wrong as wrong:
                 reason = str(wrong.args[0])
-        return Drawn(number, seed, None, ATTEMPTS, reason)
+        return Drawn(number, seed, None, attempts, reason)
 
     def _require_hold(self, scene: Scene) -> None:
         """Refuse a scene at whose start or goal the robot cannot hold the load."""

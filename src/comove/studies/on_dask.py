@@ -18,11 +18,9 @@ LOCAL = "local"
 """Address that stands for a scheduler and workers on this machine."""
 ENVIRONMENT = "distributed.nanny.pre-spawn-environ"
 """What workers find in their environment: by Dask's own they would give back memory after each array."""
-CONNECT = 10.0  # s, after which a scheduler counts as unreachable
-AHEAD = 2  # runs that are sent for each thread, so that none waits for this process
 
 
-def on_dask(address: str, workers: int) -> Run:
+def on_dask(address: str, workers: int, timeout: float = 10.0) -> Run:
     """Return the function that does runs on the workers of a scheduler.
 
     A run whose worker dies is run again by the scheduler, as often as it allows. A run is not stopped for taking too
@@ -32,6 +30,7 @@ def on_dask(address: str, workers: int) -> Run:
     ----------
     address : address of the scheduler, such as ``tcp://host:8786``, or `LOCAL`
     workers : number of workers of a local scheduler
+    timeout : time after which a scheduler counts as unreachable [s]
 
     Raises
     ------
@@ -46,7 +45,7 @@ def on_dask(address: str, workers: int) -> Run:
     def run(
         study: RunSource, next_task: Callable[[], int | None], allowed: float
     ) -> Iterator[TaskResult[int, Made]]:
-        with _connected(address, workers) as client:
+        with _connected(address, workers, timeout) as client:
             _require_version(client)
             _require(client, study)
             yield from _run(client, study.run, next_task)
@@ -55,13 +54,13 @@ def on_dask(address: str, workers: int) -> Run:
 
 
 @contextmanager
-def _connected(address: str, workers: int) -> Iterator[Any]:
+def _connected(address: str, workers: int, timeout: float) -> Iterator[Any]:
     """Lend a client of the scheduler; one that was started for it ends with it.
 
     Raises
     ------
     OptionError
-        If the scheduler cannot be reached.
+        If the scheduler cannot be reached within `timeout` [s].
     """
     import dask
     from distributed import Client, LocalCluster
@@ -75,7 +74,7 @@ def _connected(address: str, workers: int) -> Iterator[Any]:
             yield client
         return
     try:
-        client = Client(address, timeout=CONNECT)
+        client = Client(address, timeout=timeout)
     except (OSError, TimeoutError, ValueError) as error:
         raise OptionError(
             f"no scheduler answers at {address!r}: {' '.join(str(error).split())}",
@@ -132,14 +131,14 @@ def _version() -> str:
 
 
 def _run(
-    client: Any, work: Callable[[int], Made], next_task: Callable[[], int | None]
+    client: Any, work: Callable[[int], Made], next_task: Callable[[], int | None], ahead: int = 2
 ) -> Iterator[TaskResult[int, Made]]:
-    """Yield tasks as they end; as many are under way as keep all workers busy."""
+    """Yield tasks as they end; `ahead` are sent for each thread, so that none waits for this process."""
     from distributed import as_completed
 
     under_way: dict[Any, int] = {}
     ended = as_completed()
-    most = AHEAD * max(1, sum(client.nthreads().values()))
+    most = ahead * max(1, sum(client.nthreads().values()))
     try:
         while True:
             while len(under_way) < most and (task := next_task()) is not None:

@@ -7,7 +7,6 @@ import sqlite3
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,6 @@ from comove.studies.runs import MEASURES, RUNS, StudyStore
 from comove.studies.variety import N_PATH, Variety, variety
 
 REPORT = "report.json"
-MOST_PATHS = 5000
-"""Paths that are compared: those of episodes at equal distances in the study where there are more."""
-MOST_REASONS = 5
 COMPARED = ("first", "duration", "cost", "jerk_max", "seconds")
 """Columns of which a sweep tells the medians."""
 
@@ -98,8 +94,13 @@ class StudyReport:
         return self.statuses.get("verified", 0)
 
 
-def report_of(folder: Path) -> StudyReport:
+def report_of(folder: Path, most_paths: int = 5000, most_reasons: int = 5) -> StudyReport:
     """Return what the runs in the folder of a study show.
+
+    Parameters
+    ----------
+    most_paths : paths that are compared: those of episodes at equal distances in the study where there are more
+    most_reasons : reasons that are told, the most frequent ones
 
     Raises
     ------
@@ -111,7 +112,7 @@ def report_of(folder: Path) -> StudyReport:
         statuses = dict(connection.execute("SELECT status, count(*) FROM runs GROUP BY status ORDER BY 1"))
         frequent = connection.execute(
             "SELECT reason, count(*) FROM runs WHERE status != 'verified' GROUP BY reason ORDER BY 2 DESC, 1 "
-            f"LIMIT {MOST_REASONS}"
+            f"LIMIT {most_reasons}"
         )
         reasons = dict(frequent.fetchall())
         rejected, cut_short, seconds = connection.execute(
@@ -127,7 +128,7 @@ def report_of(folder: Path) -> StudyReport:
         carried = _carried_figures(connection)
     values = np.array(rows, dtype=float).reshape(-1, len(MEASURES) + 1)
     ended, invalid = sum(statuses.values()), statuses.get("invalid", 0)
-    paths = _paths(store)
+    paths = _paths(store, most_paths)
     return StudyReport(
         total=store.total(),
         ended=ended,
@@ -166,11 +167,11 @@ def _figure(values: np.ndarray) -> Figure | None:
     return Figure(*map(float, np.quantile(known, (0.0, 0.5, 1.0)))) if len(known) else None
 
 
-def _paths(store: StudyStore) -> np.ndarray:
+def _paths(store: StudyStore, most: int) -> np.ndarray:
     """Return paths of verified episodes, shape (n_episodes, N_PATH, n_dims) [m], of the most frequent dimension."""
     with store.connected(reading=True) as connection:
         (count,) = connection.execute("SELECT count(*) FROM motions").fetchone()
-        every = -(-count // MOST_PATHS) or 1
+        every = -(-count // most) or 1
         blobs = connection.execute(
             "SELECT path FROM motions JOIN runs USING (key) WHERE number % ? = 0 ORDER BY number", (every,)
         ).fetchall()
@@ -215,10 +216,5 @@ def write_report(report: StudyReport, folder: Path) -> Path:
     """
     path = folder / REPORT
     with whole_file(path, ResultError) as file:
-        file.write((json.dumps(plain(report), indent=2, allow_nan=False) + "\n").encode())
+        file.write((json.dumps(asdict(report), indent=2, allow_nan=False) + "\n").encode())
     return path
-
-
-def plain(report: StudyReport) -> dict[str, Any]:
-    """Return a report in plain data."""
-    return asdict(report)

@@ -25,9 +25,6 @@ from comove.studies.runs import LONGEST, RUNS, StudyRun, StudyStore
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-ROOM = 20_000_000
-"""What must be free on the disk before a study is run [bytes]."""
-
 
 class RunSource(Protocol):
     """A source of runs, each by its number; it can be sent to other processes."""
@@ -224,8 +221,8 @@ def _failed(key: str, ended: TaskResult[int, Made]) -> StudyRun:
     return StudyRun(key, ended.task, status=status, reason=ended.error[:LONGEST], seconds=ended.seconds)
 
 
-def _prepared(folder: Path) -> Path:
-    """Make the folder of a study, or check that one that is there holds nothing else.
+def _prepared(folder: Path, room: int = 20_000_000) -> Path:
+    """Make the folder of a study, or check that one that is there holds nothing else; `room` [bytes] must be free.
 
     Raises
     ------
@@ -239,6 +236,6 @@ def _prepared(folder: Path) -> Path:
             raise ResultError(
                 "the folder is not empty and holds no study", file=folder, way_out="name another or empty it"
             )
-        require_room(folder, ResultError, ROOM)
+        require_room(folder, ResultError, room)
         folder.mkdir(parents=True, exist_ok=True)
     return folder

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from comove.errors import ResultError, shortened
-from comove.studies.store import KILLS, Store, Writer, declared, kinds_of, parquet_kinds
+from comove.studies.store import KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
 
 STATUSES = ("verified", "not delivered", "not verified", "invalid", "refused", "error", "killed", "late")
 LONGEST = 500
@@ -193,7 +193,7 @@ class StudyStore(Store[StudyWriter]):
         "carries": "key TEXT PRIMARY KEY, joints BLOB, certificate TEXT, simulation TEXT",
         "videos": "key TEXT, camera TEXT, video BLOB, PRIMARY KEY (key, camera)",
         "about": "name TEXT PRIMARY KEY, value TEXT",
-        "kills": KILLS,
+        "kills": KILLS_COLUMNS,
     }
     MADE_BY = "comove generate STUDY --out DIR, or comove sweep STUDY --out DIR"
     WRITER = StudyWriter
@@ -249,12 +249,10 @@ class StudyStore(Store[StudyWriter]):
         with self.connected(reading=True) as connection:
             return {number for (number,) in connection.execute("SELECT number FROM runs")}
 
-    def runs(self, status: str | None = None) -> Iterator[StudyRun]:
-        """Yield the runs that have ended, or those of a status, in the order of their numbers."""
+    def runs(self) -> Iterator[StudyRun]:
+        """Yield the runs that have ended, in the order of their numbers."""
         with self.connected(reading=True) as connection:
-            where = "" if status is None else " WHERE status = ?"
-            query = f"SELECT {', '.join(COLUMNS)} FROM runs{where} ORDER BY number"
-            for row in connection.execute(query, () if status is None else (status,)):
+            for row in connection.execute(f"SELECT {', '.join(COLUMNS)} FROM runs ORDER BY number"):
                 yield StudyRun(*row)
 
     def motions(self, status: str = "verified") -> Iterator[tuple[StudyRun, StoredMotion]]:

@@ -17,7 +17,7 @@ from comove.errors import ResultError
 from comove.io.files import telling
 
 WAIT = 60.0  # s, for others that write
-KILLS = "key TEXT PRIMARY KEY, times INTEGER"
+KILLS_COLUMNS = "key TEXT PRIMARY KEY, times INTEGER"
 """Columns of a table of how often a process was killed during a run."""
 
 _SQL = {"str": "TEXT", "int": "INTEGER", "float": "REAL", "float | None": "REAL"}

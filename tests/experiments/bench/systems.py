@@ -7,8 +7,9 @@ import signal
 import sys
 from dataclasses import dataclass
 
-from comove.experiments.bench.sets import SETS, scenes_of
+from comove.experiments.bench.sets import scenes_of
 from comove.experiments.systems import N_SAMPLES, System
+from tests.experiments.bench.witnesses import witness_of
 
 
 @dataclass(frozen=True)
@@ -51,4 +52,4 @@ class Thrower(System):
 
 def witness(scene):
     """Of a scene of the set easy."""
-    return SETS["easy"].witness(next(s for s in scenes_of("easy") if s.name == scene.name), scene)
+    return witness_of(next(s for s in scenes_of("easy") if s.name == scene.name), scene)

@@ -6,7 +6,7 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.bench.robot_witness import JointWitness
+from comove.experiments.bench.robot_drawing import JointWitness
 from comove.experiments.bench.runner import jobs_of, run
 from comove.experiments.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
 from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
@@ -17,6 +17,7 @@ from comove.robots.search.links import FATTEST
 from comove.scenes import Scene
 from comove.studies.carried import robot_of
 from comove.verification.verify import verify
+from tests.experiments.bench.witnesses import witness_of
 
 ROBOTS = [name for name, one in SETS.items() if isinstance(one, RobotSet)]
 FROZEN = [(name, scene) for name in ROBOTS for scene in scenes_of(name)]
@@ -38,7 +39,7 @@ SOME = {scene.path for name in ROBOTS for scene in scenes_of(name)[2:3]}  # two 
 def test_the_witness_is_verified_with_room_to_spare(name, frozen):
     scene, spare = frozen.load(), ROBOT_DIFFICULTIES[name].spare
     assert spare > scene.clearance
-    verdict = SETS[name].witness(frozen, scene).judged(scene.limited(clearance=spare))
+    verdict = witness_of(frozen, scene).judged(scene.limited(clearance=spare))
     assert verdict.reasons == ()
 
 
@@ -56,7 +57,7 @@ def test_a_search_knows_the_joints_with_which_a_witness_ends(frozen):
     """Also where what is nearer to home touches something: what touches nothing comes first."""
     scene, far = frozen.load(), 0.6  # rad; another branch is further away, a redundant arm at rest nearer
     carrier = RobotCarrier(robot_of(scene), scene)
-    witness, first = SETS["robots-extreme"].witness(frozen, scene).position, carrier.arms.chains.first
+    witness, first = witness_of(frozen, scene).position, carrier.arms.chains.first
     for joints, known in ((witness[0], carrier.starts), (witness[-1], carrier.goals)):
         for i, arm in enumerate(carrier.holders):
             part, wanted = slice(first[i], first[i + 1]), joints[arm.columns]
@@ -83,7 +84,7 @@ def test_scenes_are_drawn_again_as_they_are_frozen():
     frozen = scenes_of("robots-easy")[2]
     data, witness = SETS["robots-easy"].draw(2)
     assert scene_text(data) == frozen.path.read_text(encoding="utf-8")
-    kept = SETS["robots-easy"].witness(frozen, frozen.load())
+    kept = witness_of(frozen, frozen.load())
     assert witness.position == pytest.approx(kept.position, abs=1e-6)
 
 
@@ -91,7 +92,7 @@ def test_a_witness_that_ends_elsewhere_or_touches_something_is_no_witness():
     """A joint that is 1 mrad off in between, or an obstacle in the way."""
     frozen = scenes_of("robots-easy")[2]
     scene = frozen.load()
-    witness = SETS["robots-easy"].witness(frozen, scene)
+    witness = witness_of(frozen, scene)
     moved = witness.position.copy()
     moved[len(moved) // 2, 0] += 1e-3
     assert JointWitness(witness.weights, moved).judged(scene).verified is None

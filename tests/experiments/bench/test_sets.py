@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError, ResultError
-from comove.experiments.bench.drawing import DIFFICULTIES
+from comove.experiments.bench.drawing import DIFFICULTIES, Witness
 from comove.experiments.bench.sets import SETS, HandSet, draw_set, scene_text, scenes_of
-from comove.experiments.bench.witness import Witness
 from comove.scenes import Scene
+from tests.experiments.bench.witnesses import witness_of
 
 HANDS = [name for name, one in SETS.items() if isinstance(one, HandSet)]
 ALL = [pytest.param(s, id=f"{s.set}-{s.name}") for name in HANDS for s in scenes_of(name)]
@@ -16,7 +16,7 @@ ALL = [pytest.param(s, id=f"{s.set}-{s.name}") for name in HANDS for s in scenes
 @pytest.mark.parametrize("frozen", ALL)
 def test_the_witness_is_accepted(frozen):
     scene = frozen.load()
-    report = SETS[frozen.set].witness(frozen, scene).judged(scene)
+    report = witness_of(frozen, scene).judged(scene)
     assert report.reasons == ()
     assert report.clearance_min >= DIFFICULTIES[frozen.set].spare - 1e-6
     assert report.speed_max < scene.speed_limit

@@ -23,7 +23,6 @@ def test_every_method_is_there_in_order(compared):
     rows, interrupted = compared
     assert tuple(c.method for c in rows) == METHODS
     assert not interrupted
-    assert [c.ours for c in rows] == [False, False, False, False, True, True]
 
 
 def test_what_the_judge_says_agrees_with_sums_over_samples(compared):

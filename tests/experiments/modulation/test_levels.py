@@ -213,9 +213,8 @@ def test_obstacles_of_a_scene_stand_where_the_scene_says(obstacles):
         bare = level(level_obstacle(scene, j), points)[0]
         np.testing.assert_array_equal(bare > 1, distances > 0)
         assert 10 < (bare < 1).sum() < 990
-        wide = level_obstacle(scene, j, margin=0.03, velocity=np.ones(n_dims))
+        wide = level_obstacle(scene, j, margin=0.03)
         assert (distances[level(wide, points)[0] > 1] > 0.03 - 1e-9).all()
-        assert wide.velocity.tolist() == [1.0] * n_dims
     with pytest.raises(OptionError, match="no obstacle 9"):
         level_obstacle(scene, 9)
 

@@ -8,7 +8,7 @@ from benchmarks.random_scenes import moving_scene
 from comove.execution import Executor
 from comove.experiments.examples import example_path
 from comove.experiments.modulation.comparison import compare
-from comove.experiments.modulation.pictures import MAX_FRAMES, animate_comparison, draw_comparison
+from comove.experiments.modulation.pictures import FILM, animate_comparison, draw_comparison
 from comove.scenes import Scene
 from comove.views import save
 
@@ -40,7 +40,7 @@ def test_a_column_a_method_and_a_row_a_view(compared, tmp_path):
 def test_the_animation_moves_and_is_in_real_time(compared, tmp_path):
     animate_comparison(compared, tmp_path / "comparison.gif")
     with Image.open(tmp_path / "comparison.gif") as film:
-        assert 2 <= film.n_frames <= MAX_FRAMES
+        assert 2 <= film.n_frames <= FILM.most_frames
         total, frames = 0.0, []
         for k in range(film.n_frames):
             film.seek(k)

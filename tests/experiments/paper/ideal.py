@@ -1,6 +1,6 @@
 """Runs in which all goes as the paper says, made up without solving anything."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 from comove.coordination.motion import CoordinatedMotion
@@ -10,11 +10,10 @@ from comove.experiments.paper.baxter import PASSAGES, STARTS, WITH_JOINTS, Passa
 from comove.experiments.paper.jobs import Job, Outcome, scene_of
 from comove.experiments.paper.measures import Along, Measures
 from comove.experiments.paper.runs import (
-    AT_ONCE_NUMBERS,
     INITIAL,
     RECORDED,
     STRAIGHT,
-    Encounter,
+    ReproductionPlan,
     Runs,
     all_jobs,
     at_once,
@@ -37,6 +36,17 @@ GOOD = Measures(
 STEADY = Along(
     at_start=1.0, at_end=0.0, rise=0.0, rise_near=False, error=1e-3, error_near=1e-3, error_far=1e-4
 )
+
+
+@dataclass(frozen=True)
+class Encounter:
+    """What is looked at of an execution among moving obstacles."""
+
+    method: str
+    distance_error: float
+    clearance: float
+    tolerance: float
+    arrived: bool
 
 
 LOG = {"epoch_error_rms_m": [0.1, 0.01, 0.001]}
@@ -71,7 +81,7 @@ def measures_of(job):
     return GOOD
 
 
-NAMES = (STRAIGHT, "initial", "winding", "joint", "two", *map(at_once, range(AT_ONCE_NUMBERS)))
+NAMES = (STRAIGHT, "initial", "winding", "joint", "two", *map(at_once, range(ReproductionPlan(1).at_once)))
 MOVEMENTS = dict.fromkeys((*NAMES, *recordings(), *RECORDED))
 
 
@@ -82,7 +92,7 @@ def ideal_runs(seeds=3):
         *(Job("straight", scene, "nobody", STRAIGHT) for scene in INITIAL),
         Job("joint", "wide", "comove", "initial"),
         Job("as taught", "open", "nobody", at_once(0)),
-        *all_jobs(seeds, MOVEMENTS),
+        *all_jobs(ReproductionPlan(seeds), MOVEMENTS),
     ]
     outcomes = tuple(
         Outcome(job, measures_of(job), STEADY if job.keep else None, motion_of(job), LOG) for job in jobs
@@ -105,8 +115,8 @@ def ideal_runs(seeds=3):
         for who in WAYS
         for seed in range(2)
     )
-    encounters = tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS)
-    return Runs(seeds, outcomes, encounters, transports=transports + by_joints())
+    compared = tuple(Encounter(m, 0.0, 0.01, 1e-4, True) for m in METHODS)
+    return Runs(ReproductionPlan(seeds), outcomes, compared, transports=transports + by_joints())
 
 
 def by_joints():
@@ -155,5 +165,5 @@ def carried(runs, asked, **changes):
 def met(runs, method, **changes):
     """The runs with another encounter."""
     return replace(
-        runs, encounters=tuple(replace(e, **changes) if e.method == method else e for e in runs.encounters)
+        runs, compared=tuple(replace(e, **changes) if e.method == method else e for e in runs.compared)
     )

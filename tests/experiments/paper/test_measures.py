@@ -10,7 +10,7 @@ from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
 from comove.experiments.examples import example
 from comove.experiments.paper.jobs import scene_of
 from comove.experiments.paper.measures import follow, largest_turn, measure_motion, squared_jerk
-from comove.experiments.paper.runs import AT_ONCE_NUMBERS, taught_at_once
+from comove.experiments.paper.runs import ReproductionPlan, taught_at_once
 from comove.planning.seeds import minimum_jerk
 from comove.primitives import motion_basis
 
@@ -68,7 +68,8 @@ def test_a_scene_is_changed_where_it_is_asked_for_alone():
 
 def test_hands_that_are_recorded_at_once_hold_the_bar():
     """Nothing ties the hands: the recordings keep their distance, within the band, and no two are alike."""
-    taught = [taught_at_once(number) for number in range(AT_ONCE_NUMBERS)]
+    plan = ReproductionPlan(1)
+    taught = [taught_at_once(number, plan.band) for number in range(plan.at_once)]
     assert all(measure_motion(motion).verified for motion in taught)
     assert all(np.rad2deg(measure_motion(motion).turn) > 20.0 for motion in taught)
     middles = [motion.trajectory().position.mean(axis=1) for motion in taught]

@@ -23,6 +23,7 @@ from comove.experiments.paper.runs import (
     SCENES,
     STORY,
     Job,
+    ReproductionPlan,
     all_jobs,
     recorded,
 )
@@ -95,7 +96,7 @@ def test_the_border_of_the_workspace_is_no_wall():
 def test_what_is_typed_gives_the_motions_of_the_figures(tmp_path):
     copy_examples(tmp_path)
     done = subprocess.run(
-        ["bash", "-c", _by_hand()],
+        ["bash", "-c", _by_hand(ReproductionPlan(1).band)],
         cwd=tmp_path,
         env={**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"},
         capture_output=True,
@@ -121,9 +122,9 @@ def test_prose_is_wrapped_and_numbers_are_numbers(page):
     for line in page.splitlines():
         assert len(line) <= 118 or line.startswith(("|", "!"))
         assert "nan" not in line.lower().split()
-    assert "{" not in page.replace(_by_hand(), "").replace("`{lasa: LShape, plane: xy}`", "").replace(
-        "`demonstration: {lasa: LShape}`", ""
-    )
+    assert "{" not in page.replace(_by_hand(ReproductionPlan(1).band), "").replace(
+        "`{lasa: LShape, plane: xy}`", ""
+    ).replace("`demonstration: {lasa: LShape}`", "")
 
 
 def test_every_run_is_a_line_of_the_table():
@@ -139,7 +140,11 @@ def test_panels_are_methods_by_scenes():
 
 
 def test_those_without_random_numbers_run_once():
-    jobs = [job for job in all_jobs(7, MOVEMENTS) if job.purpose == "story" and job.scene == "wide"]
+    jobs = [
+        job
+        for job in all_jobs(ReproductionPlan(7), MOVEMENTS)
+        if job.purpose == "story" and job.scene == "wide"
+    ]
     for who, contender in CONTENDERS.items():
         assert [job.seed for job in jobs if job.who == who] == list(range(7 if contender.random else 1))
     assert len(set(jobs)) == len(jobs)

@@ -3,6 +3,10 @@
 First the load is drawn, then the openings of the walls and an orientation in which the load fits each of them; then
 poses: the start, one before and one behind each wall, the goal; then walls around the openings; then clutter that
 stays clear of the volume swept by the load. Scenes that the judge does not accept are drawn again.
+
+The movement, the witness, is a few poses of the load. Between two of them the load moves by minimum jerk, from rest
+to rest: its centre on the straight line, its orientation on the shortest turn. The duration of a segment is
+proportional to its length.
 """
 
 from __future__ import annotations
@@ -14,22 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import SceneError
-from comove.experiments.bench.witness import Witness, poses
 from comove.experiments.examples import scene_contents, wall
-from comove.geometry.rotations import exponential, matrices, quaternion_product
+from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
+from comove.planning.seeds import minimum_jerk
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
+from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
 
-BAR = 0.2  # m
-RADIUS = 0.005  # m, of loads in space
-HEIGHT = 1.0  # m, of the workspace across the way
-ROOM = 0.01  # m, to spare besides the load where it turns
-ENDS = 0.05  # m, more of it before the first wall and behind the last
 TILTS = (np.pi, 0.6, 0.4, 0.25, 0.15, 0.08, 0.03, 0.0)  # rad, tried around the pose that fits an opening best
-TRIES = 60  # a scene or an obstacle, before a new beginning
 NAMES = "abcd"
+WHERE_NOTHING_MOVES = 1e-9  # m, added to the way of every segment of a witness
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,12 @@ class Difficulty:
     corridor : distance between walls in addition to the space in which the load turns [m]
     size : size of clutter [m]
     spare : smallest clearance of the witness [m]
+    bar : length of bars [m]
+    radius : radius of loads in space [m]
+    height : size of the workspace across the way [m]
+    room : room besides the load where it turns [m]
+    ends : length of the workspace before the first wall and behind the last, besides what the load needs [m]
+    tries : places that are tried for an obstacle before a new beginning
     """
 
     ratio: Range
@@ -56,6 +63,12 @@ class Difficulty:
     corridor: Range
     size: Range
     spare: float
+    bar: float = 0.2
+    radius: float = 0.005
+    height: float = 1.0
+    room: float = 0.01
+    ends: float = 0.05
+    tries: int = 60
 
 
 DIFFICULTIES = {
@@ -69,6 +82,70 @@ DIFFICULTIES = {
         (0.15, 0.45), (1.1, 1.3), (2, 4), (8, 16), (2, 4), (0.01, 0.15), (0.0, 0.08), (0.02, 0.09), 0.004
     ),
 }
+
+
+@dataclass(frozen=True, eq=False)
+class Witness:
+    """Poses that a load passes one after another, which show that a scene can be solved.
+
+    Attributes
+    ----------
+    center : array, shape (n_poses, 3), origin of the load's frame, the middle of the hands [m]
+    quaternion : array, shape (n_poses, 4), w x y z; the load turns the shorter way from one to the next
+    held : array, shape (n_manipulators, 3), hands in the load's frame [m]
+    """
+
+    center: Array
+    quaternion: Array
+    held: Array
+
+    @classmethod
+    def from_rows(cls, rows: list[list[float]], scene: Scene) -> Witness:
+        """Build a witness from poses in the format of files, in a scene that starts at the first of them.
+
+        Parameters
+        ----------
+        rows : a pose each: x, y [m] and an angle [rad] in the plane; x, y, z [m] and a quaternion w, x, y, z in space
+        """
+        center, quaternion = poses(np.array(rows, dtype=float))
+        return cls(center, quaternion, (spatial(scene.start) - center[0]) @ matrices(quaternion[0]))
+
+    @property
+    def reach(self) -> float:
+        """Return the distance of the farthest hand from the centre [m]."""
+        return float(np.linalg.norm(self.held, axis=1).max())
+
+    def hands(self, n_samples: int = 801) -> Array:
+        """Return the hands at even times of the movement; array, shape (n_samples, n_manipulators, 3) [m]."""
+        turns = np.stack(
+            [
+                logarithm(quaternion_product(conjugate(before), after))
+                for before, after in zip(self.quaternion, self.quaternion[1:], strict=False)
+            ]
+        )
+        moves = np.diff(self.center, axis=0)
+        ways = np.linalg.norm(moves, axis=1) + self.reach * np.linalg.norm(turns, axis=1)
+        ends = np.cumsum(np.append(0.0, ways + WHERE_NOTHING_MOVES))
+        s = np.linspace(0.0, ends[-1], n_samples)
+        k = np.clip(np.searchsorted(ends, s, side="right") - 1, 0, len(moves) - 1)
+        share = minimum_jerk((s - ends[k]) / (ends[k + 1] - ends[k]))[:, None]
+        center = self.center[k] + share * moves[k]
+        rotation = matrices(quaternion_product(self.quaternion[k], exponential(share * turns[k])))
+        return center[:, None] + np.einsum("tij,nj->tni", rotation, self.held)
+
+    def judged(self, scene: Scene) -> ExecutionReport:
+        """Return the judge's report on the witness, which covers the time between the samples too."""
+        hands = self.hands()[:, :, : scene.n_dims]
+        return verify_execution(RecordSamples(scene, np.linspace(0.0, scene.duration, len(hands)), hands))
+
+
+def poses(rows: Array) -> tuple[Array, Array]:
+    """Return centres and quaternions of poses as files hold them; arrays, shapes (n_poses, 3) and (n_poses, 4)."""
+    if rows.shape[1] == 7:
+        return rows[:, :3], rows[:, 3:] / np.linalg.norm(rows[:, 3:], axis=1, keepdims=True)
+    zero, half = np.zeros(len(rows)), 0.5 * rows[:, 2]
+    center = np.stack([rows[:, 0], rows[:, 1], zero], axis=1)
+    return center, np.stack([np.cos(half), zero, zero, np.sin(half)], axis=1)
 
 
 def drawn(name: str, difficulty: Difficulty, n_dims: int, seed: list[int]) -> tuple[dict[str, Any], Array]:
@@ -95,33 +172,34 @@ class _Draft:
 
     def __init__(self, name: str, difficulty: Difficulty, n_dims: int, rng: np.random.Generator):
         self.name, self.difficulty, self.n_dims, self.rng = name, difficulty, n_dims, rng
-        self.radius = RADIUS if n_dims == 3 else 0.0
-        self.held = _held(rng, int(rng.integers(difficulty.manipulators[0], difficulty.manipulators[1] + 1)))
+        self.radius = difficulty.radius if n_dims == 3 else 0.0
+        low, high = difficulty.manipulators
+        self.held = _held(rng, int(rng.integers(low, high + 1)), difficulty.bar)
         self.reach = float(np.linalg.norm(self.held, axis=1).max()) + self.radius
+        self.aside = self.reach + difficulty.spare + difficulty.room
         self.obstacles: list[dict[str, Any]] = []
         self.length, self.rows = self._around_walls()
 
     def _around_walls(self) -> tuple[float, Array]:
         """Draw the walls; return the length of the workspace [m] and the poses."""
-        d, rng, aside = self.difficulty, self.rng, self.reach + self.difficulty.spare + ROOM
-        x, found = 2 * aside + ENDS + rng.uniform(*d.corridor), [self._end(aside)]
+        d, rng, aside = self.difficulty, self.rng, self.aside
+        x, found = 2 * aside + d.ends + rng.uniform(*d.corridor), [self._end(aside)]
         for k in range(int(rng.integers(d.walls[0], d.walls[1] + 1))):
             thickness = round(rng.uniform(*d.thickness), 3)
             x += (rng.uniform(*d.corridor) if k else 0.0) + thickness / 2
             middle = round(x, 3)
             opening, turn, off = self._opening()
-            at = np.round(rng.uniform(aside, HEIGHT - aside, self.n_dims - 1), 3)
-            self.obstacles += _wall(middle, thickness, at, opening)
+            at = np.round(rng.uniform(aside, d.height - aside, self.n_dims - 1), 3)
+            self.obstacles += _wall(middle, thickness, at, opening, d.height)
             for side in (-1, 1):
                 found.append(self._row(middle + side * (thickness / 2 + aside), at - off, turn))
             x = middle + thickness / 2 + 2 * aside
-        length = round(x + ENDS + rng.uniform(*d.corridor), 2)
+        length = round(x + d.ends + rng.uniform(*d.corridor), 2)
         found.append(self._end(length - aside))
         return length, np.array(found)
 
     def _end(self, x: float) -> list[float]:
-        aside = self.reach + self.difficulty.spare + ROOM
-        at = self.rng.uniform(aside, HEIGHT - aside, self.n_dims - 1)
+        at = self.rng.uniform(self.aside, self.difficulty.height - self.aside, self.n_dims - 1)
         return self._row(x, at, _any_turn(self.rng, self.n_dims, np.pi))
 
     def _row(self, x: float, at: Array, turn: Array) -> list[float]:
@@ -143,7 +221,7 @@ class _Draft:
         need = 2 * (self.radius + d.spare) + 0.001
         narrowest, along = _narrowest(self.held)
         if len(self.held) == 2:
-            opening = BAR * rng.uniform(*d.ratio, self.n_dims - 1)
+            opening = d.bar * rng.uniform(*d.ratio, self.n_dims - 1)
         else:
             opening = np.array([narrowest * rng.uniform(*d.width) + need])
             if self.n_dims == 3:
@@ -179,10 +257,14 @@ class _Draft:
         ]
         names = list(NAMES[: len(self.held)])
         edges = [[a, b] for a, b in zip(names, names[1:] + names[:1], strict=True)]
-        load = {"shape": "bar", "length": BAR} if len(names) == 2 else {"shape": "frame", "edges": edges}
+        load = (
+            {"shape": "bar", "length": self.difficulty.bar}
+            if len(names) == 2
+            else {"shape": "frame", "edges": edges}
+        )
         return scene_contents(
             self.name,
-            [self.length, *[HEIGHT] * (self.n_dims - 1)],
+            [self.length, *[self.difficulty.height] * (self.n_dims - 1)],
             self.obstacles,
             load | ({"radius": self.radius} if self.radius else {}),
             hands,
@@ -204,7 +286,7 @@ class _Draft:
         scene = Scene.from_dict(self.data())
         swept = Witness.from_rows(self.rows.tolist(), scene).hands().mean(axis=1)[:, : self.n_dims]
         for _ in range(int(rng.integers(d.clutter[0], d.clutter[1] + 1))):
-            for _ in range(TRIES):
+            for _ in range(d.tries):
                 near = swept[rng.integers(len(swept))] + rng.normal(0.0, 0.8 * self.reach, self.n_dims)
                 center = np.round(np.clip(near, 0.02, scene.upper - 0.02), 3)
                 obstacle = clutter(rng, center, rng.uniform(*d.size))
@@ -216,10 +298,10 @@ class _Draft:
         return self.feasible()
 
 
-def _held(rng: np.random.Generator, n_hands: int) -> Array:
+def _held(rng: np.random.Generator, n_hands: int, bar: float) -> Array:
     """Draw the hands in the load's frame, in its plane, around their middle: a bar, a triangle or a rectangle."""
     if n_hands == 2:
-        return np.array([[-BAR / 2, 0.0, 0.0], [BAR / 2, 0.0, 0.0]])
+        return np.array([[-bar / 2, 0.0, 0.0], [bar / 2, 0.0, 0.0]])
     long, wide = round(rng.uniform(0.16, 0.22), 3), round(rng.uniform(0.08, 0.13), 3)
     corners = [[0, -wide / 2], [0, wide / 2], [long, 0]]
     if n_hands == 4:
@@ -247,12 +329,12 @@ def _any_turn(rng: np.random.Generator, n_dims: int, most: float) -> Array:
     return exponential(rng.uniform(0.0, most) * axis / np.linalg.norm(axis))
 
 
-def _wall(x: float, thickness: float, at: Array, opening: Array) -> list[dict[str, Any]]:
+def _wall(x: float, thickness: float, at: Array, opening: Array, height: float) -> list[dict[str, Any]]:
     """Return boxes that form a wall across x with an opening around `at`, in numbers that a file can hold."""
     low, high = np.round(at - opening / 2, 4), np.round(at + opening / 2, 4)
     return [
         box | {key: [round(value, 5) for value in box[key]] for key in ("center", "size")}
-        for box in wall(x, thickness, low, high, HEIGHT)
+        for box in wall(x, thickness, low, high, height)
     ]
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from comove.errors import ResultError
-from comove.experiments.bench.pictures import draw_cost_ratios, draw_shares
 from comove.experiments.bench.store import Configuration, Run, RunStore
 from comove.experiments.summaries import (
     Interval,
@@ -21,15 +21,15 @@ from comove.experiments.summaries import (
     wilson,
 )
 from comove.io.folders import Contents, whole_folder
-from comove.views.style import save
+from comove.views.motion import draw_legend
+from comove.views.style import COLOURS, new_figure, save
 
 Array = NDArray[np.float64]
 
 REPORT, SHARES, RATIOS = "report.md", "shares.png", "costs.png"
 CONTENTS = Contents("report of runs", frozenset({REPORT}), frozenset({REPORT, SHARES, RATIOS}))
-NEAR = 1.05  # times the best cost known: "near the best"
 REFERENCE = "comove"
-SHOWN = 12  # failures a system and set that are listed
+STYLES = ("-", "--", "-.", ":")
 FIGURES = {  # column: figure, factor
     "path [m]": ("path_length", 1.0),
     "peak acceleration [m/s²]": ("acceleration_max", 1.0),
@@ -96,10 +96,10 @@ class Standing:
         """Return the time to the first verified motion [s]; infinite if there is none."""
         return run.history[0][0] if run.history else np.inf
 
-    def near_best(self, run: Run) -> float:
-        """Return the time to a verified motion within 5 % of the best cost known [s]; infinite if there is none."""
+    def near_best(self, run: Run, within: float = 0.05) -> float:
+        """Return the time to a verified motion within a share of the best cost known [s]; infinite if none is."""
         best = self.best.get(run.configuration.scene, np.inf)
-        return next((seconds for seconds, cost in run.history if cost <= NEAR * best), np.inf)
+        return next((seconds for seconds, cost in run.history if cost <= (1.0 + within) * best), np.inf)
 
     def cost_ratio(self, run: Run) -> float:
         """Return the final cost divided by the best known; infinite if the final motion is not verified."""
@@ -290,15 +290,16 @@ def _against_table(of_set: Sequence[Standing]) -> str:
     return table(head, rows)
 
 
-def _failures(of_set: Sequence[Standing]) -> list[str]:
+def _failures(of_set: Sequence[Standing], most: int = 12) -> list[str]:
+    """Return a line for each run that is not verified, `most` for each system."""
     lines = []
     for s in of_set:
         failed = [run for run in s.runs if run.status != "verified"]
-        for run in failed[:SHOWN]:
+        for run in failed[:most]:
             c = run.configuration
             lines.append(f"- {s.system}, {c.scene}, seed {c.seed}: {run.status}: {run.message[:200]}")
-        if len(failed) > SHOWN:
-            lines.append(f"- {s.system}: {len(failed) - SHOWN} more")
+        if len(failed) > most:
+            lines.append(f"- {s.system}: {len(failed) - most} more")
     return lines
 
 
@@ -321,3 +322,60 @@ def _number(value: float) -> str:
         return "-"
     text = f"{value:.3g}"
     return f"{float(text):.0f}" if "e+" in text else text
+
+
+def draw_shares(times: Mapping[str, Mapping[str, Array]]) -> Figure:
+    """Draw the share of runs with a verified motion against time, one panel for each set (a cactus plot, turned).
+
+    Parameters
+    ----------
+    times : by set and system, array, shape (n_runs,), time to the first verified motion, infinite if none [s]
+    """
+    finite = [t for of in times.values() for runs in of.values() for t in runs[np.isfinite(runs)]]
+    least = max(1e-4, 0.5 * min(finite, default=0.0))  # below, no times are drawn
+    figure = _draw_below(times, least, 1.5 * max(finite, default=1.0))
+    for axes in figure.axes:
+        axes.set(xscale="log", xlabel="time to the first verified motion [s]")
+    return figure
+
+
+def draw_cost_ratios(ratios: Mapping[str, Mapping[str, Array]]) -> Figure:
+    """Draw the share of runs whose ratio of final cost to the best known cost is below a limit, one panel for each
+    set.
+
+    Parameters
+    ----------
+    ratios : by set and system, array, shape (n_runs,), ratios of cost, infinite where nothing is verified
+    """
+    largest = 10.0
+    figure = _draw_below(ratios, 1.0, largest)
+    for axes in figure.axes:
+        axes.set(xscale="log", xlabel="final cost / best cost known", xlim=(0.98, largest))
+        axes.set_xticks([1, 1.5, 2, 3, 5, 10], ["1", "1.5", "2", "3", "5", "10"])
+        axes.minorticks_off()
+    return figure
+
+
+def _draw_below(values: Mapping[str, Mapping[str, Array]], least: float, most: float) -> Figure:
+    """Draw the share of runs whose value is below a limit between `least` and `most`, one panel for each set."""
+    names = list(dict.fromkeys(name for of in values.values() for name in of))
+    figure = new_figure(4.2 * len(values) + 0.6, 4.0)
+    panels = figure.subplots(1, len(values), squeeze=False, sharey=True)[0]
+    for axes, (title, of) in zip(panels, values.items(), strict=True):
+        for name, runs in of.items():
+            ordered = np.sort(runs[runs <= most])
+            share = np.arange(len(ordered) + 1) / len(runs)
+            k = names.index(name)
+            axes.step(
+                np.concatenate([[least], np.maximum(ordered, least), [most]]),
+                np.append(share, share[-1]),
+                where="post",
+                color=COLOURS[k % len(COLOURS)],
+                linestyle=STYLES[k // len(COLOURS) % len(STYLES)],
+                label=name,
+            )
+        axes.set(title=title, ylim=(-0.02, 1.02))
+        axes.grid(alpha=0.25)
+    panels[0].set_ylabel("share of runs")
+    draw_legend(figure, min(5, max(1, len(names))))
+    return figure

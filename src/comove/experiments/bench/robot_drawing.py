@@ -7,6 +7,7 @@ which leaves the motion its clearance. No planner and no smoothing has a part in
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,25 +17,46 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import SceneError
 from comove.experiments.bench.drawing import clutter
-from comove.experiments.bench.robot_witness import N_BASIS, JointWitness
 from comove.experiments.bench.workplaces import RobotDifficulty, Workplace
 from comove.planning.configurations import configuration_space
 from comove.planning.seeds import fit, targets_along
 from comove.primitives.basis import motion_basis
-from comove.robots import RobotCarrier
+from comove.robots import JointMotion, JointVerdict, RobotCarrier, verify_joints
 from comove.scenes.scene import Scene
 from comove.studies.carried import robot_of
 from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
 
-DURATION, CLEARANCE = 10.0, 0.01  # s, m
-RATE = 20.0  # Hz, of a witness's samples
+N_BASIS = 20  # shape weights a column of a witness, as files hold them
 RIDGE, STEADY = 2, -1  # of the fits of `seeds.fit`: which damping and which profile of speed a witness has
-TRIES = 6  # of an obstacle, before a new beginning
-N_STEPS_AWAY = 12  # of an obstacle, from the bar
-UPRIGHT = 0.6  # share of obstacles that are posts from the bottom of the workspace to its top
-FAR = 0.4  # least distance between start and goal, in lengths of the bar
+
+
+@dataclass(frozen=True, eq=False)
+class JointWitness:
+    """A motion of the load, and of a robot's joints that carry it.
+
+    Attributes
+    ----------
+    weights : array, shape (n_columns, N_BASIS), of the load's motion in load coordinates
+    position : array, shape (n_steps, n_joints), joints at even times [rad, m for prismatic joints]
+    """
+
+    weights: Array
+    position: Array
+
+    def motion(self, scene: Scene) -> CoordinatedMotion:
+        """Return the motion of the load in a scene with the ends that it was made for."""
+        coordinates = load_coordinates(scene)
+        boundary, basis = coordinates.boundary(), motion_basis(N_BASIS, "jerk")
+        return CoordinatedMotion(scene, coordinates, basis, boundary, self.weights)
+
+    def judged(self, scene: Scene, *, slack: float = 0.0) -> JointVerdict:
+        """Return the judge's verdict on the witness, at every instant; `slack` as in `verify_joints`."""
+        robot = robot_of(scene)
+        time = np.linspace(0.0, scene.duration, len(self.position))
+        joints = JointMotion(time, robot.joint_names, self.position)
+        return verify_joints(robot, self.motion(scene), joints, slack=slack)
 
 
 def drawn(
@@ -64,7 +86,7 @@ class RobotDraft:
         between = int(rng.integers(difficulty.between[0], difficulty.between[1] + 1))
         while True:
             self.poses = [self._pose() for _ in range(between + 2)]
-            if np.linalg.norm(self.poses[-1][0] - self.poses[0][0]) > FAR * place.length:
+            if np.linalg.norm(self.poses[-1][0] - self.poses[0][0]) > difficulty.far * place.length:
                 break
 
     def _pose(self) -> Array:
@@ -82,14 +104,14 @@ class RobotDraft:
         hands = zip(p.hands, self.poses[first].round(10), self.poses[last].round(10), strict=True)
         return {
             "name": self.name,
-            "duration": DURATION,
+            "duration": self.difficulty.duration,
             "robot": p.robot,
             "grasp": {"orientation": "down", "yaw": "load", "offset_deg": p.offset_deg},
             "workspace": {"lower": list(p.lower), "upper": list(p.upper)},
             "obstacles": self.obstacles,
             "load": {"shape": "bar", "length": p.length, "radius": p.radius, "mass": p.mass},
             "manipulators": [{"name": name, "start": a.tolist(), "goal": b.tolist()} for name, a, b in hands],
-            "limits": {"speed": 0.5, "acceleration": 1.0, "clearance": CLEARANCE},
+            "limits": {"speed": 0.5, "acceleration": 1.0, "clearance": self.difficulty.clearance},
         }
 
     def moved(self) -> JointWitness | None:
@@ -114,7 +136,7 @@ class RobotDraft:
         joints, miss = carrier.track(motion)
         if miss is not None:
             return None
-        time = np.linspace(0.0, DURATION, round(RATE * DURATION) + 1)
+        time = np.linspace(0.0, scene.duration, round(self.difficulty.rate * scene.duration) + 1)
         witness = JointWitness(motion.weights, joints.curve(time))
         return witness if self._clear(witness, scene) else None
 
@@ -135,9 +157,9 @@ class RobotDraft:
 
     def _placed(self, motion: CoordinatedMotion, witness: JointWitness) -> bool:
         """Place an obstacle beside the bar in a motion, as near to it as the witness allows."""
-        for _ in range(TRIES):
+        for _ in range(self.difficulty.tries):
             point, away, obstacle = self._obstacle(motion)
-            for apart in self.difficulty.step * np.arange(N_STEPS_AWAY):
+            for apart in self.difficulty.step * np.arange(self.difficulty.n_steps):
                 center = np.clip(point + apart * away, self.place.lower, self.place.upper)
                 if "height" in obstacle:
                     center[2] = 0.5 * (self.place.lower[2] + self.place.upper[2])
@@ -157,7 +179,7 @@ class RobotDraft:
         hands = motion.hands(rng.uniform(0.2, 0.8, 1))[0, 0]
         point = hands[0] + rng.uniform() * (hands[1] - hands[0])
         away, size = rng.standard_normal(3), rng.uniform(*self.difficulty.size)
-        if rng.uniform() >= UPRIGHT:
+        if rng.uniform() >= self.difficulty.upright:
             return point, away / np.linalg.norm(away), clutter(rng, point, size)
         height = round(p.upper[2] - p.lower[2], 3)
         post = {"shape": "cylinder", "radius": round(0.75 * size, 3), "height": height}

@@ -38,19 +38,14 @@ Array = NDArray[np.float64]
 
 REPORT, PICTURE = "scaling.md", "scaling.png"
 CONTENTS = Contents("report of growth", frozenset({REPORT}), frozenset({REPORT, PICTURE}))
-POPULATION = 16
-BASIS, HANDS, OBSTACLES = 30, 3, 10  # where something else grows
-RADIUS = 0.1  # m, of the ring of hands
-TUBE = 0.2  # m, around the straight way, free of obstacles
-BUDGET = 20.0  # s a solve
-LEAST = 0.02  # s, that a measurement of generations takes at least
+POPULATION = 16  # candidates of a generation, as the report says
 
 
 class Case(NamedTuple):
     """A point of a curve: a scene, the size of the basis, and the number of samples in time."""
 
     scene: Scene
-    n_basis: int = BASIS
+    n_basis: int = 30
     n_steps: int = N_STEPS
 
 
@@ -118,17 +113,23 @@ class ScalingCurve:
         return "missed" if any(fit.low > self.target for fit in fits) else "open"
 
 
-def ring_scene(n_hands: int = HANDS, n_obstacles: int = OBSTACLES) -> Scene:
-    """Return a scene in space with a ring of rods held by all hands (a bar by two), among small spheres."""
+def ring_scene(n_hands: int = 3, n_obstacles: int = 10, radius: float = 0.1, free: float = 0.2) -> Scene:
+    """Return a scene in space with a ring of rods held by all hands (a bar by two), among small spheres.
+
+    Parameters
+    ----------
+    radius : radius of the ring [m]
+    free : radius of the tube around the straight way that is free of obstacles [m]
+    """
     angles = 2 * np.pi * np.arange(n_hands) / n_hands
-    ring = RADIUS * np.stack([0 * angles, np.cos(angles), np.sin(angles)], axis=1)
+    ring = radius * np.stack([0 * angles, np.cos(angles), np.sin(angles)], axis=1)
     names = [f"hand{i}" for i in range(n_hands)]
     edges = [[names[i], names[(i + 1) % n_hands]] for i in range(n_hands if n_hands > 2 else 1)]
     rng = np.random.default_rng(n_obstacles)
     centers: list[Array] = []
     while len(centers) < n_obstacles:
         center = rng.uniform(0.0, 1.0, 3)
-        if np.linalg.norm(center[1:] - 0.5) > TUBE:
+        if np.linalg.norm(center[1:] - 0.5) > free:
             centers.append(center)
     ends = [np.array([x, 0.5, 0.5]) + ring for x in (0.15, 0.85)]
     spheres = [{"shape": "sphere", "center": c.tolist(), "radius": 0.01} for c in centers]
@@ -201,8 +202,13 @@ def measure(names: Sequence[str], repeats: int, *, solves: bool = True) -> list[
     return found
 
 
-def generation_times(case: Case, repeats: int) -> list[float]:
-    """Measure the time of rollouts of a population and their evaluation [s], several times."""
+def generation_times(case: Case, repeats: int, least: float = 0.02) -> list[float]:
+    """Measure the time of rollouts of a population and their evaluation [s], several times.
+
+    Parameters
+    ----------
+    least : time that a measurement takes at least [s]
+    """
     scene, coordinates = case.scene, load_coordinates(case.scene)
     basis, objective = motion_basis(case.n_basis, "velocity"), Objective(scene, coordinates)
     boundary = coordinates.boundary()
@@ -215,7 +221,7 @@ def generation_times(case: Case, repeats: int) -> list[float]:
 
     generation()
     begun, count = time.process_time(), 0
-    while time.process_time() < begun + LEAST:
+    while time.process_time() < begun + least:
         generation()
         count += 1
     times = []
@@ -227,10 +233,10 @@ def generation_times(case: Case, repeats: int) -> list[float]:
     return times
 
 
-def _solved(case: Case, seed: int) -> tuple[float, bool]:
+def _solved(case: Case, seed: int, budget: float = 20.0) -> tuple[float, bool]:
     method = replace(Comove(), n_basis=case.n_basis)
     begun = time.process_time()
-    solution = solve(case.scene, seed=seed, method=method, budget=BUDGET, objective=PaperCost())
+    solution = solve(case.scene, seed=seed, method=method, budget=budget, objective=PaperCost())
     return time.process_time() - begun, solution.verified
 
 

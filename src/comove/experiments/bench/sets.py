@@ -6,7 +6,7 @@ import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,15 +16,12 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.drawing import DIFFICULTIES, drawn
-from comove.experiments.bench.witness import Witness
 from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
-from comove.io.arrays import read_arrays
 from comove.io.folders import Contents, whole_folder
-from comove.io.yaml_reader import read_yaml
 from comove.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from comove.experiments.bench.robot_witness import JointWitness
+    from comove.experiments.bench.robot_drawing import JointWitness
 
 Array = NDArray[np.float64]
 
@@ -103,10 +100,6 @@ class SceneSet(ABC):
     def keep(self, folder: Path, witnesses: Mapping[str, Any]) -> None:
         """Write the witnesses of scenes, by name, into the folder of the scenes."""
 
-    @abstractmethod
-    def witness(self, of: BenchScene, scene: Scene) -> Any:
-        """Return the witness of a scene, which `scene` is as it was read; its `judged` says that it can be solved."""
-
 
 @dataclass(frozen=True)
 class HandSet(SceneSet):
@@ -121,10 +114,6 @@ class HandSet(SceneSet):
             f"{name}: [{', '.join(flow(row) for row in rows.tolist())}]\n" for name, rows in witnesses.items()
         ]
         (folder / WITNESSES).write_text(HEAD + "".join(sorted(lines)), encoding="utf-8")
-
-    def witness(self, of: BenchScene, scene: Scene) -> Witness:
-        """Return the poses as a movement."""
-        return Witness.from_rows(_witnesses(of.path.with_name(WITNESSES))[of.name], scene)
 
 
 @dataclass(frozen=True)
@@ -145,14 +134,6 @@ class RobotSet(SceneSet):
         }
         np.savez_compressed(folder / JOINT_WITNESSES, **arrays)
 
-    def witness(self, of: BenchScene, scene: Scene) -> JointWitness:
-        """Return the joints and the motion of the load."""
-        from comove.experiments.bench.robot_witness import JointWitness
-
-        names = {key: f"{of.name}.{key}" for key in ("weights", "position")}
-        arrays = read_arrays(of.path.with_name(JOINT_WITNESSES), tuple(names.values()))
-        return JointWitness(**{key: arrays[name] for key, name in names.items()})
-
 
 _KINDS, _ROBOTS = ("planar", "spatial"), tuple(WORKPLACES)
 SETS: dict[str, SceneSet] = {
@@ -166,11 +147,6 @@ SETS: dict[str, SceneSet] = {
         RobotSet("robots-extreme", 5, _ROBOTS, 20),
     )
 }
-
-
-@lru_cache(maxsize=8)
-def _witnesses(path: Path) -> dict[str, list[list[float]]]:
-    return read_yaml(path)[0]
 
 
 def set_named(name: str) -> SceneSet:

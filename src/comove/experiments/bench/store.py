@@ -6,7 +6,6 @@ written. Reading checks the store: one of another version, or with rows that wer
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, astuple, dataclass, fields
@@ -16,7 +15,8 @@ from typing import Any, TypeVar
 
 from comove.errors import ResultError
 from comove.io.parquet import write_parquet
-from comove.studies.store import AS_IT_WAS, KILLS, Store, Writer, declared, kinds_of, parquet_kinds
+from comove.studies.runs import digest
+from comove.studies.store import AS_IT_WAS, KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
 
 Part = TypeVar("Part")
 
@@ -51,7 +51,7 @@ class Configuration:
     @property
     def key(self) -> str:
         """Compute the SHA-256 of all entries."""
-        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+        return digest(asdict(self))
 
 
 @dataclass(frozen=True)
@@ -154,7 +154,7 @@ class RunStore(Store[RunWriter]):
     TABLES = {  # noqa: RUF012  a constant of the class
         "runs": declared(_KINDS),
         "planned": declared(_KEY | _WHAT),
-        "kills": KILLS,
+        "kills": KILLS_COLUMNS,
     }
     MADE_BY = "comove bench run --out STORE.sqlite"
     WRITER = RunWriter

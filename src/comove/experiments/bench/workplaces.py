@@ -60,6 +60,13 @@ class RobotDifficulty:
     size : of obstacles [m]
     step : steps by which an obstacle is moved away from the bar until the witness is clear of it [m]
     spare : smallest clearance of the witness, of load and links [m]
+    duration : duration of the scene [s]
+    clearance : clearance that the scene asks for [m]
+    rate : samples of a witness [Hz]
+    far : least distance between start and goal, in lengths of the bar
+    upright : share of obstacles that are posts from the bottom of the workspace to its top
+    tries : obstacles that are drawn in place of one for which there is no room, before a new beginning
+    n_steps : steps by which an obstacle is moved away, at most
     """
 
     between: tuple[int, int]
@@ -70,6 +77,13 @@ class RobotDifficulty:
     size: Range
     step: float
     spare: float
+    duration: float = 10.0
+    clearance: float = 0.01
+    rate: float = 20.0
+    far: float = 0.4
+    upright: float = 0.6
+    tries: int = 6
+    n_steps: int = 12
 
 
 ROBOT_DIFFICULTIES = {

@@ -1,7 +1,7 @@
 """What compared methods share: jointly taught primitives to begin with, and curves fitted to what they integrate.
 
 A motion is verified as a curve with exact ends. An integrated motion approaches its goal without quite reaching it.
-If what is left is small (`END_ERROR`, `END_SPEED`), a correction of minimum jerk over its last part leads it to the
+If what is left is small (see `FitSettings`), a correction of minimum jerk over its last part leads it to the
 goal; else it keeps its own end, which the verification then reports. Shape weights are then fitted, as many as are
 needed.
 """
@@ -20,25 +20,46 @@ from comove.errors import OptionError
 from comove.planning.objective import N_STEPS
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
-from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
-N_BASIS = 30  # shape weights a dimension
-END_ERROR, END_SPEED = 5e-3, 1e-2  # m and m/s, within which an integrated motion has arrived
-LED = 0.2  # durations, over which the error at the end is corrected
-N_BASES, CLOSE = (30, 60, 120, 200), 1e-6  # shape weights tried in turn, until the fit is that close [m]
-MAX_SAMPLES = 4001  # samples that a fit uses at most
+
+@dataclass(frozen=True)
+class FitSettings:
+    """Settings of the curves that are fitted to integrated motions.
+
+    Attributes
+    ----------
+    end_error, end_speed : what is left at the end, at most, of a motion that has arrived [m] and [m/s], as attractors
+        never quite do
+    led : share of the duration over which an error at the end is corrected
+    n_bases : numbers of shape weights a dimension that are tried in turn
+    close : largest distance between curve and motion after which no more weights are tried [m]
+    most_samples : samples that are used at most
+    """
+
+    end_error: float = 5e-3
+    end_speed: float = 1e-2
+    led: float = 0.2
+    n_bases: tuple[int, ...] = (30, 60, 120, 200)
+    close: float = 1e-6
+    most_samples: int = 4001
 
 
-def taught_primitives(search: Search, basis: MotionBasis | None = None) -> CoordinatedDMP:
+FITTING = FitSettings()
+
+
+def taught_primitives(search: Search, n_basis: int = 30) -> CoordinatedDMP:
     """Return the demonstration transferred to every hand (paper, III-B), or straight lines of minimum jerk.
 
     Parameters
     ----------
     search : search whose objective is in coordinates of free hands
-    basis : basis of the primitives; one with `N_BASIS` shape weights unless given
+    n_basis : shape weights a dimension
 
     Raises
     ------
@@ -52,7 +73,7 @@ def taught_primitives(search: Search, basis: MotionBasis | None = None) -> Coord
             key="method",
             way_out="use the method 'comove'",
         )
-    basis = basis or motion_basis(N_BASIS, "velocity")
+    basis = motion_basis(n_basis, "velocity")
     if search.taught is not None:
         return CoordinatedDMP.from_demonstration(search.taught, scene, coordinates, basis)
     s = np.linspace(0.0, 1.0, N_STEPS)
@@ -85,7 +106,9 @@ class Fit:
     end_miss: float
 
 
-def fit_curve(scene: Scene, coordinates: Coordinates, s: Array, hands: Array) -> Fit:
+def fit_curve(
+    scene: Scene, coordinates: Coordinates, s: Array, hands: Array, settings: FitSettings = FITTING
+) -> Fit:
     """Fit a curve to sampled positions of the hands.
 
     Parameters
@@ -93,25 +116,24 @@ def fit_curve(scene: Scene, coordinates: Coordinates, s: Array, hands: Array) ->
     coordinates : coordinates of free hands
     s : array, shape (n_steps,), even normalised times from 0 to 1
     hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands [m]
+    settings : settings of the fit
     """
     miss = float(np.linalg.norm(hands[-1] - scene.goal, axis=1).max())
     slope = (3.0 * hands[-1] - 4.0 * hands[-2] + hands[-3]) / (2.0 * (s[-1] - s[-2]))
     speed = float(np.linalg.norm(slope, axis=1).max()) / scene.duration
     boundary = coordinates.boundary()
-    if miss <= END_ERROR and speed <= END_SPEED:
-        share = minimum_jerk((s - (1.0 - LED)) / LED)[:, None, None]
+    if miss <= settings.end_error and speed <= settings.end_speed:
+        share = minimum_jerk((s - (1.0 - settings.led)) / settings.led)[:, None, None]
         hands = hands + share * (scene.goal - hands[-1])
     else:
         boundary[2], boundary[3] = coordinates.from_hands(np.stack([hands[-1], slope]))
-    stride = -(-(len(s) - 1) // (MAX_SAMPLES - 1))
+    stride = -(-(len(s) - 1) // (settings.most_samples - 1))
     s, hands = s[::stride], hands[::stride]
-    for n_basis in N_BASES:
-        basis = motion_basis(n_basis, "velocity")
-        base, phi = (of[0] for of in basis.at(s))
-        weights = np.linalg.lstsq(phi, coordinates.from_hands(hands) - base @ boundary, rcond=None)[0]
-        motion = CoordinatedMotion(scene, coordinates, basis, boundary, weights.T)
+    for n_basis in settings.n_bases:
+        dmp = CoordinatedDMP(scene, coordinates, motion_basis(n_basis, "velocity"), boundary, np.zeros(0))
+        motion = dmp.fitted(s, coordinates.from_hands(hands)).rollout()
         error = float(np.linalg.norm(motion.hands(s)[0] - hands, axis=2).max())
-        if error <= CLOSE:
+        if error <= settings.close:
             break
     return Fit(motion, error, miss)
 
@@ -124,10 +146,8 @@ def count_execution(search: Search, hands: Array) -> None:
     hands : array, shape (n_steps, n_manipulators, n_dims), positions of the hands at even times [m]
     """
     scene, even = search.scene, np.linspace(0.0, len(hands) - 1.0, N_STEPS)
-    flat, steps = hands.reshape(len(hands), -1), np.arange(len(hands))
-    sampled = np.stack([np.interp(even, steps, column) for column in flat.T], axis=1)
-    nodes = np.zeros((1, N_STEPS, hands.shape[1], 3))
-    nodes[0, :, :, : scene.n_dims] = sampled.reshape(N_STEPS, *hands.shape[1:])
+    sampled = interpolated(even, np.arange(len(hands), dtype=np.float64), hands.reshape(len(hands), -1))
+    nodes = spatial(sampled.reshape(1, N_STEPS, *hands.shape[1:]))
     search.evaluations += 1
     value = search.objective.evaluate_nodes(nodes, scene.offsets_along(N_STEPS))
     search.tell(float(value.cost[0]), float(value.penalty[0]))
@@ -145,15 +165,17 @@ def judge_execution(
     search: Search,
     s: Array,
     hands: Array,
+    settings: FitSettings,
     before: Callable[[CoordinatedMotion], Mapping[str, float]] = lambda motion: {},
 ) -> None:
     """Fit a curve to the positions of the hands (see `fit_curve`), log both errors, and have the curve verified.
 
     Parameters
     ----------
+    settings : settings of the fit
     before : called with the curve before it is verified; returns further measures for the log
     """
-    fit = fit_curve(search.scene, search.objective.coordinates, s, hands)
+    fit = fit_curve(search.scene, search.objective.coordinates, s, hands, settings)
     search.log |= {"fit_error_max_m": fit.error, "integration_end_miss_m": fit.end_miss}
     search.log |= before(fit.motion)
     search.judge(fit.motion)

@@ -37,7 +37,7 @@ its partner varies.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import sqrt
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -46,6 +46,7 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.primitives.arguments import require_positive
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
@@ -132,13 +133,14 @@ class Skill:
         )
         return cls(path, np.ones(n_samples), covariance, np.full(n_samples, laws.first_pace_spread**2))
 
+    @cached_property
     def frames(self) -> Array:
         """Return the frames R along every path; array, shape (n_samples, n_paths, n_dims, n_dims)."""
         return np.stack([frenet_frames(p[1], p[2]) for p in np.moveaxis(self.path, 2, 0)], axis=1)
 
     def stiffness(self, laws: Laws) -> Array:
         """Return the stiffnesses k_t, k_n (and k_b); array, shape (n_samples, n_paths, n_dims), [N/m]."""
-        frames = self.frames()
+        frames = self.frames
         variance = np.einsum("spdi,spde,spei->spi", frames, self.covariance, frames) / laws.spread**2
         variance[:, :, 0] = self.pace_variance[:, None] / laws.pace_spread**2
         return laws.softest + (laws.stiffest - laws.softest) / (1.0 + variance)
@@ -174,7 +176,7 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
     duration : duration of the taught movement [s]
     period : time step of the integration [s]
     """
-    frames, stiffness = skill.frames(), skill.stiffness(laws)
+    frames, stiffness = skill.frames, skill.stiffness(laws)
     of_robot = np.einsum("spdi,spi,spei->spde", frames, stiffness, frames)
     damping = np.einsum("spdi,spi,spei->spde", frames, 2.0 * np.sqrt(stiffness), frames)
     tangent = frames[:, :, :, 0]
@@ -189,9 +191,7 @@ def run_cycle(skill: Skill, intention: Intention, laws: Laws, duration: float, p
         period,
     )
     s = np.linspace(0.0, 1.0, len(skill.slowness))
-    flat = deviation.reshape(len(phase), -1)
-    measured = np.stack([np.interp(s, phase, column) for column in flat.T], axis=1)
-    measured = measured.reshape(skill.path.shape[1:])
+    measured = interpolated(s, phase, deviation.reshape(len(phase), -1)).reshape(skill.path.shape[1:])
     force = np.einsum("spde,spef,spf->spd", across, of_robot, measured)
     slowness = np.interp(s, phase, 1.0 / pace)
     along = k_t / laws.partner
@@ -349,34 +349,13 @@ def _tangents(slope: Array) -> Array:
     return slope[nearest] / speed[nearest, None]
 
 
-@kernel
 def _normals(tangent: Array, across: Array, bent: NDArray[np.bool_]) -> Array:
     """Return unit normals, (n_steps, 3): `across` where the path bends, else the last normal transported along it."""
-    n_steps = tangent.shape[0]
-    normal = np.empty((n_steps, 3))
-    first = 0
-    while first < n_steps and not bent[first]:
-        first += 1
-    last = np.zeros(3)
-    if first < n_steps:
-        last[:] = across[first]
-    else:  # straight all along: any normal
-        smallest = 0
-        for axis in range(3):
-            if abs(tangent[0, axis]) < abs(tangent[0, smallest]):
-                smallest = axis
-        last[smallest] = 1.0
-    for k in range(n_steps):
-        if bent[k]:
-            last[:] = across[k]
-        along, square = 0.0, 0.0
-        for axis in range(3):
-            along += last[axis] * tangent[k, axis]
-        for axis in range(3):
-            normal[k, axis] = last[axis] - along * tangent[k, axis]
-            square += normal[k, axis] ** 2
-        length = sqrt(square)
-        for axis in range(3):
-            normal[k, axis] /= length
-            last[axis] = normal[k, axis]
+    # Of a path that is straight all along any normal does.
+    last = across[bent][0] if bent.any() else np.eye(3)[np.abs(tangent[0]).argmin()]
+    normal = np.empty_like(tangent)
+    for k, along in enumerate(tangent):
+        last = across[k] if bent[k] else last
+        last = last - (last @ along) * along
+        last = normal[k] = last / np.linalg.norm(last)
     return normal

@@ -37,6 +37,8 @@ from comove.compiled import kernel
 from comove.coordination.coordinates import arms_coordinates
 from comove.errors import OptionError, near_name
 from comove.experiments.compared.common import (
+    FITTING,
+    FitSettings,
     control_times,
     count_execution,
     judge_execution,
@@ -104,6 +106,7 @@ class LeaderFollower(Method):
     gains : gains of coupling and learning
     period : control period [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more
         than 100 000
+    fitting : settings of the curve that is fitted to the last execution
     """
 
     name: ClassVar[str] = "leader-follower"
@@ -113,6 +116,7 @@ class LeaderFollower(Method):
     leader: str | None = None
     gains: Gains = GAINS
     period: float = 0.002
+    fitting: FitSettings = FITTING
 
     def __post_init__(self) -> None:
         require_count("epochs", self.epochs)
@@ -141,7 +145,7 @@ class LeaderFollower(Method):
             if search.over():
                 break
         search.log |= {"epoch_error_rms_m": rms, "epoch_error_max_m": worst}
-        judge_execution(search, s, hands)
+        judge_execution(search, s, hands, self.fitting)
 
     def _pairs(self, scene: Scene) -> list[tuple[int, int, float]]:
         """Return leader, follower and distance [m] of every pair."""

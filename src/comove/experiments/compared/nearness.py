@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.distances import nearest_on_segment, point_distance, tangent
+from comove.geometry.closest_points import near_on_edge
+from comove.geometry.distances import distance_and_gradient
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import spatial
 
 Array = NDArray[np.float64]
-
-PLACE = 1e-9  # m, tolerance of the least distance along a segment
-POINTS = 4  # points on every segment: both ends, and both ends of the bracket of the nearest point
-RETREAT = 0.25  # m/s, largest speed at which a lost clearance is restored
 
 
 class Approach(NamedTuple):
@@ -35,17 +33,19 @@ class Approach(NamedTuple):
     gain : ratio of the largest approach speed to the clearance left [1/s]
     braking : deceleration that hands are assumed capable of [m/s^2], infinite without a limit
     need : clearance that is kept [m]
+    retreat : largest speed at which a lost clearance is restored [m/s]
     """
 
     gain: float
     braking: float
     need: float
+    retreat: float = 0.25
 
     def rate(self, left: Array) -> Array:
         """Return the largest approach speed [m/s] for each clearance left [m]; arrays of the same shape."""
         braked = np.sqrt(2.0 * self.braking * np.maximum(left, 0.0)) if self.braking < np.inf else np.inf
         return np.where(
-            left >= 0.0, np.minimum(self.gain * left, braked), np.maximum(self.gain * left, -RETREAT)
+            left >= 0.0, np.minimum(self.gain * left, braked), np.maximum(self.gain * left, -self.retreat)
         )
 
 
@@ -66,9 +66,7 @@ def clearance_rows(
     rows, low : arrays, shapes (n_rows, n_hands * n_dims) and (n_rows,), of ``rows v >= low`` for the velocities v
     """
     n_hands, n_dims = hands.shape
-    nodes = np.zeros((n_hands, 3))
-    nodes[:, :n_dims] = hands
-    found, count = _near(nodes, scene.body.edges, scene.body.radii, table, approach.need + reach)
+    found, count = _near(spatial(hands), scene.body.edges, scene.body.radii, table, approach.need + reach)
     edge, obstacle = found[:count, 0].astype(int), found[:count, 1].astype(int)
     share, left, normal = found[:count, 2], found[:count, 3] - approach.need, found[:count, 4:]
     rows = np.zeros((count, n_hands, n_dims))
@@ -111,35 +109,27 @@ def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, 
 def _near(
     nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, cutoff: float
 ) -> tuple[Array, int]:
-    """Find the points of the load that are nearer to an obstacle than `cutoff`.
+    """Find the points of edges that are nearest to obstacles, and the ends of these edges, up to `cutoff` [m] away.
 
     Returns
     -------
     found : array, shape (n_most, 7), edge, obstacle, share along the edge, distance [m] and normal (3) of every point
     count : number of rows of `found` that are used
     """
-    found = np.empty((edges.shape[0] * table.shape[0] * POINTS, 7))
-    count, shares = 0, np.empty(POINTS)
+    found, count = np.empty((3 * edges.shape[0] * table.shape[0], 7)), 0
     for e in range(edges.shape[0]):
         p, q = nodes[edges[e, 0]], nodes[edges[e, 1]]
         for j in range(table.shape[0]):
-            distance, low, high, _, _ = nearest_on_segment(
-                table, j, p[0], p[1], p[2], q[0], q[1], q[2], cutoff + radii[e], PLACE
-            )
+            distance, nearest = near_on_edge(table, j, p, q, cutoff + radii[e])
             if distance - radii[e] > cutoff:
                 continue
-            shares[0], shares[1], shares[2], shares[3] = low, high, 0.0, 1.0
-            for i in range(POINTS):
-                f = shares[i]
-                if i > 0 and (f == shares[0] or (i > 1 and edges[e, 0] == edges[e, 1])):
+            for k in range(3):
+                share = (nearest, 0.0, 1.0)[k]
+                if k > 0 and (share == nearest or edges[e, 0] == edges[e, 1]):
                     continue
-                x, y, z = p[0] + f * (q[0] - p[0]), p[1] + f * (q[1] - p[1]), p[2] + f * (q[2] - p[2])
-                d = point_distance(table, j, x, y, z) - radii[e]
-                if d > cutoff:
-                    continue
-                found[count, 0], found[count, 1], found[count, 2], found[count, 3] = e, j, f, d
-                found[count, 4] = tangent(table, j, x, y, z, 1.0, 0.0, 0.0)[1]
-                found[count, 5] = tangent(table, j, x, y, z, 0.0, 1.0, 0.0)[1]
-                found[count, 6] = tangent(table, j, x, y, z, 0.0, 0.0, 1.0)[1]
-                count += 1
+                x, y, z = p + share * (q - p)
+                distance, nx, ny, nz = distance_and_gradient(table, j, x, y, z)
+                if distance - radii[e] <= cutoff:
+                    found[count] = np.array([e, j, share, distance - radii[e], nx, ny, nz])
+                    count += 1
     return found, count

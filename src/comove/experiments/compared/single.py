@@ -32,21 +32,10 @@ from comove.primitives.arguments import require_count
 from comove.scenes.scene import Scene
 
 SHAPES = (
-    "Angle",
-    "CShape",
-    "GShape",
-    "JShape",
-    "LShape",
-    "NShape",
-    "PShape",
-    "RShape",
-    "Sine",
-    "Spoon",
-    "Sshape",
-    "WShape",
+    *("Angle", "CShape", "GShape", "JShape", "LShape", "NShape"),
+    *("PShape", "RShape", "Sine", "Spoon", "Sshape", "WShape"),
 )
 PLANES = ("xy", "xz")  # in which planar movements are laid into space
-N_TRIES = 5  # runs of the second stage, with a stricter objective after each rejection
 TAUGHT = "demonstration"
 
 
@@ -61,6 +50,7 @@ class Single(Method):
     n_movements : number of movements that are combined, those that suit the scene best
     n_basis : shape weights a dimension in the second stage
     schedule : schedule of the second stage
+    tries : largest number of runs of it, with a stricter objective after each rejection
     """
 
     name: ClassVar[str] = "single"
@@ -69,6 +59,7 @@ class Single(Method):
     n_movements: int = 6
     n_basis: int = 30
     schedule: Schedule = POLISHING
+    tries: int = 5
 
     def __post_init__(self) -> None:
         require_count("n_movements", self.n_movements)
@@ -114,7 +105,7 @@ class Single(Method):
     def _optimised(self, search: Search, dmp: CoordinatedDMP) -> None:
         """Optimise the weights, with a stricter objective after each rejection."""
         objective = search.objective
-        for _ in range(N_TRIES):
+        for _ in range(self.tries):
             search.stage = "optimising the weights"
             dmp = improve(search, objective, dmp, self.schedule)
             verdict = search.judge(dmp.rollout())

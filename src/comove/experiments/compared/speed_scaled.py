@@ -20,7 +20,9 @@ from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.experiments.compared.common import (
-    N_BASIS,
+    FITTING,
+    FitSettings,
+    control_times,
     count_execution,
     group_means,
     judge_execution,
@@ -36,9 +38,6 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 N_SAMPLES = 401  # samples of the phase
-N_WAVES = 3  # sine waves of which the human's wishes are composed
-MAX_STEPS = 20_000  # steps in a duration
-N_TIMES = 2001  # times at which the last motion is sampled
 
 
 @dataclass(frozen=True)
@@ -53,6 +52,7 @@ class Human:
         pace
     precise : first and last phase of the part in which she varies only a tenth as much
     stiffness : k_h [N/m, with a unit mass]
+    waves : number of sine waves of which her wishes are composed
     """
 
     offset: float = 0.03
@@ -61,6 +61,7 @@ class Human:
     pace_spread: float = 0.1
     precise: tuple[float, float] = (0.4, 0.6)
     stiffness: float = 300.0
+    waves: int = 3
 
     def __post_init__(self) -> None:
         for name in ("offset", "spread", "pace_offset", "pace_spread", "stiffness"):
@@ -96,6 +97,8 @@ class SpeedScaled(Method):
     n_basis : shape weights a dimension of the path that is learned
     period : time step [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more than
         20 000
+    n_times : samples of the last motion
+    fitting : settings of the curve that is fitted to it
     """
 
     name: ClassVar[str] = "speed-scaled"
@@ -103,8 +106,10 @@ class SpeedScaled(Method):
     cycles: int = 20
     human: Human = HUMAN
     laws: Laws = LAWS
-    n_basis: int = N_BASIS
+    n_basis: int = 30
     period: float = 0.002
+    n_times: int = 2001
+    fitting: FitSettings = FITTING
 
     def __post_init__(self) -> None:
         require_count("cycles", self.cycles)
@@ -119,7 +124,7 @@ class SpeedScaled(Method):
         for skill, cycle in self.cooperate(search):
             cycles.append(cycle)
             stiffness.append(skill.stiffness(self.laws).mean(axis=(0, 1)))
-            times, hands = alone(scene, taught, skill, s)
+            times, hands = alone(scene, taught, skill, s, self.n_times)
             count_execution(search, hands)
             if search.over():
                 break
@@ -134,12 +139,12 @@ class SpeedScaled(Method):
                 for i, name in enumerate(("tangent", "normal", "binormal")[: scene.n_dims])
             },
         }
-        judge_execution(search, times, hands)
+        judge_execution(search, times, hands, self.fitting)
 
     def cooperate(self, search: Search) -> Iterator[tuple[Skill, Cycle]]:
         """Yield the skill after every cycle, and the measurements of that cycle."""
         scene, s = search.scene, np.linspace(0.0, 1.0, N_SAMPLES)
-        period = min(max(self.period, scene.duration / MAX_STEPS), scene.duration / 200)
+        period = scene.duration * control_times(scene.duration, self.period, most=20_000)[1]
         skill = self._first(scene, taught_primitives(search).rollout())
         shape = motion_basis(self.n_basis, "velocity").at(s)[1]
         follow = shape @ np.linalg.pinv(shape[0])  # a wish as the primitive can follow it, and 2 derivatives
@@ -162,8 +167,9 @@ class SpeedScaled(Method):
 
         def wish(shape: tuple[int, ...]) -> Array:
             """Draw smooth random functions of unit size; array, shape (N_SAMPLES, *shape)."""
-            waves = np.sin(np.pi * s[:, None] * np.arange(1, N_WAVES + 1))
-            return np.tensordot(waves, rng.standard_normal((N_WAVES, *shape)) / np.sqrt(N_WAVES / 2), axes=1)
+            waves = np.sin(np.pi * s[:, None] * np.arange(1, human.waves + 1))
+            drawn = rng.standard_normal((human.waves, *shape)) / np.sqrt(human.waves / 2)
+            return np.tensordot(waves, drawn, axes=1)
 
         always = path + human.offset * fade[:, None, None] * wish(path.shape[1:])
         pace = human.pace_offset * fade * np.tanh(wish(()))
@@ -190,7 +196,9 @@ def middles(scene: Scene, hands: Array) -> Array:
     return np.einsum("gm,...md->...gd", group_means(scene), hands)
 
 
-def alone(scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array) -> tuple[Array, Array]:
+def alone(
+    scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array, n_times: int
+) -> tuple[Array, Array]:
     """Return the learned motion that the robot executes alone, in the scene's duration.
 
     Parameters
@@ -199,14 +207,14 @@ def alone(scene: Scene, taught: CoordinatedMotion, skill: Skill, s: Array) -> tu
 
     Returns
     -------
-    times : array, shape (N_TIMES,), even normalised times
-    hands : array, shape (N_TIMES, n_manipulators, n_dims), positions of the hands [m]
+    times : array, shape (n_times,), even normalised times
+    hands : array, shape (n_times, n_manipulators, n_dims), positions of the hands [m]
     """
     from scipy.interpolate import CubicSpline, PchipInterpolator
 
     steps = 0.5 * (skill.slowness[1:] + skill.slowness[:-1]) * np.diff(s)
     clock = np.concatenate([[0.0], np.cumsum(steps)])
-    times = np.linspace(0.0, 1.0, N_TIMES)
+    times = np.linspace(0.0, 1.0, n_times)
     phase = np.clip(PchipInterpolator(clock / clock[-1], s)(times), 0.0, 1.0)
     moved = CubicSpline(s, skill.path[0] - middles(scene, taught.hands(s)[0]))(phase)
     hands = taught.hands(phase)[0]

@@ -36,6 +36,8 @@ from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.experiments.compared.common import (
+    FITTING,
+    FitSettings,
     control_times,
     count_execution,
     group_means,
@@ -53,11 +55,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-ROUNDS = 12  # rounds of solving and adding tangents of the limits
-INSIDE = 0.99  # share of the limits that is used
-CATCHING_UP = 2.0  # largest pace, in terms of the taught pace
-REACH = 0.1  # m beyond the braking distance, from which on obstacles are left out
-MOST = 0.5  # largest share of an error that is removed in a step
 OUTSIDE = 1.0 - 1e-6  # xi from which on an error counts as outside its bound
 
 
@@ -70,12 +67,14 @@ class Performance:
     first, last : rho_0 and rho_end, the bound at first and in the limit [m]
     decay : a, decay rate of the bound [1/s]
     gain : k, decay rate of the error [1/s]
+    most : largest share of an error that is removed in a step
     """
 
     first: float
     last: float
     decay: float
     gain: float
+    most: float = 0.5
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -98,7 +97,7 @@ class Performance:
         shrinking = -self.decay * (rho - self.last) / rho
         xi = np.clip(np.abs(error) / rho, 1e-9, OUTSIDE)
         pull = self.gain * np.arctanh(xi) / (xi * (1.0 - xi**2))
-        return (shrinking - np.minimum(pull, MOST / period)) * error
+        return (shrinking - np.minimum(pull, self.most / period)) * error
 
 
 RELATIVE = Performance(first=0.02, last=1e-3, decay=2.0, gain=100.0)
@@ -116,10 +115,14 @@ class TaskPriority(Method):
     approach : ratio of the largest approach speed to the clearance left [1/s]
     margin : margin kept on top of the scene's clearance [m]
     acceleration : limit of the hands' acceleration if the scene has no lower one [m/s^2]; without any limit,
-        velocities
-        would jump, which no curve can represent
+        velocities would jump, which no curve can represent
+    inside : share of the limits that is used
+    catching_up : largest pace of the reference, in terms of the taught pace
+    reach : distance beyond the braking distance from which on obstacles are left out [m]
+    rounds : largest number of rounds in a step, of solving and of adding tangents of the limits
     period : control period [s]; shorter if the movement would have fewer than 200 steps, longer if it would have more
         than 20 000
+    fitting : settings of the curve that is fitted to the motion
     """
 
     name: ClassVar[str] = "task-priority"
@@ -130,7 +133,12 @@ class TaskPriority(Method):
     approach: float = 10.0
     margin: float = 0.002
     acceleration: float = 5.0
+    inside: float = 0.99
+    catching_up: float = 2.0
+    reach: float = 0.1
+    rounds: int = 12
     period: float = 0.004
+    fitting: FitSettings = FITTING
 
     def __post_init__(self) -> None:
         for name in ("posture", "approach", "margin", "acceleration", "period"):
@@ -161,7 +169,7 @@ class TaskPriority(Method):
             "slack_max_m_per_s": max(slacks),
             "carried_out_share": (len(slacks) - 1) / (len(s) - 1),
         }
-        judge_execution(search, s, hands, controller.carried_out)
+        judge_execution(search, s, hands, self.fitting, controller.carried_out)
 
     def _controller(self, search: Search, period: float, taught: CoordinatedMotion) -> Controller:
         """Return the controller of free hands, or of the joints where a robot carries."""
@@ -220,7 +228,7 @@ class Controller:
         here : array, shape (n_manipulators, n_dims), reference at the current phase [m]
         """
         scene, before, phase = self.scene, np.zeros(reference.shape[1:]), 0.0
-        reach = REACH + self._fastest(reference) ** 2 / (2.0 * self.approach.braking)
+        reach = self.method.reach + self._fastest(reference) ** 2 / (2.0 * self.approach.braking)
         for k in range(len(reference) - 1):
             time = k * self.period
             speeds = scene.by_row(scene.obstacle_velocities(np.array([time])))[0]
@@ -241,7 +249,7 @@ class Controller:
         scene, step = self.scene, np.linalg.norm(np.diff(reference, axis=0), axis=2).max()
         time = np.linspace(0.0, scene.duration, len(reference))
         coming = np.linalg.norm(scene.obstacle_velocities(time), axis=2).max(initial=0.0)
-        return min(CATCHING_UP * step / self.period, scene.speed_limit) + coming
+        return min(self.method.catching_up * step / self.period, scene.speed_limit) + coming
 
     @staticmethod
     def _at(reference: Array, phase: float) -> Array:
@@ -254,7 +262,7 @@ class Controller:
         last = len(reference) - 1.0
         off = self.middles @ (hands - self._at(reference, phase)).ravel()
         lag = float(np.abs(off).max())
-        pace = min(CATCHING_UP, (last - phase) / (last - k))
+        pace = min(self.method.catching_up, (last - phase) / (last - k))
         return min(last, phase + pace * rate_for_lag(lag, self.method.absolute.last))
 
     def _tasks(
@@ -292,8 +300,9 @@ class Controller:
         Otherwise, wanted velocities far beyond the limits would leave the direction to the limits.
         """
         wanted, before = (v.reshape(-1, self.scene.n_dims) for v in (wanted, before))
-        wanted = _shortened(wanted, INSIDE * self.scene.speed_limit)
-        return (before + _shortened(wanted - before, INSIDE * self.acceleration * self.period)).ravel()
+        inside = self.method.inside
+        wanted = _shortened(wanted, inside * self.scene.speed_limit)
+        return (before + _shortened(wanted - before, inside * self.acceleration * self.period)).ravel()
 
     def _difference(self, first: int, second: int, direction: Array) -> Array:
         """Return the row of the velocity of one hand relative to another along a direction, shape (1, n)."""
@@ -317,19 +326,20 @@ class Controller:
         """Solve the tasks within the hands' limits; `hands`, shape (n_manipulators * n_dims, n), are their velocities
         per unit of the variables. Returns the variables, and the slack [m/s].
         """
-        speed, change = self.scene.speed_limit, self.acceleration * self.period
-        for _ in range(ROUNDS):
+        inside = self.method.inside
+        speed, change = inside * self.scene.speed_limit, inside * self.acceleration * self.period
+        for _ in range(self.method.rounds):
             x, slack = lexicographic(tasks, rows, low)
             velocity = (hands @ x).reshape(before.shape)
             tangents, bounds = [], []
             for middle, radius in ((np.zeros_like(before), speed), (before, change)):
                 away = velocity - middle
                 length = np.linalg.norm(away, axis=1)
-                for hand in np.flatnonzero(length > INSIDE * radius * (1.0 + 1e-9)):
+                for hand in np.flatnonzero(length > radius * (1.0 + 1e-9)):
                     row = np.zeros_like(before)
                     row[hand] = -away[hand] / length[hand]
                     tangents.append(row.ravel() @ hands)
-                    bounds.append(row[hand] @ middle[hand] - INSIDE * radius * (1.0 - 1e-3))
+                    bounds.append(row[hand] @ middle[hand] - radius * (1.0 - 1e-3))
             if not tangents:
                 break
             rows, low = np.vstack([rows, *tangents]), np.append(low, bounds)

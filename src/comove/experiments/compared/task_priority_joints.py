@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.compared.hierarchy import PriorityTask
-from comove.experiments.compared.nearness import RETREAT
-from comove.experiments.compared.task_priority import INSIDE, Controller, Performance, TaskPriority
+from comove.experiments.compared.task_priority import Controller, Performance, TaskPriority
 from comove.planning.search import Search
 from comove.reaction.qp_workspace import Rates, Sighting
 from comove.robots.carrying import RobotCarrier
@@ -56,8 +55,8 @@ class JointController(Controller):
         self.rates, self.turned = np.zeros_like(self.first), 0.0
         least = self.scene.clearance + method.margin
         self.needs = LinkNeeds(np.full(len(self.scene.obstacles), least), least, near=0.3)
-        gain, braking = self.approach.gain, self.approach.braking
-        self.links = Rates(period, gain, braking, braking, RETREAT, np.inf, np.inf, self.scene.clearance)
+        gain, braking, retreat = self.approach.gain, self.approach.braking, self.approach.retreat
+        self.links = Rates(period, gain, braking, braking, retreat, np.inf, np.inf, self.scene.clearance)
 
     def carried_out(self, motion: CoordinatedMotion) -> dict[str, float]:
         """Have the joints judged that hold the load on the curve, nearest to those of the controller."""
@@ -104,13 +103,14 @@ class JointController(Controller):
     def _joint_limits(self) -> tuple[Array, Array]:
         """Return the inequalities by which joints keep their limits of speed and acceleration, and brake in time."""
         chains = self.arms.chains
-        most = INSIDE * chains.acceleration
+        inside = self.method.inside
+        most = inside * chains.acceleration
         change = most * self.period
 
         def fastest(left: Array) -> Array:
             left = np.maximum(left, 0.0)
             slow = np.minimum(0.5 / self.period * left, np.sqrt(most * left))  # half of the brakes is kept
-            return np.minimum(INSIDE * chains.velocity, slow)
+            return np.minimum(inside * chains.velocity, slow)
 
         high = np.clip(fastest(chains.upper - self.joints), self.rates - change, self.rates + change)
         low = np.clip(-fastest(self.joints - chains.lower), self.rates - change, self.rates + change)

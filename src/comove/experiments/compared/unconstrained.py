@@ -16,12 +16,11 @@ from typing import ClassVar
 import numpy as np
 
 from comove.coordination.coordinates import arms_coordinates
-from comove.experiments.compared.common import N_BASIS, taught_primitives
+from comove.experiments.compared.common import taught_primitives
 from comove.planning.method import Method
 from comove.planning.methods import threaded
 from comove.planning.objective import Objective
 from comove.planning.search import OutOfTime, Schedule, Search, improve
-from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Body, Scene
 
 OPTIMISING = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
@@ -41,14 +40,13 @@ class Unconstrained(Method):
 
     name: ClassVar[str] = "unconstrained"
     coordinates = staticmethod(arms_coordinates)
-    n_basis: int = N_BASIS
+    n_basis: int = 30
     schedule: Schedule = OPTIMISING
     restarts: int = 20
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Optimise until no hand touches anything, and have the best motion verified; no path is planned."""
-        basis = motion_basis(self.n_basis, "velocity")
-        best = start = taught = taught_primitives(search, basis)
+        best = start = taught = taught_primitives(search, self.n_basis)
         objective, least = hands_alone(search.objective), np.inf
         with suppress(OutOfTime):
             for restart in range(self.restarts):

@@ -41,12 +41,28 @@ MODULATED = {
     "same matrix on all": (Sharing.SAME, True),
 }
 SEEN, KNOWN = "obstacles seen only", "motions known"
-DRAWN = 2.0  # 1/s, gain of modulated hands towards the primitive, and after its end the goal
-N_POINTS = 13  # along every edge of the load, that count for which hand or point is nearest
-AT_GOAL = 5e-4  # m
 METHODS = (*MODULATED, SEEN, KNOWN)
 """What is compared: the primitive as it is; modulations, by a matrix each, by that of the hand that is nearest to an
 obstacle (the paper's rule), by that of the nearest point of hands and load; and the executor twice."""
+
+
+@dataclass(frozen=True)
+class FollowSettings:
+    """Settings of hands that follow a primitive with modulated velocities.
+
+    Attributes
+    ----------
+    gain : gain towards the primitive, and after its end the goal [1/s]
+    n_points : points along every edge of the load that count for which hand or point is nearest
+    at_goal : distance from the goal at which hands have arrived [m]
+    """
+
+    gain: float = 2.0
+    n_points: int = 13
+    at_goal: float = 5e-4
+
+
+FOLLOWING = FollowSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,14 +109,24 @@ class Compared:
     report: ExecutionReport
 
     @property
-    def ours(self) -> bool:
-        """Return whether the method is this package's executor."""
-        return self.method not in MODULATED
-
-    @property
     def arrived(self) -> bool:
         """Return whether the hands reached their goal."""
         return not any("goal is missed" in reason for reason in self.report.reasons)
+
+    @property
+    def distance_error(self) -> float:
+        """Return the bound of the largest error of a fixed distance [m]."""
+        return self.report.distance_error_max
+
+    @property
+    def clearance(self) -> float:
+        """Return the certified clearance of load and hands [m]."""
+        return self.report.clearance_min
+
+    @property
+    def tolerance(self) -> float:
+        """Return the largest tolerance of a distance [m]; infinite where none is fixed."""
+        return max((c.tolerance for c in self.record.scene.distances), default=np.inf)
 
     @cached_property
     def distance_errors(self) -> Array:
@@ -115,7 +141,7 @@ class Compared:
     @property
     def off(self) -> NDArray[np.bool_]:
         """Return at which steps the distance error exceeds the largest tolerance; array of bool, shape (n_steps,)."""
-        return self.distance_errors > max((c.tolerance for c in self.record.scene.distances), default=np.inf)
+        return self.distance_errors > self.tolerance
 
     @property
     def touching(self) -> NDArray[np.bool_]:
@@ -189,7 +215,13 @@ def _row(compared: Compared) -> dict[str, Any]:
 
 
 def loose_run(
-    scene: Scene, sharing: Sharing, budget: float, period: float = 0.01, *, load: bool = True
+    scene: Scene,
+    sharing: Sharing,
+    budget: float,
+    period: float = 0.01,
+    *,
+    load: bool = True,
+    settings: FollowSettings = FOLLOWING,
 ) -> LooseRecord:
     """Follow the primitive with modulated velocities as in the paper (III-B), and return the record.
 
@@ -203,16 +235,17 @@ def loose_run(
     budget : largest simulated time [s]
     period : control period [s]
     load : whether points of the load are modulated as well, not the hands alone
+    settings : how hands follow the primitive
     """
     n, observer = scene.n_dims, Known(scene)
     radius = float(scene.body.radii.max(initial=0.0)) + scene.clearance
     bare = [level_obstacle(scene, j, margin=radius) for j in range(len(scene.motions))]
     pairs = [e for e in scene.body.edges if e[0] != e[1] and e.max() < len(scene.manipulators)]
-    share = np.linspace(0.0, 1.0, N_POINTS)[1:-1, None]
+    share = np.linspace(0.0, 1.0, settings.n_points)[1:-1, None]
     motion, steps = CoordinatedMotion.straight(scene), [scene.start.copy()]
     for k in range(round(budget / period)):
         now, at = k * period, steps[-1]
-        wanted = _wanted(motion, now, at)
+        wanted = _wanted(motion, now, at, settings.gain)
         seen = observer.observe(now)
         around = [
             replace(o, center=row[CENTER : CENTER + n], velocity=v[:n])
@@ -223,7 +256,7 @@ def loose_run(
             points = np.concatenate([points, at[a] + share * (at[b] - at[a])])
             velocities = np.concatenate([velocities, wanted[a] + share * (wanted[b] - wanted[a])])
         steps.append(at + period * modulated(points, velocities, around, sharing=sharing)[: len(at)])
-        if now > scene.duration and np.linalg.norm(steps[-1] - scene.goal, axis=1).max() < AT_GOAL:
+        if now > scene.duration and np.linalg.norm(steps[-1] - scene.goal, axis=1).max() < settings.at_goal:
             break
     time = period * np.arange(len(steps), dtype=float)
     hands = np.array(steps)
@@ -239,11 +272,11 @@ def loose_run(
     )
 
 
-def _wanted(motion: CoordinatedMotion, now: float, hands: Array) -> Array:
+def _wanted(motion: CoordinatedMotion, now: float, hands: Array, gain: float) -> Array:
     """Return velocities along the primitive and towards it, within the limit of speed; [m] -> [m/s]."""
     scene, s = motion.scene, np.array([now / motion.scene.duration])
     target, slope = motion.hands(s)[:2, 0] if s[0] < 1.0 else (scene.goal, np.zeros_like(hands))
-    wanted = slope / scene.duration + DRAWN * (target - hands)
+    wanted = slope / scene.duration + gain * (target - hands)
     fastest = float(np.linalg.norm(wanted, axis=1).max())
     return wanted * min(1.0, scene.speed_limit / max(fastest, 1e-12))
 

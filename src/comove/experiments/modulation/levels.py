@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.distances import CENTER, ELLIPSOID, KIND, N_COLUMNS, REACH, TINY, tangent
+from comove.geometry.distances import CENTER, ELLIPSOID, KIND, N_COLUMNS, REACH, TINY, distance_and_gradient
 
 Array = NDArray[np.float64]
 
@@ -45,9 +45,7 @@ def level_at(table: Array, j: int, x: float, y: float, z: float) -> tuple[float,
     if table[j, KIND] >= ELLIPSOID:
         level, slope, nx, ny, nz = _algebraic(table, j, x, y, z)
     else:
-        distance, nx = tangent(table, j, x, y, z, 1.0, 0.0, 0.0)
-        ny = tangent(table, j, x, y, z, 0.0, 1.0, 0.0)[1]
-        nz = tangent(table, j, x, y, z, 0.0, 0.0, 1.0)[1]
+        distance, nx, ny, nz = distance_and_gradient(table, j, x, y, z)
         width = table[j, LEVEL + 1]
         share = max(table[j, LEVEL] + distance, 0.0) / width
         level, slope = share * share, 2.0 * share / width

@@ -189,27 +189,19 @@ def level(obstacle: MovingObstacle, points: ArrayLike) -> tuple[Array, Array]:
     return levels.reshape(shape[:-1]), gradients[:, 0, : shape[-1]].reshape(shape)
 
 
-def level_obstacle(
-    scene: Scene,
-    j: int,
-    *,
-    margin: float = 0.0,
-    velocity: ArrayLike | None = None,
-    angular_velocity: ArrayLike | None = None,
-) -> MovingObstacle:
-    """Return the `j`-th obstacle of a scene at its position in the scene file.
+def level_obstacle(scene: Scene, j: int, *, margin: float = 0.0) -> MovingObstacle:
+    """Return the `j`-th obstacle of a scene at its position in the scene file, at rest.
 
-    `dataclasses.replace` moves it elsewhere.
+    `dataclasses.replace` moves it elsewhere, and gives it velocities.
 
     Parameters
     ----------
     margin : distance that is kept from the obstacle [m]
-    velocity, angular_velocity : as in `MovingObstacle`
 
     Raises
     ------
     OptionError
-        If the scene has no such obstacle, if it is a mesh, or if the velocities or the margin are not valid.
+        If the scene has no such obstacle, if it is a mesh, or if the margin is not valid.
     """
     if isinstance(j, bool) or not isinstance(j, (int, np.integer)) or not 0 <= j < len(scene.motions):
         raise OptionError(
@@ -235,14 +227,8 @@ def level_obstacle(
         sd.CYLINDER: lambda: Cylinder(size[0], 2 * size[1]),
         sd.ELLIPSOID: lambda: Ellipsoid(tuple(size[:n])),
     }
-    return MovingObstacle(
-        shapes[kind](),
-        row[sd.CENTER : sd.CENTER + n],
-        rotation[:n, :n],
-        velocity=velocity,
-        angular_velocity=angular_velocity,
-        margin=margin,
-    )
+    center = row[sd.CENTER : sd.CENTER + n]
+    return MovingObstacle(shapes[kind](), center, rotation[:n, :n], margin=margin)
 
 
 def table_of(obstacles: tuple[MovingObstacle, ...], n_dims: int) -> Array:

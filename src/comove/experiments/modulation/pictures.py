@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -30,27 +31,44 @@ TITLES = {
     "obstacles seen only": "comove, obstacles seen only",
     "motions known": "comove, motions known",
 }
-N_STATES = 11
-FRAME_RATE, MAX_FRAMES = 8, 64  # of the animation: frames a second, frames
-TRAIL = 1.5  # s, of the way that an animation shows behind the hands
-PAUSE = 1.0  # s, on the last frame
-DPI = 88  # of the animation
 MILLI = 1e3
 
 
-def draw_comparison(compared: Sequence[Compared]) -> Figure:
+@dataclass(frozen=True)
+class FilmSettings:
+    """Settings of the animation.
+
+    Attributes
+    ----------
+    rate, most_frames : frames a second, and in all; where there would be more, it is faster than real time
+    trail : part of the way that is shown behind the hands [s]
+    pause : time on the last frame [s]
+    dpi : pixels an inch
+    """
+
+    rate: float = 8.0
+    most_frames: int = 64
+    trail: float = 1.5
+    pause: float = 1.0
+    dpi: int = 88
+
+
+FILM = FilmSettings()
+
+
+def draw_comparison(compared: Sequence[Compared], n_states: int = 11) -> Figure:
     """Draw, by method, hands' paths, load and obstacles at equal, numbered steps; distance error and clearance
     below.
     """
     figure, panels = _layout(compared, 3.1)
     for one, column in zip(compared, panels, strict=True):
         record, scene = one.record, one.record.scene
-        steps = np.linspace(0, len(record.time) - 1, N_STATES).astype(int)
+        steps = np.linspace(0, len(record.time) - 1, n_states).astype(int)
         for axes, view in zip(column, views_of(scene), strict=False):
             draw_standing(axes, scene, view)
             borders = MovingBorders(scene, view)
             for k, step in enumerate(steps):
-                share = (k + 1) / N_STATES
+                share = (k + 1) / n_states
                 borders.draw(axes, record.obstacles[step], 0.08 + 0.4 * share)
                 lines = load_lines(scene, record.nodes[step][:, list(view)])
                 axes.add_collection(
@@ -70,7 +88,7 @@ def draw_comparison(compared: Sequence[Compared]) -> Figure:
     return figure
 
 
-def animate_comparison(compared: Sequence[Compared], path: Path) -> None:
+def animate_comparison(compared: Sequence[Compared], path: Path, film: FilmSettings = FILM) -> None:
     """Write the comparison as an animated GIF, in real time or faster where it is long."""
     figure, panels = _layout(compared, 2.0)
     last = _shown(compared)
@@ -78,16 +96,16 @@ def animate_comparison(compared: Sequence[Compared], path: Path) -> None:
     for one, column in zip(compared, panels, strict=True):
         for axes, view in zip(column, views_of(one.record.scene), strict=False):
             draw_standing(axes, one.record.scene, view)
-            movers.append(moving_scene(axes, one.record, view, trail=TRAIL, tone=partial(_tone, one)))
+            movers.append(moving_scene(axes, one.record, view, trail=film.trail, tone=partial(_tone, one)))
         for axes, values, colour in (
             (column[-2], one.distance_errors, OFF),
             (column[-1], one.clearances, COLOURS[1]),
         ):
             movers.append(_moving_line(axes, one.record.time, MILLI * values, colour))
-    n_frames = int(np.clip(last * FRAME_RATE, 2, MAX_FRAMES))
-    each = round(1000 * max(last, 1.0) / n_frames) if n_frames < MAX_FRAMES else round(1000 / FRAME_RATE)
-    durations = [each] * (n_frames - 1) + [each + round(1000 * PAUSE)]
-    write_gif(figure, movers, np.linspace(0.0, last, n_frames), path, durations, DPI)
+    n_frames = int(np.clip(last * film.rate, 2, film.most_frames))
+    each = round(1000 * (max(last, 1.0) / n_frames if n_frames < film.most_frames else 1.0 / film.rate))
+    durations = [each] * (n_frames - 1) + [each + round(1000 * film.pause)]
+    write_gif(figure, movers, np.linspace(0.0, last, n_frames), path, durations, film.dpi)
 
 
 def _layout(compared: Sequence[Compared], width: float) -> tuple[Figure, list[list[Axes]]]:

@@ -25,8 +25,6 @@ METHODS: dict[str, Method | None] = {"paper": Paper(), "comove": None}
 WITH_JOINTS = "task-priority [5]"
 STARTS = ("recorded movement", "straight lines")
 """With what [5] begins."""
-BUDGET = 120.0  # s of processor time; arms are followed by several threads
-N_INSTANTS, WIDTH = 5, 340  # of the pictures: in a row, and pixels of each
 
 
 @dataclass(frozen=True)
@@ -41,6 +39,7 @@ class Passage:
     seed : seed of all random numbers
     drawn : whether to draw it
     start : with what it begins, one of `STARTS`
+    budget : processor time of the search [s]; arms are followed by several threads
     """
 
     scene: str
@@ -49,6 +48,7 @@ class Passage:
     seed: int
     drawn: bool = False
     start: str = STARTS[0]
+    budget: float = 120.0
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def transport(passage: Passage) -> Transport:
             demonstration=movements_of(demonstration_of(scene), scene) if recorded else None,
             seed=passage.seed,
             method=method,
-            budget=BUDGET,
+            budget=passage.budget,
             objective=LeastJerk() if method is None else PaperCost(velocity=passage.velocity),
         )
         seconds = now() - begun
@@ -151,16 +151,14 @@ def transport(passage: Passage) -> Transport:
     )
 
 
-def _picture(execution: Execution) -> bytes:
-    """Return a PNG of equally spaced instants in two views; empty if nothing can be drawn on this machine."""
+def _picture(execution: Execution, count: int = 5, width: int = 340) -> bytes:
+    """Return a PNG of equally spaced instants in two views, each as wide [pixels]; empty if nothing can be drawn."""
     from comove.simulators import ABOVE, FRONT, draw_sheet
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sheet.png"
         try:
-            draw_sheet(
-                execution, path, count=N_INSTANTS, columns=N_INSTANTS, width=WIDTH, views=(FRONT, ABOVE)
-            )
+            draw_sheet(execution, path, count=count, columns=count, width=width, views=(FRONT, ABOVE))
         except ComoveError:  # what was simulated counts without
             return b""
         return path.read_bytes()

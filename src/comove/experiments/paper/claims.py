@@ -14,7 +14,7 @@ import numpy as np
 from comove.experiments.paper.baxter import METHODS, PASSAGES
 from comove.experiments.paper.jobs import title_of
 from comove.experiments.paper.measures import Measures, apart_in_the_mean, count_verified
-from comove.experiments.paper.runs import BAND, INITIAL, RECORDING_SEEDS, ROLES, SCENES, TWO, Runs
+from comove.experiments.paper.runs import INITIAL, RECORDING_SEEDS, ROLES, SCENES, TWO, Runs
 from comove.experiments.summaries import median_interval
 
 RELIABLE = 0.95  # share of the runs from which on something succeeds
@@ -154,11 +154,11 @@ def verifies_all_constraints(runs: Runs) -> ClaimFinding:
     counts = [count_verified(found) for found in (printed, narrow, bare, repaired)]
     why = (
         "Algorithm 1 with (3), (5) and (6) as printed (`--method printed`), from the movement of Figure 3 with a "
-        f"band of {_mm(BAND)}: {counts[0]} runs verified, {counts[1]} in the narrow passage. They complete {most} "
-        "generations at most, then (6) has taken so much away that the covariance is not positive definite; with 0 "
-        f"a run hands out the movement that it began with. The repaired method without its schedules: {counts[2]}. "
-        f"With all [repairs](ablation.md): {counts[3]} on the three scenes, within {_mm(0.0002)}. Equation (7b) as "
-        "two inequalities has no interior, so that resampling needs a band."
+        f"band of {_mm(runs.plan.band)}: {counts[0]} runs verified, {counts[1]} in the narrow passage. They complete "
+        f"{most} generations at most, then (6) has taken so much away that the covariance is not positive definite; "
+        f"with 0 a run hands out the movement that it began with. The repaired method without its schedules: "
+        f"{counts[2]}. With all [repairs](ablation.md): {counts[3]} on the three scenes, within {_mm(0.0002)}. "
+        "Equation (7b) as two inequalities has no interior, so that resampling needs a band."
     )
     return _graded(why, _share(narrow) >= RELIABLE)
 
@@ -289,7 +289,8 @@ def less_smooth(runs: Runs) -> ClaimFinding:
         f"narrow passage, {ratio:.2g} times as much"
     )
     story = [median_interval([m.jerk for m in _story(runs, "paper", [s])]).value for s in ("wide", "narrow")]
-    why += f"; over {runs.seeds} seeds from a recorded movement the medians are {story[0]:.3g} and {story[1]:.3g}."
+    why += f"; over {runs.plan.seeds} seeds from a recorded movement the medians are "
+    why += f"{story[0]:.3g} and {story[1]:.3g}."
     return _graded(why, ratio >= MUCH, remark=ratio > 1.0 and story[1] >= MUCH * story[0])
 
 
@@ -334,7 +335,7 @@ def jumps(runs: Runs) -> ClaimFinding:
     "else not",
 )
 def small_violations(runs: Runs) -> ClaimFinding:
-    along, length = runs.along("figure 4", scene="narrow", who="paper"), BAND / SMALL
+    along, length = runs.along("figure 4", scene="narrow", who="paper"), runs.plan.band / SMALL
     exact = runs.one("figure 4", scene="narrow", who="comove").measures.distance_error
     why = (
         f"Paper's method: {_mm(along.error)} at most; root mean square {_mm(along.error_near)} within 5 cm of a "

@@ -46,8 +46,6 @@ BAXTER = {
 FAILED = {scene: f"failed_{scene}.png" for scene in RECORDING_SEEDS}
 """Pictures of failed attempts from recordings by scene, where there are any."""
 REACTIONS = ("nearest hand's matrix", "same matrix on all", "motions known")
-WHOLE = 10.0  # mm, from which on tenths are not told
-OFF = 2.5e-4  # m, from which on an error of the distance is worth a word
 
 
 def draw_all(runs: Runs, folder: Path) -> None:
@@ -212,16 +210,22 @@ def _failures(drawn: list[Outcome]) -> Figure:
     )
 
 
-def verdict(m: Measures) -> str:
-    """Return a motion's verdict in a few words."""
+def verdict(m: Measures, whole: float = 10.0, off: float = 2.5e-4) -> str:
+    """Return a motion's verdict in a few words.
+
+    Parameters
+    ----------
+    whole : depth from which on tenths are not told [mm]
+    off : error of a distance from which on it is worth a word [m]
+    """
     if m.verified:
         return f"verified, clear by {1e3 * m.clearance:.1f} mm"
     wrong = []
     if m.clearance < 0:
         depth = -1e3 * m.clearance
         beyond = "beyond the border of the workspace" if "border" in m.nearest else "into a wall"
-        wrong.append(f"{depth:.{0 if depth >= WHOLE else 1}f} mm {beyond}")
-    if m.distance_error > OFF:
+        wrong.append(f"{depth:.{0 if depth >= whole else 1}f} mm {beyond}")
+    if m.distance_error > off:
         wrong.append(f"distance {1e3 * m.distance_error:.3g} mm off")
     if m.end_error > 1e-3:
         wrong.append(f"goal missed by {1e3 * m.end_error:.0f} mm")

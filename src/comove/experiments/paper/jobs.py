@@ -19,9 +19,7 @@ from comove.primitives import DMP
 from comove.primitives.operations import in_space
 from comove.scenes import Scene
 
-LONGEST = 60.0  # s of processor time, that a run may take unless it is said
 PLANE = "xy"  # in which planar movements are laid into spatial scenes
-GENTLE = 1.0  # m/s^2, the limit of the gentle variant
 
 
 @dataclass(frozen=True)
@@ -44,7 +42,7 @@ class Contender:
 
 CONTENDERS = {
     "comove": Contender(Comove()),
-    "comove, 1 m/s²": Contender(Comove(), acceleration=GENTLE),
+    "comove, 1 m/s²": Contender(Comove(), acceleration=1.0),
     "comove without planner": Contender(Comove(), planner=False),
     "projection": Contender(Projection()),
     "paper": Contender(Paper()),
@@ -102,7 +100,7 @@ class Job:
     movement: str
     taught: DMP | Mapping[str, DMP] | None = field(default=None, repr=False, compare=False)
     seed: int = 0
-    budget: float = LONGEST
+    budget: float = 60.0
     tolerance: float | None = None
     acceleration: float | None = None
     velocity: float = 0.01

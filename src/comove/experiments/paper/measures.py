@@ -17,7 +17,6 @@ from comove.verification.verify import verify
 Array = NDArray[np.float64]
 
 N_JERK, N_ALONG = 4001, 801  # samples of a motion, for its jerk and for what happens along it
-NEAR = 0.05  # m, within which an obstacle is near
 
 
 @dataclass(frozen=True)
@@ -138,15 +137,21 @@ def largest_turn(motion: CoordinatedMotion) -> float:
     return float(np.arccos(np.clip(apart @ apart[0], -1.0, 1.0)).max())
 
 
-def follow(motion: CoordinatedMotion, weight: float) -> Along:
-    """Measure objective and errors along a motion; `weight` is c_vel of equation (4)."""
+def follow(motion: CoordinatedMotion, weight: float, within: float = 0.05) -> Along:
+    """Measure objective and errors along a motion.
+
+    Parameters
+    ----------
+    weight : c_vel of equation (4)
+    within : clearance below which an obstacle is near [m]
+    """
     scene, s = motion.scene, np.linspace(0.0, 1.0, N_ALONG)
     position, velocity, _ = motion.hands(s)
     value = ((position - scene.goal) ** 2).sum(axis=(1, 2)) + weight * (velocity**2).sum(axis=(1, 2))
     error = distance_errors(scene, position)
     nodes = motion.coordinates.motion(motion.at(s))[0]
     clearance = scene.clearances(nodes, s * scene.duration)
-    near = clearance < NEAR
+    near = clearance < within
     first_fall = int(np.argmax(np.diff(value) < 0))  # the velocity term rises from rest
     climb = value[first_fall:] - np.minimum.accumulate(value[first_fall:])
     top = int(np.argmax(climb))

@@ -26,22 +26,18 @@ from comove.experiments.paper.figures import (
     shown_failures,
     verdict,
 )
-from comove.experiments.paper.jobs import CONTENDERS, GENTLE, LONGEST, Outcome, title_of
+from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
 from comove.experiments.paper.measures import count_verified, measure_motion
 from comove.experiments.paper.runs import (
     AT_ONCE,
-    AT_ONCE_NUMBERS,
-    BAND,
-    FRESH,
     GAIT,
     INITIAL,
     RECORDING_SEEDS,
-    RESEMBLANCE,
     SCENES,
-    SENSITIVITY_SEEDS,
     STORY,
     SWING,
     TWO,
+    ReproductionPlan,
     Runs,
     run_everything,
 )
@@ -50,7 +46,6 @@ from comove.io.folders import Contents
 from comove.views.motion import N_STATES
 
 MINUTE = 60.0  # s
-WIDTH = 118  # of the page's lines
 LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes
 PAGE, FOLDER, RUNS = "paper.md", "paper", "runs.csv"
 CONTENTS = Contents(
@@ -88,7 +83,7 @@ def reproduce(
     tell : function called with words on the progress
     """
     started, before = time.perf_counter(), _processor_time()
-    runs = run_everything(seeds, processes, tell)
+    runs = run_everything(ReproductionPlan(seeds), processes, tell)
     tell("pictures")
     draw_all(runs, folder / FOLDER)
     (folder / FOLDER / RUNS).write_text(tables.all_runs(runs), encoding="utf-8")
@@ -131,11 +126,11 @@ def write_page(
     return "\n\n".join(_wrapped(block) for part in parts for block in part.strip().split("\n\n")) + "\n"
 
 
-def _wrapped(block: str) -> str:
-    """Wrap a paragraph into lines of even length; return anything else unchanged."""
+def _wrapped(block: str, width: int = 118) -> str:
+    """Wrap a paragraph into lines of at most `width`; return anything else unchanged."""
     if block.startswith(("#", "|", "!", "- ", "```")):
         return block
-    return textwrap.fill(" ".join(block.split()), WIDTH, break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(" ".join(block.split()), width, break_long_words=False, break_on_hyphens=False)
 
 
 def _head(runs: Runs, findings: Sequence[tuple[Claim, ClaimFinding]], effort: Effort, folder: str) -> str:
@@ -157,8 +152,9 @@ make reproduce
 comove reproduce --seeds 2 --out look
 ```
 
-The first writes this page, the second is a quick look at it. This page: version {__version__}, {runs.seeds} seeds,
-{len(runs.outcomes)} solutions and {len(runs.encounters)} executions, {effort.processes} at a time, in
+The first writes this page, the second is a quick look at it. This page: version {__version__},
+{runs.plan.seeds} seeds,
+{len(runs.outcomes)} solutions and {len(runs.compared)} executions, {effort.processes} at a time, in
 {effort.seconds / MINUTE:.1f} minutes on the wall and {effort.processor / effort.processes / MINUTE:.1f} minutes of
 processor time each.
 Budgets and times below are processor times: what else the machine did meanwhile does not count.
@@ -192,7 +188,7 @@ The paper's numbers of figures are kept. Green circles are starts, red squares g
 the distance of its ends is off by more than the tolerance, red where it touches something. The paper gives no
 coordinates; the scenes are `wide`, `narrow` and `complex` of the package. In Figures 3 to 6 the weight of
 velocities in (4) is {GAIT["velocity"]:g}, accelerations are limited to {GAIT["acceleration"]:g} m/s², and the band
-of the distance is {1e3 * BAND:g} mm wide to either side. The paper says none of these.
+of the distance is {1e3 * runs.plan.band:g} mm wide to either side. The paper says none of these.
 
 ### Figure 1: the pipeline
 
@@ -200,8 +196,9 @@ of the distance is {1e3 * BAND:g} mm wide to either side. The paper says none of
 
 A person's handwriting; the one DMP that was learned from it; the same DMP modulated to the ends of both hands, on
 one phase, before it knows of the wall; and what the optimiser makes of it when its shape still counts
-(`--objective paper --resemblance {RESEMBLANCE:g}`): {verdict(first)}, J = {first.cost:.3f}. About the same by hand:
-`comove solve narrow.yaml --out near --objective paper --resemblance {RESEMBLANCE:g}`.
+(`--objective paper --resemblance {runs.plan.resemblance:g}`): {verdict(first)}, J =
+{first.cost:.3f}. About the same by hand:
+`comove solve narrow.yaml --out near --objective paper --resemblance {runs.plan.resemblance:g}`.
 
 ### Figure 2: a moving obstacle
 
@@ -214,7 +211,7 @@ ours: it {_outcome(runs, "same matrix on all")}. Right: comove's [execution](exe
 motions that are known.
 All follow a straight primitive whose bar turns by a quarter. Numbers tell what was where at the same time. With three
 more ways to do it (`comove run turning.yaml --out beside --compare`); tolerance of the distance
-{1e3 * runs.encounters[0].tolerance:g} mm:
+{1e3 * runs.compared[0].tolerance:g} mm:
 
 {tables.encounters_table(runs)}
 
@@ -271,7 +268,7 @@ coordinates hold it, to {exact.error:.0e} m.
 
 ![States with the bar, with and without the constraint, and in the complex environment]({folder}/figure6.png)
 
-Two hands at {N_STATES} equal times; "verified" with the band of {1e3 * BAND:g} mm. (a) Paper's
+Two hands at {N_STATES} equal times; "verified" with the band of {1e3 * runs.plan.band:g} mm. (a) Paper's
 method: {verdict(paper["narrow"].measures)}. (b) Both hands taught at once in the wide passage, optimised in the
 narrow one without the constraint, after [22]: {verdict(free)}. Their teacher is comove, whose motion of Figure 4a
 stands in for a person with two hands. (c) The complex environment, from the combination of Figure 3:
@@ -282,25 +279,22 @@ stands in for a person with two hands. (c) The complex environment, from the com
 In a folder with the package's scenes (`comove demo` leaves them in `demo`):
 
 ```bash
-{_by_hand()}
+{_by_hand(runs.plan.band)}
 ```
 
 Comove's own rows: the same without `--method paper`. `taught` is Figure 4a by comove, and what Figure 6b begins with.
 """
 
 
-PATIENT = 300.0  # s, so that a slower machine ends alike
-
-
-def _by_hand() -> str:
-    """Return the commands that print the numbers of Figures 3 to 6."""
+def _by_hand(band: float, budget: float = 300.0) -> str:
+    """Return the commands that print the numbers of Figures 3 to 6, with a budget for slow machines."""
     return f"""
-how="--objective paper --weights 1,{GAIT["velocity"]:g},10 --budget {PATIENT:g}"
+how="--objective paper --weights 1,{GAIT["velocity"]:g},10 --budget {budget:g}"
 how="$how --acceleration {GAIT["acceleration"]:g}"
 banded() {{  # a scene with the band of the figures, and the movement of an earlier result to begin with
   grep -v ^demonstration $1.yaml
   echo "demonstration: {{file: $2/solution.npz}}"
-  echo "constraints: [{{type: distance, between: [left, right], distance: 0.2, tolerance: {BAND:g}}}]"
+  echo "constraints: [{{type: distance, between: [left, right], distance: 0.2, tolerance: {band:g}}}]"
 }}
 grep -v ^demonstration complex.yaml > bare.yaml
 comove solve wide.yaml --out initial --method single $how           # Figure 3, above
@@ -340,7 +334,8 @@ held at its ends, goes between two posts that stand 440 mm (Figure 8) and 220 mm
 middle. The hands' movements are found by the paper's method, which asks the arms about every sample, or by comove;
 arms follow them exactly, the joints are judged, and servos that know nothing of the load carry them out. The band of
 the distance is 0.4 mm; the stick is fixed in the grippers. Both scenes are ours: arms reach both ends, and in the
-second the stick must turn. Seeds from {FRESH} on, with which nothing was tuned; drawn is the first. By hand:
+second the stick must turn. Seeds from {runs.plan.fresh} on, with which nothing was tuned; drawn is the first. By
+hand:
 `comove robot solve baxter_narrow.yaml --method paper --weights 1,{GAIT["velocity"]:g},10 --out arms`, then
 `comove robot simulate arms`.
 
@@ -367,7 +362,7 @@ Hands are free in all of them. [8] beside a human whose effort and variance chan
 
 [22] is made for movements that both hands were taught at once, holding the load. Here the middle of the bar follows
 handwriting ({AT_ONCE[0]}) and its direction other handwriting ({AT_ONCE[1]}, up to {np.rad2deg(SWING):.0f}° aside),
-led from rest to rest; recordings 0 to {AT_ONCE_NUMBERS - 1} of both shapes, settings and band of the figures. Then
+led from rest to rest; recordings 0 to {runs.plan.at_once - 1} of both shapes, settings and band of the figures. Then
 [22] optimises it, where nothing is in the way, and in both passages:
 
 {tables.at_once_table(runs)}
@@ -407,15 +402,16 @@ def _story(runs: Runs, folder: str) -> str:
 
 ![Measures by method and scene]({folder}/story.png)
 
-Every method on every scene, {runs.seeds} seeds each, from the same recorded movements ({movements}). {fixed} draw
+Every method on every scene, {runs.plan.seeds} seeds each, from the same recorded movements ({movements}). {fixed}
+draw
 no random numbers and run once. Marks are medians, bars their 95 % bootstrap intervals; for shares of successes,
 intervals after Wilson. A distance may be off by {TOLERANCE}. Measures are those of the motion handed out, verified or
 not. Smoothness is the largest
 acceleration of a hand and the squared jerk of both hands, integrated over the motion of 10 s. J rewards early
 arrival, and the scenes limit no acceleration: on `narrow`, `comove` accelerates by {_fastest(runs, "comove")} m/s²
-in the median, the paper's method by {_fastest(runs, "paper")} m/s². `comove, {GENTLE:g} m/s²` is the same method
-under a limit of {GENTLE:g} m/s². Brackets hold intervals; "none" says that no run has the measure. Every run is
-stopped after {LONGEST:g} s of processor time.
+in the median, the paper's method by {_fastest(runs, "paper")} m/s². `comove, 1 m/s²` is the same method
+under a limit of 1 m/s². Brackets hold intervals; "none" says that no run has the measure. Every run is
+stopped after {runs.of("story")[0].job.budget:g} s of processor time.
 
 {shown}
 """
@@ -428,7 +424,8 @@ def _movements(runs: Runs) -> str:
 A straight line of minimum jerk, a smooth synthetic curve, and recorded handwriting (LASA), on the same scenes:
 verified runs (a distance may be off by {TOLERANCE}) and the median of J over them.
 `comove` keeps the movement's shape where it can (`--objective
-paper --resemblance {RESEMBLANCE:g}`: J then holds a term for it, and is larger); without the planner, and for the
+paper --resemblance {runs.plan.resemblance:g}`: J then holds a term for it, and is larger); without the planner, and
+for the
 paper's method, the movement is where the search begins. A run has {runs.of("movements")[0].job.budget:g} s of
 processor time. {_stopped(runs)}
 
@@ -476,7 +473,8 @@ def _sensitivity(runs: Runs) -> str:
     return f"""
 ## Sensitivity of the paper's method
 
-In the narrow passage from the recorded movement, with one thing changed at a time, {SENSITIVITY_SEEDS} seeds each at
+In the narrow passage from the recorded movement, with one thing changed at a time, {runs.plan.sensitivity}
+seeds each at
 most, as long as above; medians over what is verified, with the band of its line as tolerance.
 Unchanged: a band of {TOLERANCE}, a gap of half the length,
 8 basis functions, c_vel = 0.01.
@@ -522,8 +520,8 @@ def _review(runs: Runs) -> str:
     return f"""
 **What a reviewer needs to know.** The paper gives no code, no coordinates, no weights of (4), no numbers of samples,
 basis functions or constraints, and no band for (7b). Assumed here: scenes of one metre with a bar of {LENGTH}, 8
-basis functions a coordinate, 16 samples a generation, hard obstacles, a band of {1e3 * BAND:g} mm in the figures and
-of {TOLERANCE} in the tables. The constrained CMA-ES as printed (`--method printed`) is verified in
+basis functions a coordinate, 16 samples a generation, hard obstacles, a band of {1e3 * runs.plan.band:g} mm in
+the figures and of {TOLERANCE} in the tables. The constrained CMA-ES as printed (`--method printed`) is verified in
 {count_verified(printed)}
 runs. The same idea with repairs, each of which is [left out by itself](ablation.md) elsewhere (`--method paper`): in
 {count_verified(paper)}, within a band, as sampling cannot hold an equality; from [ten recordings](#any-recording)

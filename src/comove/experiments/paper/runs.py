@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
@@ -26,6 +26,7 @@ from comove.planning.seeds import minimum_jerk
 from comove.primitives import DMP, motion_basis
 from comove.processes import run_tasks
 from comove.scenes import recording_of
+from comove.trajectory import interpolated
 
 Movement = DMP | dict[str, DMP] | None
 """A movement, one for each hand by its name, or None for straight lines."""
@@ -34,16 +35,9 @@ SCENES = ("wide", "narrow", "complex")
 STRAIGHT = "none"
 INITIAL = {"wide": "initial", "complex": "winding"}
 """What a library's movements are combined to for one hand, by the environment in which it is (Figure 3)."""
-BAND = 0.002  # m, within which the paper's method holds the distance in its figures: a hundredth of it
 GAIT: dict[str, Any] = {"velocity": 0.2, "acceleration": 1.0}
 """c_vel and the limit of accelerations [m/s^2] in Figures 3 to 6, with which movements take all of their time."""
-RESEMBLANCE = 10.0
-PRINTED_SEEDS, PRINTED_BUDGET = 5, 10.0  # of the method as printed, and of that without schedules
-MOVEMENT_SEEDS, MOVEMENT_BUDGET = 2, 20.0  # in the table of movements
 RECORDING_SEEDS = dict.fromkeys(SCENES, 2) | {"triangle": 1}  # in the table of recordings, by scene
-FRESH = 100  # first seed where others were used while the method was tuned
-THREE_HANDS_SEEDS, BAXTER_SEEDS = 5, 3
-SENSITIVITY_SEEDS = 5
 SENSITIVITY: dict[str, dict[str, dict[str, Any]]] = {
     "band of the distance [mm]": {
         "0.1": {"tolerance": 1e-4},
@@ -61,8 +55,6 @@ SENSITIVITY: dict[str, dict[str, dict[str, Any]]] = {
     "c_vel": {"0": {"velocity": 0.0}, "0.01": {}, "0.2": {"velocity": 0.2}, "1": {"velocity": 1.0}},
 }
 """One thing changed at a time, for the paper's method in the narrow passage: how a job differs."""
-N_RECORDINGS = 10
-FEW = 0.1  # seeds in the small tables, for one of the large table; and budgets shrink in a quick look
 ROLES = {
     "leader-follower [7]": "left leads",
     "right hand leads": "right leads",
@@ -71,7 +63,6 @@ ROLES = {
 """Who leads, by contender."""
 OTHER_SYSTEMS = ("unconstrained [22]", "leader-follower [7]", "speed-scaled [8]", "task-priority [5]")
 MOVEMENT_CONTENDERS = ("comove", "comove without planner", "paper")
-MOVING_LIMIT = 3.0  # times the scene's duration, that an execution may last
 RECORDED: dict[str, tuple[str, int] | None] = {
     "line": None,
     "curve": None,
@@ -87,30 +78,45 @@ AT_ONCE = ("Sine", "Sshape")
 """What the bar's middle and its direction follow where both hands were recorded at once, with the bar in them."""
 SWING = np.pi / 6
 """How far the bar turns aside there [rad]."""
-AT_ONCE_NUMBERS = 5
-"""Number of the recordings there, each the next one of both shapes."""
 AT_ONCE_SCENES = ("open", "wide", "narrow")
 STORY = {"wide": "Sine", "narrow": "Sine", "complex": "Multi_Models_3"}
 """The movement with which everybody begins in the large table, by scene."""
 
 
 @dataclass(frozen=True)
-class Encounter:
-    """Holds the figures of one execution among moving obstacles.
+class ReproductionPlan:
+    """The numbers of a reproduction.
 
     Attributes
     ----------
-    method : as in `comove.experiments.modulation.comparison`
-    distance_error, clearance : bounds over all instants [m]
-    tolerance : tolerance of the distance [m]
-    arrived : whether it reached its goal
+    seeds : number of seeds in the large table
+    small : seeds in the small tables, for one of the large table; budgets shrink alike in a quick look
+    printed, movements, three_hands, sensitivity, baxter : most seeds of the method as printed and of that without
+        schedules, in the table of movements, of three hands, for each thing that is changed, and of Baxter
+    printed_budget, movements_budget : processor time of a run [s]
+    at_once : number of the recordings of both hands at once, each the next one of both shapes
+    fresh : first seed where others were used while the method was tuned
+    band : error within which the paper's method holds the distance in its figures: a hundredth of it [m]
+    resemblance : weight of a movement's shape in the cost, where it counts
     """
 
-    method: str
-    distance_error: float
-    clearance: float
-    tolerance: float
-    arrived: bool
+    seeds: int
+    small: float = 0.1
+    printed: int = 5
+    movements: int = 2
+    three_hands: int = 5
+    sensitivity: int = 5
+    baxter: int = 3
+    printed_budget: float = 10.0
+    movements_budget: float = 20.0
+    at_once: int = 5
+    fresh: int = 100
+    band: float = 0.002
+    resemblance: float = 10.0
+
+    def few(self, most: int) -> range:
+        """Return the seeds of a small table, `most` of them."""
+        return range(min(most, max(1, round(self.small * self.seeds))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,19 +125,18 @@ class Runs:
 
     Attributes
     ----------
-    seeds : number of seeds in the large table
+    plan : the numbers by which they were run
     outcomes : outcomes of all jobs. Those for "joint" are of the movements taught jointly in the wide passage, for
         "given" of the initial movements of one hand given to both, before any optimisation, for "as taught" of both
         hands recorded at once, for "straight" of the straight line of one hand
-    encounters, compared : figures and recorded executions among moving obstacles
+    compared : executions among moving obstacles, by every method
     recorded : the human movement of Figure 1, its primitive, and the motion if it is given to both hands
     transports : Baxter's transports, by [5] as well; empty if `absent` names what is not installed for them
     """
 
-    seeds: int
+    plan: ReproductionPlan
     outcomes: tuple[Outcome, ...]
-    encounters: tuple[Encounter, ...]
-    compared: tuple[Compared, ...] = ()
+    compared: tuple[Compared, ...]
     recorded: tuple[Demonstration, DMP, CoordinatedMotion] | None = None
     transports: tuple[baxter.Transport, ...] = ()
     absent: str = ""
@@ -170,18 +175,18 @@ class Runs:
         """Return Baxter's transports through one passage by one method, the first or drawn one first."""
         return [t for t in self.transports if (t.passage.scene, t.passage.who) == (scene, who)]
 
-    def encounter(self, method: str) -> Encounter:
-        """Return the figures of one method among moving obstacles."""
-        (found,) = [e for e in self.encounters if e.method == method]
+    def encounter(self, method: str) -> Compared:
+        """Return the execution of one method among moving obstacles."""
+        (found,) = [one for one in self.compared if one.method == method]
         return found
 
 
-def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> Runs:
+def run_everything(plan: ReproductionPlan, processes: int, tell: Callable[[str], None]) -> Runs:
     """Run all jobs of the reproduction.
 
     Parameters
     ----------
-    seeds : number of seeds in the large table
+    plan : numbers of seeds, budgets and bands
     processes : number of runs at the same time
     tell : function called with words on the progress
     """
@@ -189,66 +194,64 @@ def run_everything(seeds: int, processes: int, tell: Callable[[str], None]) -> R
     initial = [run(Job("figure 3", scene, "single [6]", STRAIGHT, keep=True, **GAIT)) for scene in INITIAL]
     alone = {INITIAL[outcome.job.scene]: movement_of(outcome, 0) for outcome in initial}
     joint = run(
-        Job("joint", "wide", "comove", "initial", alone["initial"], keep=True, tolerance=BAND, **GAIT)
+        Job("joint", "wide", "comove", "initial", alone["initial"], keep=True, tolerance=plan.band, **GAIT)
     )
     alone |= {name: DMP.fit(recorded(name)) for name in RECORDED}
-    movements = movements_after(alone, joint)
-    jobs = all_jobs(seeds, movements)
-    absent = baxter.missing()
-    passages = [
-        baxter.Passage(scene, who, GAIT["velocity"], FRESH + i, drawn=i == 0)
-        for scene in baxter.PASSAGES
-        for who in baxter.METHODS
-        for i in range(_few(seeds, BAXTER_SEEDS))
-    ]
-    passages += [
-        baxter.Passage(scene, baxter.WITH_JOINTS, GAIT["velocity"], FRESH, start=start)
-        for scene in baxter.PASSAGES
-        for start in baxter.STARTS
-    ]
-    if absent:
-        passages = []
-    step = max(1, len(jobs) // 20)
+    jobs, absent = all_jobs(plan, movements_after(alone, joint, plan)), baxter.missing()
+    passages = [] if absent else baxter_passages(plan)
+    step, n = max(1, len(jobs) // 20), 1 + len(passages) + len(jobs)
 
     def told(done: int) -> None:
         if done % step == 0 or done == n:
             tell(f"{done} of {n} runs")
 
-    n = 1 + len(passages) + len(jobs)
     tell(f"{n} runs, {processes} at once; first the kernels are loaded")
     # Moving obstacles and arms, with kernels of their own to load, go first.
     done = _all_done([None, *passages, *jobs], processes, told)
     (compared,) = (found for found in done if isinstance(found, list))
-    unsearched = [
-        ("given", scene, movement, given_to_both(alone[movement], scene))
-        for scene, movement in INITIAL.items()
-    ] + [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
-    unsearched += [
-        ("as taught", "open", at_once(number), taught_at_once(number))
-        for number in range(_few(seeds, AT_ONCE_NUMBERS))
-    ]
+    searched = (found for found in done if isinstance(found, Outcome))
     recording = recording_of(example("narrow"))
     assert recording is not None
     return Runs(
-        seeds=seeds,
-        outcomes=(
-            *initial,
-            joint,
-            *(
-                Outcome(Job(purpose, scene, "nobody", movement), measure_motion(motion), None, motion)
-                for purpose, scene, movement, motion in unsearched
-            ),
-            *(found for found in done if isinstance(found, Outcome)),
-        ),
+        plan=plan,
+        outcomes=(*initial, joint, *unsearched(alone, plan), *searched),
         transports=tuple(found for found in done if isinstance(found, baxter.Transport)),
         absent=absent,
-        encounters=tuple(_encounter(c) for c in compared),
         compared=tuple(compared),
         recorded=(recording, alone["Sine"], given_to_both(alone["Sine"], "narrow")),
     )
 
 
-def movements_after(alone: dict[str, DMP], joint: Outcome) -> dict[str, Movement]:
+def baxter_passages(plan: ReproductionPlan) -> list[baxter.Passage]:
+    """Return Baxter's transports: by the methods of the figures, and by [5] with its joints."""
+    velocity = GAIT["velocity"]
+    by_method = [
+        baxter.Passage(scene, who, velocity, plan.fresh + i, drawn=i == 0)
+        for scene in baxter.PASSAGES
+        for who in baxter.METHODS
+        for i in plan.few(plan.baxter)
+    ]
+    return by_method + [
+        baxter.Passage(scene, baxter.WITH_JOINTS, velocity, plan.fresh, start=start)
+        for scene in baxter.PASSAGES
+        for start in baxter.STARTS
+    ]
+
+
+def unsearched(alone: Mapping[str, DMP], plan: ReproductionPlan) -> Iterator[Outcome]:
+    """Yield the outcomes of motions that do not come from a search."""
+    motions = [("given", s, name, given_to_both(alone[name], s)) for s, name in INITIAL.items()]
+    motions += [("straight", scene, STRAIGHT, straight_of_one(scene)) for scene in INITIAL]
+    motions += [
+        ("as taught", "open", at_once(number), taught_at_once(number, plan.band))
+        for number in plan.few(plan.at_once)
+    ]
+    for purpose, scene, movement, motion in motions:
+        job = Job(purpose, scene, "nobody", movement)
+        yield Outcome(job, measure_motion(motion), motion=motion)
+
+
+def movements_after(alone: dict[str, DMP], joint: Outcome, plan: ReproductionPlan) -> dict[str, Movement]:
     """Return all movements by name.
 
     They are those of one hand, `alone`: the initial movements of Figure 3, the recorded and synthetic ones; further
@@ -260,7 +263,7 @@ def movements_after(alone: dict[str, DMP], joint: Outcome) -> dict[str, Movement
         STRAIGHT: None,
         "joint": {name: movement_of(joint, i) for i, name in enumerate(hands)},
         "two": {name: alone[movement] for name, movement in zip(hands, TWO, strict=True)},
-        **{at_once(number): recorded_at_once(number) for number in range(AT_ONCE_NUMBERS)},
+        **{at_once(number): recorded_at_once(number) for number in range(plan.at_once)},
         **{shape: DMP.fit(Demonstration.from_lasa(shape)) for shape in recordings()},
         **alone,
     }
@@ -292,9 +295,9 @@ def recorded_at_once(number: int) -> dict[str, DMP]:
     }
 
 
-def taught_at_once(number: int) -> CoordinatedMotion:
-    """Return both hands' movement as it was taught at once, with the band of the figures."""
-    scene, movements = scene_of("open", tolerance=BAND), recorded_at_once(number)
+def taught_at_once(number: int, band: float) -> CoordinatedMotion:
+    """Return both hands' movement as it was taught at once, with a tolerance of their distance [m]."""
+    scene, movements = scene_of("open", tolerance=band), recorded_at_once(number)
     taught = tuple(movements[name] for name in scene.manipulators)
     return CoordinatedDMP.from_demonstration(
         taught, scene, arms_coordinates(scene), motion_basis(30, "velocity")
@@ -305,7 +308,7 @@ def _drawn(recording: Demonstration, n_steps: int = 1001) -> NDArray[np.complex1
     """Return a planar recording as complex numbers, turned and scaled to go from 0 to 1, from rest to rest."""
     first, last = recording.time[[0, -1]]
     when = first + minimum_jerk(np.linspace(0.0, 1.0, n_steps)) * (last - first)
-    x, y = (np.interp(when, recording.time, column) for column in recording.position.T)
+    x, y = interpolated(when, recording.time, recording.position).T
     point = x + 1j * y
     return (point - point[0]) / (point[-1] - point[0])
 
@@ -317,9 +320,9 @@ def movement_of(outcome: Outcome, hand: int) -> DMP:
     return DMP.fit(Demonstration(way.time, way.position[:, hand], f"{outcome.job.purpose}, hand {hand}"))
 
 
-def recordings() -> tuple[str, ...]:
+def recordings(count: int = 10) -> tuple[str, ...]:
     """Return the first shapes of the handwriting set; the first recording of each is used."""
-    return lasa_names()[:N_RECORDINGS]
+    return lasa_names()[:count]
 
 
 def recorded(name: str) -> Demonstration:
@@ -345,28 +348,31 @@ def given_to_both(movement: DMP, scene: str) -> CoordinatedMotion:
     return CoordinatedDMP.from_demonstration(movement, loaded, arms_coordinates(loaded), basis).rollout()
 
 
-def all_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
+def all_jobs(plan: ReproductionPlan, movements: Mapping[str, Movement]) -> list[Job]:
     """Return all jobs except the initial movements, the longest first."""
-    return figure_jobs(seeds, movements) + table_jobs(seeds, movements)
+    return figure_jobs(plan, movements) + table_jobs(plan, movements)
 
 
-def figure_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
+def figure_jobs(plan: ReproductionPlan, movements: Mapping[str, Movement]) -> list[Job]:
     """Return the jobs for figures and single claims."""
     job = partial(_job, movements)
-    figure = {"tolerance": BAND, **GAIT}
+    figure = {"tolerance": plan.band, **GAIT}
     jobs = [
-        job("three hands", "triangle", who, STRAIGHT, seed=FRESH + i)
+        job("three hands", "triangle", who, STRAIGHT, seed=plan.fresh + i)
         for who in ("comove", "paper")
-        for i in range(_few(seeds, THREE_HANDS_SEEDS))
+        for i in plan.few(plan.three_hands)
     ]
-    unlimited = figure | {"acceleration": None, "budget": PRINTED_BUDGET}  # the paper limits no accelerations
+    unlimited = figure | {
+        "acceleration": None,
+        "budget": plan.printed_budget,
+    }  # the paper limits no accelerations
     jobs += [
         job("printed", scene, who, "initial", seed=seed, **unlimited)
         for who in ("printed", "paper without schedules")
         for scene in ("wide", "narrow")
-        for seed in range(_few(seeds, PRINTED_SEEDS))
+        for seed in plan.few(plan.printed)
     ]
-    jobs.append(job("figure 1", "narrow", "comove", "Sine", resemblance=RESEMBLANCE, keep=True))
+    jobs.append(job("figure 1", "narrow", "comove", "Sine", resemblance=plan.resemblance, keep=True))
     for who in ("paper", "comove"):
         for scene in ("wide", "narrow"):
             jobs.append(job("figure 4", scene, who, "initial", keep=True, **figure))
@@ -375,45 +381,45 @@ def figure_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
     jobs += [job("systems", "narrow", who, STRAIGHT, keep=True) for who in ("comove", *OTHER_SYSTEMS)]
     jobs += [job("leaders", "open", who, "two", keep=True) for who in ROLES]
     jobs += [
-        job("at once", scene, "unconstrained [22]", at_once(number), seed=FRESH + number, **figure)
+        job("at once", scene, "unconstrained [22]", at_once(number), seed=plan.fresh + number, **figure)
         for scene in AT_ONCE_SCENES
-        for number in range(_few(seeds, AT_ONCE_NUMBERS))
+        for number in plan.few(plan.at_once)
     ]
     jobs.append(job("obstacles in the cost", "narrow", "comove", STRAIGHT, obstacles="cost"))
     return jobs
 
 
-def table_jobs(seeds: int, movements: Mapping[str, Movement]) -> list[Job]:
+def table_jobs(plan: ReproductionPlan, movements: Mapping[str, Movement]) -> list[Job]:
     """Return the jobs for tables of several seeds."""
-    job, budget = partial(_job, movements), MOVEMENT_BUDGET * min(1.0, FEW * seeds)
+    job, budget = partial(_job, movements), plan.movements_budget * min(1.0, plan.small * plan.seeds)
     jobs = [
         job(
             *("movements", scene, who, movement),
             seed=seed,
             budget=budget,
-            resemblance=RESEMBLANCE if who == "comove" else 0.0,
+            resemblance=plan.resemblance if who == "comove" else 0.0,
         )
         for movement in RECORDED
         for scene in SCENES
         for who in MOVEMENT_CONTENDERS
-        for seed in range(_few(seeds, MOVEMENT_SEEDS))
+        for seed in plan.few(plan.movements)
     ]
     jobs += [
         replace(job("sensitivity", "narrow", "paper", STORY["narrow"], seed=seed, budget=budget), **changes)
         for changes in differing(SENSITIVITY)
-        for seed in range(_few(seeds, SENSITIVITY_SEEDS))
+        for seed in plan.few(plan.sensitivity)
     ]
     jobs += [
         job("recordings", scene, "paper", shape, seed=seed, budget=budget, keep_failed=True)
         for shape in recordings()
         for scene, most in RECORDING_SEEDS.items()
-        for seed in range(_few(seeds, most))
+        for seed in plan.few(most)
     ]
     jobs += [
         job("story", scene, who, STORY[scene], seed=seed)
         for scene in SCENES
         for who, contender in CONTENDERS.items()
-        for seed in range(seeds if contender.random else 1)
+        for seed in range(plan.seeds if contender.random else 1)
     ]
     return jobs
 
@@ -428,10 +434,6 @@ def differing(table: dict[str, dict[str, dict[str, Any]]]) -> list[dict[str, Any
     """Return every set of changes in a table once."""
     ways = [changes for values in table.values() for changes in values.values()]
     return [changes for i, changes in enumerate(ways) if changes not in ways[:i]]
-
-
-def _few(seeds: int, most: int) -> int:
-    return min(most, max(1, round(FEW * seeds)))
 
 
 Wanted = Job | baxter.Passage | None
@@ -474,16 +476,5 @@ def _done(job: Wanted) -> Done:
         return run(job)
     load_kernels(SceneKind(2, moving=True))
     scene = example("turning")
-    budget = MOVING_LIMIT * scene.duration
+    budget = 3.0 * scene.duration  # as `comove run`
     return compare(Executor(scene).run(budget), budget)[0]
-
-
-def _encounter(one: Compared) -> Encounter:
-    scene = one.record.scene
-    return Encounter(
-        method=one.method,
-        distance_error=one.report.distance_error_max,
-        clearance=one.report.clearance_min,
-        tolerance=max(c.tolerance for c in scene.distances),
-        arrived=one.arrived,
-    )

@@ -213,7 +213,7 @@ def encounters_table(runs: Runs) -> str:
             f"{1e3 * e.clearance:.1f}",
             "yes" if e.arrived else "no",
         ]
-        for e in runs.encounters
+        for e in runs.compared
     ]
     return table(["method", "distance error [m]", "clearance [mm]", "arrives"], rows)
 

@@ -26,9 +26,7 @@ from comove.verification.record import END_SPEED
 
 Array = NDArray[np.float64]
 
-BETTER = 0.99  # of the cost of the last offer, below which there is another
 DIFFERENCE = 1e-6  # m, of slopes
-FINE = 4001  # places along a path at which its length is measured
 
 
 class PeerOutOfTime(Exception):
@@ -67,26 +65,20 @@ class Peer(System):
         return ", ".join(sorted(f"{package} {version(package)}" for package in packages))
 
     def refuses(self, scene: Scene) -> str:
-        """Return why peers cannot represent the scene, empty if they can."""
-        return refusal(scene)
+        """Return why peers cannot represent the scene, in one sentence; empty if they can."""
+        if scene.moving.any():
+            return "It knows only obstacles that stand still."
+        if scene.body.n_nodes > len(scene.manipulators):
+            return "It moves hands, which do not tell how this load is turned."
+        if not all(isinstance(c, (DistanceConstraint, SeparationConstraint)) for c in scene.constraints):
+            return "It is told of distances and separations of hands, and of no other constraint."
+        return ""
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import the modules and compile the kernels of distances."""
         for name in self.modules:
             needed(name)
         clearances(problem.scene, problem.scene.start[None])
-        clearance_slopes(problem.scene, problem.scene.start[None])
-
-
-def refusal(scene: Scene) -> str:
-    """Return why no peer can represent a scene, in one sentence; empty if they can."""
-    if scene.moving.any():
-        return "It knows only obstacles that stand still."
-    if scene.body.n_nodes > len(scene.manipulators):
-        return "It moves hands, which do not tell how this load is turned."
-    if not all(isinstance(c, (DistanceConstraint, SeparationConstraint)) for c in scene.constraints):
-        return "It is told of distances and separations of hands, and of no other constraint."
-    return ""
 
 
 def independent_distances(scene: Scene) -> list[DistanceConstraint]:
@@ -150,30 +142,6 @@ def _clearances(
     return result
 
 
-@kernel
-def _clearance_slopes(
-    nodes: Array,
-    n_dims: int,
-    edges: NDArray[np.int64],
-    radii: Array,
-    table: Array,
-    lower: Array,
-    upper: Array,
-) -> Array:
-    slopes = np.empty((nodes.shape[0], nodes.shape[1], n_dims))
-    for t in range(nodes.shape[0]):
-        for i in range(nodes.shape[1]):
-            for axis in range(n_dims):
-                at = nodes[t, i, axis]
-                nodes[t, i, axis] = at + DIFFERENCE
-                more = configuration_distance(nodes[t], edges, radii, table, lower, upper)[0]
-                nodes[t, i, axis] = at - DIFFERENCE
-                less = configuration_distance(nodes[t], edges, radii, table, lower, upper)[0]
-                nodes[t, i, axis] = at
-                slopes[t, i, axis] = (more - less) / (2 * DIFFERENCE)
-    return slopes
-
-
 def clearances(scene: Scene, hands: Array) -> Array:
     """Return the signed distance of the load to the nearest obstacle, shape (n_steps,) [m].
 
@@ -187,10 +155,10 @@ def clearances(scene: Scene, hands: Array) -> Array:
 
 def clearance_slopes(scene: Scene, hands: Array) -> Array:
     """Return the derivatives of `clearances` by the hands; array, shape (n_steps, n_manipulators, n_dims)."""
-    body = scene.body
-    return _clearance_slopes(
-        spatial(hands), scene.n_dims, body.edges, body.radii, scene.obstacles, *scene.workspace
-    )
+    aside = DIFFERENCE * np.eye(hands[0].size).reshape(-1, *hands.shape[1:])
+    moved = hands[:, None, None] + np.stack([aside, -aside])
+    found = clearances(scene, moved.reshape(-1, *hands.shape[1:])).reshape(len(hands), 2, *hands.shape[1:])
+    return (found[:, 0] - found[:, 1]) / (2 * DIFFERENCE)
 
 
 def kept_clearance(scene: Scene, most: float) -> float:
@@ -238,10 +206,11 @@ class Best:
     ----------
     problem : problem that is solved
     offers : record that takes the offers
+    better : share of the cost of the last offer below which there is another
     """
 
-    def __init__(self, problem: SystemProblem, offers: Offers):
-        self.problem, self.offers = problem, offers
+    def __init__(self, problem: SystemProblem, offers: Offers, better: float = 0.99):
+        self.problem, self.offers, self.better = problem, offers, better
         self.rank, self.seconds = (np.inf, np.inf), 0.0
         self.hands: Array | None = None
         self.offered: tuple[float, Array | None] = np.inf, None
@@ -256,7 +225,7 @@ class Best:
         if self.hands is None or rank < self.rank:
             self.rank, self.hands = rank, hands
             self.seconds = self.offers.seconds if seconds is None else seconds
-            if missed <= 0.0 and cost < BETTER * self.offered[0]:
+            if missed <= 0.0 and cost < self.better * self.offered[0]:
                 self.close()
         return missed <= 0.0
 
@@ -267,7 +236,7 @@ class Best:
             self.offers.take(self.hands, self.seconds)
 
 
-def timed(hands_at: Callable[[Array], Array], problem: SystemProblem) -> Array:
+def timed(hands_at: Callable[[Array], Array], problem: SystemProblem, n_places: int = 4001) -> Array:
     """Return a path with a time law: from rest to rest, with the speed of minimum jerk along its length.
 
     If that is too fast, the speed is constant except for ramps at both ends, as short as the limits allow. Length is
@@ -277,12 +246,13 @@ def timed(hands_at: Callable[[Array], Array], problem: SystemProblem) -> Array:
     ----------
     hands_at : function from shares of the path, (n,), to hands, (n, n_manipulators, n_dims) [m]; any spacing of
         shares
+    n_places : places along the path at which its length is measured
 
     Returns
     -------
     array, shape (N_SAMPLES, n_manipulators, n_dims), [m]
     """
-    shares = np.linspace(0.0, 1.0, FINE)
+    shares = np.linspace(0.0, 1.0, n_places)
     steps = np.linalg.norm(np.diff(hands_at(shares), axis=0), axis=2).max(axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     if length[-1] == 0.0:

@@ -29,20 +29,32 @@ from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
 
 Array = NDArray[np.float64]
 
-N_CONTROL, ORDER = 20, 4  # control points, and one more than the degree
-MAJOR = 200  # iterations of an attempt
-N_INSTANTS = 119  # at which constraints hold
-N_COST = 201  # at which J is summed
-BAND = 0.5  # of a distance's tolerance: a spline cannot meet more equalities than it has control points
-MARGIN = 0.005  # m
-LIMIT = 0.9  # of speed and acceleration limits
-
 
 @dataclass(frozen=True)
 class Drake(Peer):
-    """SNOPT on Drake's programme, restarted from random points around the guess until a movement looks feasible."""
+    """SNOPT on Drake's programme, restarted from random points around the guess until a movement looks feasible.
+
+    Attributes
+    ----------
+    n_control, order : control points, and one more than the degree
+    n_instants : instants at which constraints hold
+    n_cost : instants at which J is summed
+    band : share of a distance's tolerance that is kept: a spline cannot meet more equalities than it has control
+        points
+    margin : margin on clearances and separations [m], because hands also move between the instants
+    limit : share of the limits of speed and acceleration that is kept
+    iterations : major iterations of an attempt
+    """
 
     name: str
+    n_control: int = 20
+    order: int = 4
+    n_instants: int = 119
+    n_cost: int = 201
+    band: float = 0.5
+    margin: float = 0.005
+    limit: float = 0.9
+    iterations: int = 200
     modules = (
         "pydrake.planning",
         "pydrake.solvers",
@@ -55,10 +67,10 @@ class Drake(Peer):
         """Minimise J over the control points."""
         solvers, best = needed("pydrake.solvers"), Best(problem, offers)
         rng, scene = np.random.default_rng(problem.seed), problem.scene
-        optimisation = _optimisation(problem, offers)
+        optimisation = self._optimisation(problem, offers)
         basis, points = optimisation.basis(), optimisation.control_points()
-        values, s = _values(basis, problem.instants), np.linspace(0.0, 1.0, N_COST)
-        fit, guess = np.linalg.pinv(_values(basis, s)), first_hands(problem, s)
+        values, s = self.values(basis, problem.instants), np.linspace(0.0, 1.0, self.n_cost)
+        fit, guess = np.linalg.pinv(self.values(basis, s)), first_hands(problem, s)
         best.see(first_hands(problem, problem.instants))  # it may do already
         programme, latest = optimisation.get_mutable_prog(), np.zeros(points.shape)
 
@@ -67,11 +79,11 @@ class Drake(Peer):
 
         programme.AddVisualizationCallback(visit, points.ravel())
         options = solvers.SolverOptions()
-        options.SetOption(solvers.SnoptSolver.id(), "Major iterations limit", MAJOR)
+        options.SetOption(solvers.SnoptSolver.id(), "Major iterations limit", self.iterations)
         for noise in growing(0.01, most=0.3):  # m, by which the load is moved aside
             if offers.seconds >= problem.budget:
                 break
-            visit((fit @ moved_aside(guess, noise, rng).reshape(N_COST, -1)).T)
+            visit((fit @ moved_aside(guess, noise, rng).reshape(self.n_cost, -1)).T)
             programme.SetInitialGuess(points, latest)
             programme.SetInitialGuess(optimisation.duration(), scene.duration)
             try:
@@ -83,70 +95,68 @@ class Drake(Peer):
                 break
         best.close()
 
+    def values(self, basis: Any, s: Array) -> Array:
+        """Return the basis at shares of the duration; array, shape (n, n_control)."""
+        return np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(self.n_control)] for at in s])
 
-def _values(basis: Any, s: Array) -> Array:
-    """Return the basis at shares of the duration; array, shape (n, N_CONTROL)."""
-    return np.array([[basis.EvaluateBasisFunctionI(i, at) for i in range(N_CONTROL)] for at in s])
+    def _optimisation(self, problem: SystemProblem, offers: Offers) -> Any:
+        scene = problem.scene
+        n_dims, n = scene.n_dims, scene.start.size
+        optimisation = self.constrained(problem, offers)
+        programme, points = optimisation.get_mutable_prog(), optimisation.control_points()
+        optimisation.AddDurationConstraint(scene.duration, scene.duration)
+        for limit, bounded in (
+            (scene.speed_limit, optimisation.AddVelocityBounds),
+            (scene.acceleration_limit, optimisation.AddAccelerationBounds),
+        ):
+            if limit < np.inf:
+                most = np.full(n, self.limit * limit / np.sqrt(n_dims))
+                bounded(-most, most)
+        values = self.values(optimisation.basis(), np.linspace(0.0, 1.0, self.n_cost))
+        steps = np.diff(values, axis=0) * (self.n_cost - 1)
+        square = 2 * (WEIGHTS.goal * values.T @ values + WEIGHTS.velocity * steps.T @ steps) / self.n_cost
+        for row, goal in zip(points, scene.goal.ravel(), strict=True):
+            programme.AddQuadraticCost(square, -2 * WEIGHTS.goal * goal * values.mean(axis=0), row)
+        return optimisation
 
+    def constrained(self, problem: SystemProblem, offers: Offers) -> Any:
+        """Return Drake's programme for a scene, from rest to rest, with its constraints but no duration or cost."""
+        planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
+        scene = problem.scene
+        (n_hands, n_dims), n = scene.start.shape, scene.start.size
+        optimisation = planning.KinematicTrajectoryOptimization(n, self.n_control, self.order, scene.duration)
+        for s, end in ((0.0, scene.start.ravel()), (1.0, scene.goal.ravel())):
+            optimisation.AddPathPositionConstraint(end, end, s)
+            optimisation.AddPathVelocityConstraint(np.zeros(n), np.zeros(n), s)
+        optimisation.AddPathAccelerationConstraint(np.zeros(n), np.zeros(n), 1.0)
+        low, high = (np.tile(border, n_hands) for border in (scene.lower, scene.upper))
+        optimisation.AddPositionBounds(low, high)
 
-def _optimisation(problem: SystemProblem, offers: Offers) -> Any:
-    scene = problem.scene
-    n_dims, n = scene.n_dims, scene.start.size
-    optimisation = constrained(problem, offers, N_CONTROL, ORDER)
-    programme, points = optimisation.get_mutable_prog(), optimisation.control_points()
-    optimisation.AddDurationConstraint(scene.duration, scene.duration)
-    for limit, bounded in (
-        (scene.speed_limit, optimisation.AddVelocityBounds),
-        (scene.acceleration_limit, optimisation.AddAccelerationBounds),
-    ):
-        if limit < np.inf:
-            most = np.full(n, LIMIT * limit / np.sqrt(n_dims))
-            bounded(-most, most)
-    values = _values(optimisation.basis(), np.linspace(0.0, 1.0, N_COST))
-    steps = np.diff(values, axis=0) * (N_COST - 1)
-    square = 2 * (WEIGHTS.goal * values.T @ values + WEIGHTS.velocity * steps.T @ steps) / N_COST
-    for row, goal in zip(points, scene.goal.ravel(), strict=True):
-        programme.AddQuadraticCost(square, -2 * WEIGHTS.goal * goal * values.mean(axis=0), row)
-    return optimisation
+        def apart(first: int, second: int, least: float, greatest: float) -> Any:
+            square = np.zeros((n, n))
+            for axis in range(n_dims):
+                a, b = first * n_dims + axis, second * n_dims + axis
+                square[[a, b], [a, b]], square[[a, b], [b, a]] = 2.0, -2.0
+            return solvers.QuadraticConstraint(square, np.zeros(n), least**2, greatest**2)
 
-
-def constrained(problem: SystemProblem, offers: Offers, n_control: int, order: int) -> Any:
-    """Return Drake's programme for a scene, from rest to rest, with its constraints but no duration or cost."""
-    planning, solvers = needed("pydrake.planning"), needed("pydrake.solvers")
-    scene = problem.scene
-    (n_hands, n_dims), n = scene.start.shape, scene.start.size
-    optimisation = planning.KinematicTrajectoryOptimization(n, n_control, order, scene.duration)
-    for s, end in ((0.0, scene.start.ravel()), (1.0, scene.goal.ravel())):
-        optimisation.AddPathPositionConstraint(end, end, s)
-        optimisation.AddPathVelocityConstraint(np.zeros(n), np.zeros(n), s)
-    optimisation.AddPathAccelerationConstraint(np.zeros(n), np.zeros(n), 1.0)
-    low, high = (np.tile(border, n_hands) for border in (scene.lower, scene.upper))
-    optimisation.AddPositionBounds(low, high)
-
-    def apart(first: int, second: int, least: float, greatest: float) -> Any:
-        square = np.zeros((n, n))
-        for axis in range(n_dims):
-            a, b = first * n_dims + axis, second * n_dims + axis
-            square[[a, b], [a, b]], square[[a, b], [b, a]] = 2.0, -2.0
-        return solvers.QuadraticConstraint(square, np.zeros(n), least**2, greatest**2)
-
-    demands = []
-    for c in independent_distances(scene):
-        kept = BAND * c.tolerance
-        demands.append(apart(c.first, c.second, c.distance - kept, c.distance + kept))
-    for (first, second), least in zip(*scene.kept_apart, strict=True):
-        demands.append(apart(first, second, least + MARGIN, np.inf))
-    demands.append(_clearance(problem, offers))
-    for s in np.linspace(0.0, 1.0, N_INSTANTS + 2)[2:-2]:
-        for demand in demands:
-            optimisation.AddPathPositionConstraint(demand, s)
-    return optimisation
+        demands = []
+        for c in independent_distances(scene):
+            kept = self.band * c.tolerance
+            demands.append(apart(c.first, c.second, c.distance - kept, c.distance + kept))
+        for (first, second), least in zip(*scene.kept_apart, strict=True):
+            demands.append(apart(first, second, least + self.margin, np.inf))
+        demands.append(_clearance(problem, offers, self.margin))
+        for s in np.linspace(0.0, 1.0, self.n_instants + 2)[2:-2]:
+            for demand in demands:
+                optimisation.AddPathPositionConstraint(demand, s)
+        return optimisation
 
 
-def _clearance(problem: SystemProblem, offers: Offers) -> Any:
+def _clearance(problem: SystemProblem, offers: Offers, margin: float) -> Any:
+    """Return the constraint of the clearance, with at most that margin [m]."""
     solvers, autodiff = needed("pydrake.solvers"), needed("pydrake.autodiffutils")
     scene = problem.scene
-    margin = scene.clearance + kept_clearance(scene, MARGIN)
+    least = scene.clearance + kept_clearance(scene, margin)
 
     def value(x: Array) -> Array:
         if offers.seconds > problem.budget:
@@ -157,4 +167,4 @@ def _clearance(problem: SystemProblem, offers: Offers) -> Any:
         slopes = clearance_slopes(scene, hands).reshape(1, -1) @ autodiff.ExtractGradient(x)
         return autodiff.InitializeAutoDiff(clearances(scene, hands)[:, None], slopes)[:, 0]
 
-    return solvers.PyFunctionConstraint(scene.start.size, value, [margin], [np.inf])
+    return solvers.PyFunctionConstraint(scene.start.size, value, [least], [np.inf])

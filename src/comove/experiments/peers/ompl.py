@@ -18,20 +18,40 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.coordination.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
-from comove.experiments.peers.common import Best, Peer, independent_distances, needed, refusal, timed
+from comove.experiments.peers.common import Best, Peer, independent_distances, needed, timed
 from comove.experiments.systems import Offers, SystemProblem
 from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
 from comove.planning.planner import along
 from comove.scenes.scene import Scene
+from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
 
 MODULES = ("ompl.base", "ompl.geometric", "ompl.util")
-STEP = 0.005  # m, between the states that are checked along a motion
-RANGE = 0.2  # m, of a motion that a tree grows by: better in all scenes tried than what OMPL chooses (0.35 to 0.41)
-SHORTER = 0.99  # of the path that was noted last, below which another is
-PROJECTIONS = 20  # steps of Newton's method onto the manifold, at most
-SIMPLIFYING = 0.2  # share of the budget that simplification may take
+
+
+@dataclass(frozen=True)
+class OmplSettings:
+    """Settings of the planners.
+
+    Attributes
+    ----------
+    step : distance between the states that are checked along a motion [m]
+    range : length of a motion that a tree grows by [m]: better in all scenes tried than what OMPL chooses (0.35 to
+        0.41)
+    shorter : share of the path that was noted last below which another is
+    projections : steps of Newton's method onto the manifold, at most
+    simplifying : share of the budget that simplification may take
+    """
+
+    step: float = 0.005
+    range: float = 0.2
+    shorter: float = 0.99
+    projections: int = 20
+    simplifying: float = 0.2
+
+
+SETTINGS = OmplSettings()
 
 
 @dataclass(frozen=True)
@@ -42,43 +62,45 @@ class OMPL(Peer):
     ----------
     planner : its name in `ompl.geometric`
     then : treatment of its path: offered as found, or simplified first, or improved for the whole budget
+    settings : settings of the planner
     """
 
     name: str
     planner: str
     then: Literal["offer", "simplify", "improve"]
+    settings: OmplSettings = SETTINGS
     modules = MODULES
 
     def refuses(self, scene: Scene) -> str:
         """Return why a planner for one load that all hands hold does not suit the scene, empty if it does."""
         if len(scene.groups) > 1 or scene.groups[0].orientation not in ("plane", "axis", "space"):
             return "It plans for one load that all hands hold and that may turn freely."
-        return refusal(scene)
+        return super().refuses(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the kernels of its checks."""
         super().warm_up(problem)
-        load = OmplLoad(problem.scene)
-        motion_is_free(load.space, load.start, load.goal, STEP, load.margin)
+        load = OmplLoad(problem.scene, self.settings.step)
+        motion_is_free(load.space, load.start, load.goal, load.step, load.margin)
         load.hands(np.stack([load.start, load.goal]), np.zeros(1))
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Plan, add a time law to the path, and offer it; or offer paths as they become shorter."""
         base = needed("ompl.base")
         _quiet(problem.seed)
-        load = OmplLoad(problem.scene)
+        load = OmplLoad(problem.scene, self.settings.step)
         space = _pose_space(base, load)
         information = base.SpaceInformation(space)
         information.setStateValidityChecker(lambda state: load.is_free(load.read(state)))
         information.setMotionValidator(_validator(base, information, load))
         information.setup()
         ends = [_write(space, load, q) for q in (load.start, load.goal)]
-        planning = OmplPlanning(problem, offers, information, self.planner, ends)
+        planning = OmplPlanning(problem, offers, information, self.planner, ends, self.settings)
         found: list[tuple[float, float, Array]] = []
 
         def note() -> None:
             path = planning.path
-            if not found or path.length() < SHORTER * found[-1][1]:
+            if not found or path.length() < self.settings.shorter * found[-1][1]:
                 found.append((offers.seconds, path.length(), load.path(path)))
 
         improves = self.then == "improve"
@@ -95,36 +117,43 @@ class OMPL(Peer):
 
 @dataclass(frozen=True)
 class ProjectedOMPL(Peer):
-    """RRTConnect on the manifold of hands that keep their distances, which it reaches by projection."""
+    """RRTConnect on the manifold of hands that keep their distances, which it reaches by projection.
+
+    Attributes
+    ----------
+    settings : settings of the planner
+    """
 
     name: str
+    settings: OmplSettings = SETTINGS
     modules = MODULES
 
     def refuses(self, scene: Scene) -> str:
         """Return why the scene has no distances to project on, or peers cannot represent it; empty if it suits."""
         if not scene.distances:
             return "No distance ties the hands, so that there is nothing to project on."
-        return refusal(scene)
+        return super().refuses(scene)
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Import OMPL and compile the kernels of its checks."""
         super().warm_up(problem)
-        _free_hands(problem.scene)(problem.scene.start.ravel())
-        Manifold(problem.scene).project(problem.scene.start.ravel(), 0.0)
+        start = problem.scene.start.ravel()
+        _free_hands(problem.scene, self.settings.step)(start)
+        Manifold(problem.scene, self.settings.projections).project(start, 0.0)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Plan, simplify, and offer both paths."""
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
         _quiet(problem.seed)
-        scene, manifold = problem.scene, Manifold(problem.scene)
-        free, n = _free_hands(scene), scene.start.size
+        scene, settings, n = problem.scene, self.settings, problem.scene.start.size
+        manifold, free = Manifold(scene, settings.projections), _free_hands(scene, settings.step)
         ambient = base.RealVectorStateSpace(n)
         ambient.setBounds(
             _bounds(base, *(np.tile(border, len(scene.start)) for border in (scene.lower, scene.upper)))
         )
         space = base.ProjectedStateSpace(ambient, _constraint(base, manifold))
         information = base.ConstrainedSpaceInformation(space)
-        space.setDelta(STEP)
+        space.setDelta(settings.step)
 
         def read(state: Any) -> Array:
             return np.array([state[i] for i in range(n)])
@@ -135,7 +164,8 @@ class ProjectedOMPL(Peer):
         for hands in (scene.start, scene.goal):
             ends.append(space.allocState())
             ends[-1].copy(hands.ravel())
-        planning, best = OmplPlanning(problem, offers, information, "RRTConnect", ends), Best(problem, offers)
+        planning = OmplPlanning(problem, offers, information, "RRTConnect", ends, settings)
+        best = Best(problem, offers)
         for simplified in (False, True) if planning.solve() else ():
             if simplified:
                 planning.simplify()
@@ -154,19 +184,26 @@ class OmplPlanning:
     information : OMPL's space information
     planner : its name in `ompl.geometric`
     ends : first and last state
+    settings : settings of the planner
     """
 
     def __init__(
-        self, problem: SystemProblem, offers: Offers, information: Any, planner: str, ends: list[Any]
+        self,
+        problem: SystemProblem,
+        offers: Offers,
+        information: Any,
+        planner: str,
+        ends: list[Any],
+        settings: OmplSettings,
     ):
         base, geometric = needed("ompl.base"), needed("ompl.geometric")
-        self.problem, self.offers, self.information = problem, offers, information
+        self.problem, self.offers, self.information, self.settings = problem, offers, information, settings
         self.wanted = base.ProblemDefinition(information)
         self.wanted.setStartAndGoalStates(*ends)
         self.wanted.setOptimizationObjective(base.PathLengthOptimizationObjective(information))
         self.planner = getattr(geometric, planner)(information)
         self.planner.setProblemDefinition(self.wanted)
-        self.planner.setRange(RANGE)
+        self.planner.setRange(settings.range)
         self.planner.setup()
 
     @property
@@ -190,7 +227,8 @@ class OmplPlanning:
 
     def simplify(self) -> None:
         """Shorten the present path."""
-        left = min(SIMPLIFYING * self.problem.budget, self.problem.budget - self.offers.seconds)
+        budget = self.problem.budget
+        left = min(self.settings.simplifying * budget, budget - self.offers.seconds)
         needed("ompl.geometric").PathSimplifier(self.information).simplify(self.path, left)
 
 
@@ -200,6 +238,7 @@ class OmplLoad:
     Parameters
     ----------
     scene : scene whose load is held by all hands
+    step : distance between the states that are checked along a motion [m]
 
     Attributes
     ----------
@@ -209,9 +248,9 @@ class OmplLoad:
     margin : clearance that states keep [m]
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, step: float):
         (group,) = scene.groups
-        self.scene, self.n_dims = scene, scene.n_dims
+        self.scene, self.n_dims, self.step = scene, scene.n_dims, step
         kind = ANGLE if self.n_dims == 2 else QUATERNION
         blocks = Blocks(
             np.array([kind], dtype=np.int64),
@@ -226,7 +265,7 @@ class OmplLoad:
         self.start, self.goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
         self.reach, self._nodes = float(group.reach), np.zeros((scene.body.n_nodes, 3))
         ends = min(clearance_of(self.space, q, self._nodes, -1.0) for q in (self.start, self.goal))
-        self.margin = _margin(scene, ends)
+        self.margin = _margin(scene, ends, step)
 
     def is_free(self, q: Array) -> bool:
         """Return whether a state keeps the margin."""
@@ -255,6 +294,10 @@ class OmplLoad:
 class Manifold:
     """The manifold of hands that keep the independent distances; hands are stored one after the other.
 
+    Parameters
+    ----------
+    projections : steps of a projection, at most
+
     Attributes
     ----------
     pairs : array of int, shape (n_distances, 2), hands
@@ -262,9 +305,9 @@ class Manifold:
     tolerance : tolerance of a projection [m]
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, projections: int):
         kept = independent_distances(scene)
-        self.shape = scene.start.shape
+        self.shape, self.projections = scene.start.shape, projections
         self.pairs = np.array([(c.first, c.second) for c in kept], dtype=np.int64)
         self.wanted = np.array([c.distance for c in kept])
         self.tolerance = 0.1 * min(c.tolerance for c in scene.distances)
@@ -273,14 +316,14 @@ class Manifold:
         """Return projected hands at shares of a path; states (n_states, n) -> (n_shares, n_hands, n_dims) [m]."""
         length = np.linalg.norm(np.diff(states, axis=0), axis=1)
         at = np.concatenate([[0.0], np.cumsum(length)]) / max(length.sum(), 1e-12)
-        x = np.stack([np.interp(shares, at, column) for column in states.T], axis=1)
+        x = interpolated(shares, at, states)
         for row in x:
             self.project(row, 1e-12)
         return x.reshape(-1, *self.shape)
 
     def project(self, x: Array, tolerance: float) -> bool:
         """Move hands, shape (n_hands * n_dims,), onto the manifold in place; return whether they reached it."""
-        return bool(_project(x, self.pairs, self.wanted, self.shape[1], tolerance))
+        return bool(_project(x, self.pairs, self.wanted, self.shape[1], tolerance, self.projections))
 
 
 @kernel
@@ -322,10 +365,12 @@ def distance_errors(
 
 
 @kernel
-def _project(x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, tolerance: float) -> bool:
+def _project(
+    x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, tolerance: float, most: int
+) -> bool:
     n = pairs.shape[0]
     errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))
-    for _ in range(PROJECTIONS):
+    for _ in range(most):
         distance_errors(x, pairs, wanted, n_dims, errors, slopes)
         if np.abs(errors).max() <= tolerance:
             return True
@@ -360,9 +405,9 @@ def _bounds(base: Any, lower: Array, upper: Array) -> Any:
     return bounds
 
 
-def _margin(scene: Scene, ends: float) -> float:
+def _margin(scene: Scene, ends: float, step: float) -> float:
     """Return the clearance that states keep, less than the clearance `ends` of start and goal [m]."""
-    return scene.clearance + max(0.0, min(STEP / 2, 0.9 * (ends - scene.clearance)))
+    return scene.clearance + max(0.0, min(step / 2, 0.9 * (ends - scene.clearance)))
 
 
 def _write(space: Any, load: OmplLoad, q: Array) -> Any:
@@ -385,7 +430,7 @@ def _validator(base: Any, information: Any, load: OmplLoad) -> Any:
 
     class Validator(base.MotionValidator):
         def checkMotion(self, first: Any, second: Any, *last_valid: Any) -> bool:
-            return motion_is_free(load.space, load.read(first), load.read(second), STEP, load.margin)
+            return motion_is_free(load.space, load.read(first), load.read(second), load.step, load.margin)
 
     return Validator(information)
 
@@ -410,7 +455,7 @@ def _constraint(base: Any, manifold: Manifold) -> Any:
     return Distances()
 
 
-def _free_hands(scene: Scene) -> Callable[[Array], bool]:
+def _free_hands(scene: Scene, step: float) -> Callable[[Array], bool]:
     """Return the check of hands, array of shape (n_hands * n_dims,), with the same kernel and margin as for poses."""
     coordinates = load_coordinates(scene)
     space, nodes = configuration_space(scene, coordinates), np.zeros((scene.body.n_nodes, 3))
@@ -427,5 +472,5 @@ def _free_hands(scene: Scene) -> Callable[[Array], bool]:
     )
     space = space._replace(blocks=blocks, reach=np.zeros(n))
     ends = min(clearance_of(space, q.ravel(), nodes, -1.0) for q in (scene.start, scene.goal))
-    margin = _margin(scene, ends)
+    margin = _margin(scene, ends, step)
     return lambda x: clearance_of(space, x, nodes, margin) > margin

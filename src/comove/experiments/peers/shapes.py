@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.experiments.peers.common import (
-    BETTER,
     Best,
     Peer,
     PeerOutOfTime,
@@ -31,7 +30,6 @@ from comove.experiments.peers.common import (
     growing,
     kept_clearance,
     needed,
-    refusal,
 )
 from comove.experiments.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
 from comove.primitives.basis import motion_basis
@@ -39,13 +37,6 @@ from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
 
 Array = NDArray[np.float64]
-
-N_STEPS = 201
-AT = np.arange(2, N_STEPS - 2, 2)  # samples at which there are constraints
-AT_LIMITS = AT[::4]  # those of limits
-WINDOWS = 20  # of time
-KEPT_TOLERANCE, KEPT_CLEARANCE, KEPT_LIMIT = 0.5, 0.005, 0.1  # shares, and m
-SCALE = 10.0  # of the constraints: decimetres
 
 
 class Demand(NamedTuple):
@@ -64,6 +55,40 @@ class Demand(NamedTuple):
     at: NDArray[np.int64]
 
 
+@dataclass(frozen=True)
+class SamplingSettings:
+    """Settings of the constraints at samples.
+
+    Attributes
+    ----------
+    n_steps : samples of a movement; constraints hold at every second one, those of limits at every eighth
+    n_windows : windows of time, for each of which `Shapes.windows` tells the largest violations
+    tolerance, limit : shares of tolerances and of limits that are kept as margins
+    clearance : clearance that is kept as a margin [m]
+    scale : units of the constraints in a metre: decimetres are of the size of the weights
+    """
+
+    n_steps: int = 201
+    n_windows: int = 20
+    tolerance: float = 0.5
+    limit: float = 0.1
+    clearance: float = 0.005
+    scale: float = 10.0
+
+    @property
+    def at(self) -> NDArray[np.int64]:
+        """Return the samples at which there are constraints."""
+        return np.arange(2, self.n_steps - 2, 2)
+
+    @property
+    def at_limits(self) -> NDArray[np.int64]:
+        """Return the samples at which there are constraints on speed and acceleration."""
+        return self.at[::4]
+
+
+SAMPLING = SamplingSettings()
+
+
 class Shapes:
     """The optimisation problem whose unknowns x are offsets from the weights of the first guess; array, shape (n,).
 
@@ -72,23 +97,27 @@ class Shapes:
     problem : problem whose hands move
     offers : record that takes candidates which look feasible
     n_basis : number of shape weights per hand and dimension
+    sampling : settings of the constraints
     """
 
-    def __init__(self, problem: SystemProblem, offers: Offers, n_basis: int):
+    def __init__(
+        self, problem: SystemProblem, offers: Offers, n_basis: int, sampling: SamplingSettings = SAMPLING
+    ):
         self.problem, self.offers, scene = problem, offers, problem.scene
+        self.sampling, self.n_steps = sampling, sampling.n_steps
         coordinates, basis = arms_coordinates(scene), motion_basis(n_basis, "acceleration")
-        s = np.linspace(0.0, 1.0, N_STEPS)
+        s = np.linspace(0.0, 1.0, self.n_steps)
         dmp = CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), np.zeros(0))
         self.dmp = dmp.fitted(s, coordinates.from_hands(first_hands(problem, s)))
         self.n, self.best = self.dmp.weights.size, Best(problem, offers)
         self.phi = basis.at(s)[1][0]
         self.seen, self.promise = np.zeros(self.n), (np.inf, np.inf)
-        self.looked_at, self.kept = np.inf, kept_clearance(scene, KEPT_CLEARANCE)
+        self.looked_at, self.kept = np.inf, kept_clearance(scene, sampling.clearance)
         guess = self._samples(self.seen)
         self.note(self.seen, float(cost_of(scene, guess)[0]), self.demands(guess))  # it may do already
 
     def hands(self, x: Array) -> Array:
-        """Return sampled hands of many points; x (n_points, n) -> (n_points, N_STEPS, n_manipulators, n_dims) [m].
+        """Return sampled hands of many points; x (n_points, n) -> (n_points, n_steps, n_manipulators, n_dims) [m].
 
         Raises
         ------
@@ -101,32 +130,32 @@ class Shapes:
 
     def _samples(self, x: Array) -> Array:
         weights = self.dmp.weights + x.reshape(-1, *self.dmp.weights.shape)
-        q = self.dmp.rollouts(weights, N_STEPS)
-        return np.moveaxis(q, 1, 2).reshape(len(q), N_STEPS, *self.problem.scene.start.shape)
+        q = self.dmp.rollouts(weights, self.n_steps)
+        return np.moveaxis(q, 1, 2).reshape(len(q), self.n_steps, *self.problem.scene.start.shape)
 
     def demands(self, hands: Array) -> list[Demand]:
-        """Return all demands of hands, (n_points, N_STEPS, n_manipulators, n_dims).
+        """Return all demands of hands, (n_points, n_steps, n_manipulators, n_dims).
 
         There are two for each distance (not too far, not too near), one for each separation, one for the clearance,
         and one for speed and acceleration of each hand if they have limits.
         """
-        scene, rate = self.problem.scene, (N_STEPS - 1) / self.problem.scene.duration
-        asked = []
+        scene, rate = self.problem.scene, (self.n_steps - 1) / self.problem.scene.duration
+        keep, at, asked = self.sampling, self.sampling.at, []
         for c in scene.distances:
             error = np.linalg.norm(hands[:, :, c.first] - hands[:, :, c.second], axis=2) - c.distance
-            asked += [Demand(c.tolerance + e, KEPT_TOLERANCE * c.tolerance, AT) for e in (-error, error)]
+            asked += [Demand(c.tolerance + e, keep.tolerance * c.tolerance, at) for e in (-error, error)]
         for (first, second), least in zip(*scene.kept_apart, strict=True):
             apart = np.linalg.norm(hands[:, :, first] - hands[:, :, second], axis=2)
-            asked.append(Demand(apart - least, KEPT_CLEARANCE, AT))
+            asked.append(Demand(apart - least, keep.clearance, at))
         clear = clearances(scene, hands.reshape(-1, *hands.shape[2:])).reshape(hands.shape[:2])
-        asked.append(Demand(clear - scene.clearance, self.kept, AT))
+        asked.append(Demand(clear - scene.clearance, self.kept, at))
         for i in range(len(scene.manipulators)):
             changing = hands[:, :, i]
             for limit in (scene.speed_limit, scene.acceleration_limit):
                 changing = np.diff(changing, axis=1) * rate
                 if limit < np.inf:
                     size = np.linalg.norm(changing, axis=2)
-                    asked.append(Demand(limit - size, KEPT_LIMIT * limit, AT_LIMITS))
+                    asked.append(Demand(limit - size, keep.limit * limit, keep.at_limits))
         return asked
 
     def note(self, x: Array, cost: float, asked: list[Demand], k: int = 0) -> None:
@@ -135,15 +164,15 @@ class Shapes:
         promise = (max(missed, 0.0), cost)
         if promise < self.promise:
             self.promise, self.seen = promise, x.copy()
-            if missed <= 0.0 and cost < BETTER * self.looked_at:
+            if missed <= 0.0 and cost < self.best.better * self.looked_at:
                 self.looked_at = cost
                 self.best.see(self.offered(x))
 
     def windows(self, asked: list[Demand]) -> Array:
         """Return the largest violations in each window of time, with margins; array, shape (n_points, n_windows)."""
-        edges = np.linspace(0, N_STEPS - 2, WINDOWS, endpoint=False, dtype=int)
+        edges = np.linspace(0, self.n_steps - 2, self.sampling.n_windows, endpoint=False, dtype=int)
         missed = [np.maximum.reduceat(d.kept - d.spare, edges, axis=1) for d in asked]
-        return SCALE * np.concatenate(missed, axis=1)
+        return self.sampling.scale * np.concatenate(missed, axis=1)
 
     def offered(self, x: Array) -> Array:
         """Return the hands of a point at the instants of an offer."""
@@ -158,26 +187,29 @@ class Shapes:
     @cached_property
     def curvature(self) -> Array:
         """Return the second derivatives of J, which is quadratic; array, shape (n, n)."""
-        steps = np.diff(self.phi, axis=0) * (N_STEPS - 1)
-        block = 2 * (WEIGHTS.goal * self.phi.T @ self.phi + WEIGHTS.velocity * steps.T @ steps) / N_STEPS
+        steps = np.diff(self.phi, axis=0) * (self.n_steps - 1)
+        block = WEIGHTS.goal * self.phi.T @ self.phi + WEIGHTS.velocity * steps.T @ steps
+        block *= 2 / self.n_steps
         return np.kron(np.eye(self.n // len(block)), block)
 
     def cost_slope(self, hands: Array) -> Array:
-        """Return the gradient of J by the weights; hands (N_STEPS, n_manipulators, n_dims) -> (n,)."""
-        scene = self.problem.scene
+        """Return the gradient of J by the weights; hands (n_steps, n_manipulators, n_dims) -> (n,)."""
+        scene, n = self.problem.scene, self.n_steps
         steps = np.diff(hands, axis=0)
-        pull = np.diff(steps, axis=0, prepend=0.0 * steps[:1], append=0.0 * steps[:1]) * (N_STEPS - 1) ** 2
-        by_hands = 2 * (WEIGHTS.goal * (hands - scene.goal) - WEIGHTS.velocity * pull) / N_STEPS
-        return (by_hands.reshape(N_STEPS, -1).T @ self.phi).ravel()
+        pull = np.diff(steps, axis=0, prepend=0.0 * steps[:1], append=0.0 * steps[:1]) * (n - 1) ** 2
+        by_hands = 2 * (WEIGHTS.goal * (hands - scene.goal) - WEIGHTS.velocity * pull) / n
+        return (by_hands.reshape(n, -1).T @ self.phi).ravel()
 
     def constraints(self, asked: list[Demand]) -> Array:
         """Return the spare of demands beyond their margins, of the first point; array, shape (n_constraints,)."""
-        return SCALE * np.concatenate([demand.spare[0, demand.at] - demand.kept for demand in asked])
+        return self.sampling.scale * np.concatenate(
+            [demand.spare[0, demand.at] - demand.kept for demand in asked]
+        )
 
     def constraint_slopes(self, hands: Array) -> Array:
         """Return the derivatives of `constraints` by the weights; array, shape (n_constraints, n)."""
-        scene = self.problem.scene
-        rate, shape = (N_STEPS - 1) / scene.duration, scene.start.shape
+        scene, at, at_limits = self.problem.scene, self.sampling.at, self.sampling.at_limits
+        rate, shape = (self.n_steps - 1) / scene.duration, scene.start.shape
         rows: list[Array] = []
 
         def of_hands(slopes: Array, phi: Array) -> Array:
@@ -185,27 +217,27 @@ class Shapes:
             return (slopes[..., None] * phi[:, None, None]).reshape(len(slopes), -1)
 
         def apart(first: int, second: int) -> Array:
-            slopes = np.zeros((len(AT), *shape))
-            along = hands[AT, first] - hands[AT, second]
+            slopes = np.zeros((len(at), *shape))
+            along = hands[at, first] - hands[at, second]
             along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)
             slopes[:, first], slopes[:, second] = along, -along
-            return of_hands(slopes, self.phi[AT])
+            return of_hands(slopes, self.phi[at])
 
         for c in scene.distances:
             error = apart(c.first, c.second)
             rows += [-error, error]
         rows += [apart(first, second) for first, second in scene.kept_apart[0]]
-        rows.append(of_hands(clearance_slopes(scene, hands[AT]), self.phi[AT]))
+        rows.append(of_hands(clearance_slopes(scene, hands[at]), self.phi[at]))
         for i in range(shape[0]):
             changing, phi = hands[:, i], self.phi
             for limit in (scene.speed_limit, scene.acceleration_limit):
                 changing, phi = np.diff(changing, axis=0) * rate, np.diff(phi, axis=0) * rate
                 if limit < np.inf:
-                    slopes = np.zeros((len(AT_LIMITS), *shape))
-                    size = np.linalg.norm(changing[AT_LIMITS], axis=1, keepdims=True)
-                    slopes[:, i] = -changing[AT_LIMITS] / np.maximum(size, 1e-12)
-                    rows.append(of_hands(slopes, phi[AT_LIMITS]))
-        return SCALE * np.concatenate(rows)
+                    slopes = np.zeros((len(at_limits), *shape))
+                    size = np.linalg.norm(changing[at_limits], axis=1, keepdims=True)
+                    slopes[:, i] = -changing[at_limits] / np.maximum(size, 1e-12)
+                    rows.append(of_hands(slopes, phi[at_limits]))
+        return self.sampling.scale * np.concatenate(rows)
 
 
 @dataclass(frozen=True)
@@ -354,7 +386,7 @@ class Coupled(Peer):
         """Return why the coupling of two hands does not suit the scene, empty if it does."""
         if len(scene.manipulators) != 2 or len(scene.distances) != 1:
             return "It couples two hands by one distance."
-        return refusal(scene)
+        return super().refuses(scene)
 
     def run(self, problem: SystemProblem, offers: Offers) -> None:
         """Imitate the first guess, roll out with the coupling, and offer the result."""

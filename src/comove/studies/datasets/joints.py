@@ -18,6 +18,7 @@ from comove.robots import VerifiedJointMotion
 from comove.studies.carried import executed, restored_carry
 from comove.studies.runs import StoredCarry, StudyRun
 from comove.studies.study_file import SimulationPart
+from comove.trajectory import interpolated
 from comove.verification.verify import VerifiedMotion
 
 Array = NDArray[np.float64]
@@ -103,4 +104,4 @@ def _simulated(run: StudyRun, carried: VerifiedJointMotion, simulate: Any, time:
             file=store,
             way_out="use the version of MuJoCo that ran the study, or generate it again in a new folder",
         )
-    return np.stack([np.interp(time, execution.time, q) for q in execution.joints.T], axis=1)
+    return interpolated(time, execution.time, execution.joints)

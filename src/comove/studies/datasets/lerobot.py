@@ -32,11 +32,11 @@ EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 VIDEO = "videos/{video_key}/chunk-{chunk_index:03d}/file-{file_index:03d}.mp4"
 FILE_MB, VIDEO_MB = 100, 200
 """About the size of a file of numbers before it is packed, and of a video [MB]."""
-SAMPLED = 32
-"""Pictures of an episode, at most, from which the statistics of a camera are taken."""
+TASK = "carry the load"
+"""What the only task of a dataset is called."""
 
 
-def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carry the load") -> int:
+def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     """Write a dataset into an existing folder; return the number of its episodes.
 
     Raises
@@ -46,7 +46,7 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carr
     ResultError
         If the episodes differ in hands or obstacles.
     """
-    tables = _Tables(folder, task)
+    tables = _Tables(folder)
     with tables.closing, tables.files:
         for episode in episodes:
             tables.add(episode)
@@ -58,8 +58,8 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carr
 class _Tables:
     """The tables of a dataset while it is written."""
 
-    def __init__(self, folder: Path, task: str):
-        self.folder, self.task = folder, task
+    def __init__(self, folder: Path):
+        self.folder = folder
         self.pa, self.parquet = extra("pyarrow", folder), extra("pyarrow.parquet", folder)
         self.files, self.closing = ExitStack(), ExitStack()
         self.writer: Any = None
@@ -83,7 +83,7 @@ class _Tables:
         n_steps = len(episode.time)
         row: dict[str, Any] = {
             "episode_index": len(self.rows),
-            "tasks": [self.task],
+            "tasks": [TASK],
             "length": n_steps,
             "data/chunk_index": self.file // CHUNK,
             "data/file_index": self.file % CHUNK,
@@ -153,7 +153,7 @@ class _Tables:
             "columns": [column | {"metadata": None}, index | {"metadata": None}],
             "pandas_version": "2.0.0",
         }
-        table = self.pa.table({"task_index": self.pa.array([0], self.pa.int64()), "task": [self.task]})
+        table = self.pa.table({"task_index": self.pa.array([0], self.pa.int64()), "task": [TASK]})
         table = table.replace_schema_metadata({"pandas": json.dumps(marks)})
         self.parquet.write_table(table, self.folder / "meta/tasks.parquet")
 
@@ -239,10 +239,10 @@ class Statistics:
 
 
 class PictureStatistics(Statistics):
-    """Statistics of the colours of some pictures, as shares of the brightest; the number is that of the pictures."""
+    """Statistics of the colours of at most `most` pictures, as shares of the brightest; the number is theirs."""
 
-    def __init__(self, pictures: NDArray[np.uint8]):
-        every = -(-len(pictures) // SAMPLED)
+    def __init__(self, pictures: NDArray[np.uint8], most: int = 32):
+        every = -(-len(pictures) // most)
         chosen = pictures[::every]
         super().__init__(chosen.reshape(-1, 3) / 255.0)
         self.squares, self.count = self.squares * len(chosen) / self.count, len(chosen)

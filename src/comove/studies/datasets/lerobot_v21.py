@@ -13,14 +13,14 @@ from typing import Any
 
 from comove.demonstrations.formats.lerobot import CHUNK, arrow_table
 from comove.io.files import extra
-from comove.studies.datasets.lerobot import IMAGES, features_of, frame_columns, statistics_of
+from comove.studies.datasets.lerobot import IMAGES, TASK, features_of, frame_columns, statistics_of
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
 VIDEO = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"
 
 
-def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carry the load") -> int:
+def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     """Write a dataset into an existing folder; return the number of its episodes.
 
     Raises
@@ -45,13 +45,13 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples], *, task: str = "carr
             path = folder / DATA.format(episode_chunk=count // CHUNK, episode_index=count)
             path.parent.mkdir(parents=True, exist_ok=True)
             parquet.write_table(arrow_table(pa, columns), path, write_page_checksum=True)
-            row: dict[str, Any] = {"episode_index": count, "tasks": [task], "length": len(episode.time)}
+            row: dict[str, Any] = {"episode_index": count, "tasks": [TASK], "length": len(episode.time)}
             described.write(_line(row | {f"comove/{key}": value for key, value in episode.about.items()}))
             stats = {name: own.plain() for name, own in statistics_of(episode, columns).items()}
             _write_videos(folder, episode, count)
             measured.write(_line({"episode_index": count, "stats": stats}))
             count, frames = count + 1, frames + len(episode.time)
-    (meta / "tasks.jsonl").write_text(_line({"task_index": 0, "task": task}), encoding="utf-8")
+    (meta / "tasks.jsonl").write_text(_line({"task_index": 0, "task": TASK}), encoding="utf-8")
     if first is not None:
         info = _info(first, count, frames)
         (meta / "info.json").write_text(json.dumps(info, indent=4, allow_nan=False), encoding="utf-8")

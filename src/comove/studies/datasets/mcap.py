@@ -16,17 +16,13 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.group_poses import poses_at
 from comove.demonstrations.formats import rosbag
 from comove.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError
+from comove.scenes.shapes import spatial
 from comove.studies.datasets.samples import EpisodeSamples
-
-JPEG_QUALITY = 92
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
@@ -57,23 +53,23 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     return count
 
 
-def _jpegs(name: str, episode: EpisodeSamples) -> list[bytes]:
+def _jpegs(name: str, episode: EpisodeSamples, quality: int = 92) -> list[bytes]:
     """Return what a camera saw as JPEG files, one a sample."""
     from PIL import Image
 
     files = []
     for picture in episode.videos[name].pictures:
         file = io.BytesIO()
-        Image.fromarray(picture).save(file, format="JPEG", quality=JPEG_QUALITY)
+        Image.fromarray(picture).save(file, format="JPEG", quality=quality)
         files.append(file.getvalue())
     return files
 
 
 def _movements(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]:
     """Yield the movements of hands, bodies that several of them hold, and obstacles, with their names."""
-    scene, time = episode.scene, episode.time
+    scene, time, position = episode.scene, episode.time, spatial(episode.position)
     for hand, name in enumerate(scene.manipulators):
-        yield name, RecordedSamples(time, _in_space(episode.position[:, hand]))
+        yield name, RecordedSamples(time, position[:, hand])
     load = load_coordinates(scene)
     poses = poses_at(load, load.from_hands(episode.position))
     bodies = [g for g, group in enumerate(scene.groups) if len(group.members) > 1]
@@ -83,8 +79,3 @@ def _movements(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]
     centers = scene.centers + scene.offsets(time)
     for obstacle in range(len(scene.file.obstacles)):
         yield f"obstacle{obstacle}", RecordedSamples(time, centers[:, obstacle])
-
-
-def _in_space(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points with three coordinates, planar ones at z = 0."""
-    return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))

@@ -17,6 +17,7 @@ import numpy as np
 
 from comove.demonstrations.formats.hdf5 import put, put_pictures, robomimic_file, write_demo
 from comove.demonstrations.samples import RecordedSamples
+from comove.scenes.shapes import spatial
 from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 
@@ -53,13 +54,11 @@ def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:
 
 def _hands(episode: EpisodeSamples) -> list[RecordedSamples]:
     """Return the hands in space, a robot's with their orientations."""
-    n_steps, n_hands, n_dims = episode.position.shape
-    position = np.zeros((n_steps, n_hands, 3))
-    position[..., :n_dims] = episode.position
+    position = spatial(episode.position)
     turned = None if episode.joints is None else episode.joints.orientation
     return [
         RecordedSamples(
             episode.time, position[:, hand], orientation=None if turned is None else turned[:, hand]
         )
-        for hand in range(n_hands)
+        for hand in range(position.shape[1])
     ]

@@ -222,7 +222,7 @@ def _verified(motion: CoordinatedMotion, run: StudyRun, file: Path) -> VerifiedM
         raise ResultError(
             f"the motion of episode {run.number} does not stand the check any more: {verdict.reasons[0]}",
             file=file,
-            way_out="copy the store again, or generate the episode again in a new folder",
+            way_out=DAMAGED,
         )
     return verdict.verified
 
