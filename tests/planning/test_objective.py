@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.random_scenes import moving_scene
 from comove.coordination import CoordinatedMotion, load_coordinates, rollouts
 from comove.planning import PaperCost
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
@@ -140,6 +141,20 @@ def test_a_population_is_evaluated_one_by_one():
             assert together.cost[i] == pytest.approx(alone.cost[0], rel=1e-12)  # sums are ordered otherwise
             assert together.penalty[i] == pytest.approx(alone.penalty[0], abs=1e-12)
             assert together.clearance[i] == pytest.approx(alone.clearance[0], abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_among_moving_obstacles_too(seed):
+    """Where obstacles have gone to in one rollout says nothing about the next."""
+    scene, basis, rng = moving_scene(seed), motion_basis(20), np.random.default_rng(seed)
+    coordinates = load_coordinates(scene)
+    weights = 0.05 * rng.standard_normal((6, coordinates.n_columns, basis.n_basis))
+    objective, q = Objective(scene, coordinates), rollouts(basis, coordinates.boundary(), weights, N_STEPS)
+    together = objective.evaluate(q)
+    alone = [objective.evaluate(each[None]) for each in q]
+    for name in ("cost", "penalty", "clearance"):
+        found = np.concatenate([getattr(each, name) for each in alone])
+        np.testing.assert_allclose(getattr(together, name), found, rtol=1e-12, atol=1e-12)
 
 
 # --- Penalty ---

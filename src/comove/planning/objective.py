@@ -210,6 +210,7 @@ def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, contact, ne
     n_rollouts, n_steps = nodes.shape[0], nodes.shape[1]
     c_goal, c_vel, c_res, duration = cost_weights[0], cost_weights[1], cost_weights[2], cost_weights[3]
     terms, total = np.zeros((n_rollouts, 3)), np.zeros(n_rollouts)
+    origin = around.obstacles[:, CENTER : CENTER + 3].copy()
     speed, acceleration = np.zeros(n_rollouts), np.zeros(n_rollouts)
     penalty, clearance, hits = np.zeros(n_rollouts), np.zeros(n_rollouts), np.zeros(n_rollouts)
     rate = (n_steps - 1) / duration
@@ -236,12 +237,12 @@ def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, contact, ne
         terms[k, 2] *= c_res / n_steps
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
-        penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, offsets, contact, needed)
+        penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, offsets, origin, contact, needed)
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 
 @kernel
-def _obstacle_penalty(around, x, offsets, contact, needed):
+def _obstacle_penalty(around, x, offsets, origin, contact, needed):
     """Return penalty, least clearance (capped) and mean number of touched obstacles of one rollout.
 
     Parameters
@@ -249,13 +250,14 @@ def _obstacle_penalty(around, x, offsets, contact, needed):
     around : Surroundings, whose table of obstacles is written to where these move
     x : array, shape (n_steps, n_nodes, 3) [m]
     offsets : array, shape (n_steps, n_rows, 3), displacements of the obstacles; n_steps = 0 if none moves [m]
+    origin : array, shape (n_rows, 3), centres of the obstacles in the scene [m]
     contact : ContactPenalty, whose margin is one of the clearance itself
     needed : clearance that the scene asks for [m]
     """
     margin = contact.margin
     n_steps, n_rows = x.shape[0], around.obstacles.shape[0]
     near, near_meshes = np.empty(n_rows, dtype=np.int64), np.empty(n_rows, dtype=np.int64)
-    pose, origin = np.empty((x.shape[1], 3)), around.obstacles[:, CENTER : CENTER + 3].copy()
+    pose = np.empty((x.shape[1], 3))
     normals = np.full((count_solids(around.solids), n_rows, 3), 1.0 / sqrt(3.0))  # that parted them last
     # The last sample, counted from 1, at which each obstacle was touched; in the end, how often any was.
     touched = np.zeros(n_rows + 1, dtype=np.int64)
