@@ -164,21 +164,28 @@ def minimise(
         if max(n_objective, search.n_constraint + len(request.x) * request.constraints) > limit:
             search.check_finite()
             return search.result(Reason.EVALUATIONS)
-        try:
-            values = objective(request.x.copy()) if request.objective else None
-            missed = h(request.x.copy()) if request.constraints else None
-        except Exception as error:
-            error.add_note(
-                f"raised after {search.n_objective} evaluations of the objective and {search.n_constraint} of "
-                "the constraints; this exception's attribute `search` holds the search and can be pickled"
-            )
-            error.search = search  # type: ignore[attr-defined]
-            raise
-        search.tell(values, missed)
+        search.tell(*_answers(search, request, objective, h))
         if search.best_fun <= target:
             return search.result(Reason.TARGET)
         if callback is not None and callback(search):
             return search.result(Reason.CALLBACK)
+
+
+def _answers(
+    search: Minimiser, request: Request, objective: Callable, h: Callable
+) -> tuple[Array | None, Array | None]:
+    """Return the values that a search asks for; an exception of a function takes the search along."""
+    try:
+        values = objective(request.x.copy()) if request.objective else None
+        missed = h(request.x.copy()) if request.constraints else None
+    except Exception as error:
+        error.add_note(
+            f"raised after {search.n_objective} evaluations of the objective and {search.n_constraint} of "
+            "the constraints; this exception's attribute `search` holds the search and can be pickled"
+        )
+        error.search = search  # type: ignore[attr-defined]
+        raise
+    return values, missed
 
 
 class Minimiser:

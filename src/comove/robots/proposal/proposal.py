@@ -136,7 +136,40 @@ def propose(
         If a URDF is missing or unsound, or there is no arm in it.
     """
     parts = tuple(_part(urdf, i, len(urdfs), file, apart, settings.arm) for i, urdf in enumerate(urdfs))
-    data: dict[str, Any] = {"name": _name_of(file), "models": [part.entry for part in parts], "arms": {}}
+    data, notes = _arms_of(parts, settings)
+    if not data["arms"]:
+        raise RobotError(
+            f"no arm of four joints or more was found in {', '.join(urdfs)}",
+            file=file,
+            way_out="write the description by hand: docs/robots.md",
+        )
+    data = {"name": _name_of(file), **data}
+    with warnings.catch_warnings():  # they come once, with the last robot
+        warnings.simplefilter("ignore", ComoveWarning)
+        data, more = _with_tools(data, _robot(data, file), parts, settings)
+        robot, notes = _robot(data, file), notes + more
+    left_out = _left_out(robot, parts, seed, settings)
+    srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
+    pairs = [pair for part in parts for pair in _named(part, left_out)]
+    notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
+    robot = _without(robot, pairs)
+    homes: Homes = homes_of(robot, seed, settings.home)
+    for arm, home in zip(robot.arms, homes.joints, strict=True):
+        data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
+    notes += homes.notes
+    weak = overloaded(_robot(data, file))
+    if weak:
+        data["springs"] = dict.fromkeys(weak, settings.springs)
+        notes.append(
+            f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
+            f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
+        )
+    return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
+
+
+def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[str, Any], list[str]]:
+    """Return the entries of models, arms, posture and limits of a description, and notes on what was guessed."""
+    data: dict[str, Any] = {"models": [part.entry for part in parts], "arms": {}}
     notes = [note for part in parts for note in part.notes]
     limits: dict[str, dict[str, float]] = {}
     posture: dict[str, float] = {}
@@ -165,38 +198,12 @@ def propose(
             "stays"
             for joint in lost
         ]
-    if not data["arms"]:
-        raise RobotError(
-            f"no arm of four joints or more was found in {', '.join(urdfs)}",
-            file=file,
-            way_out="write the description by hand: docs/robots.md",
-        )
     if posture:
         data["posture"] = posture
     if limits:
         data["limits"] = limits
     notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
-    with warnings.catch_warnings():  # they come once, with the last robot
-        warnings.simplefilter("ignore", ComoveWarning)
-        data, more = _with_tools(data, _robot(data, file), parts, settings)
-        robot, notes = _robot(data, file), notes + more
-    left_out = _left_out(robot, parts, seed, settings)
-    srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
-    pairs = [pair for part in parts for pair in _named(part, left_out)]
-    notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
-    robot = _without(robot, pairs)
-    homes: Homes = homes_of(robot, seed, settings.home)
-    for arm, home in zip(robot.arms, homes.joints, strict=True):
-        data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
-    notes += homes.notes
-    weak = overloaded(_robot(data, file))
-    if weak:
-        data["springs"] = dict.fromkeys(weak, settings.springs)
-        notes.append(
-            f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
-            f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
-        )
-    return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
+    return data, notes
 
 
 def _written(home: Array, lower: Array, upper: Array) -> list[float]:
