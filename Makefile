@@ -4,7 +4,7 @@ PYTHON ?= $(shell for p in python3.11 python3.12 python3.13 python3; do \
 VENV := .venv
 BIN := $(VENV)/bin
 unexport PYTHONDONTWRITEBYTECODE  # or each of the hundreds of commands that tests start compiles comove anew
-WORKERS = $(shell $(BIN)/python -c 'from comove.processes.processors import n_processors; print(min(n_processors() + 1, 8))')
+WORKERS = $(shell $(BIN)/python -c 'from comove.processes import n_processors; print(min(n_processors() + 1, 8))')
 PARALLEL = --numprocesses $(WORKERS) --dist loadfile  # one more than cores: tests wait for the commands that they start
 
 .PHONY: dist docs paper demo reproduce ablation test test-all test-release lint bench clean

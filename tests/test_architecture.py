@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -172,6 +174,16 @@ def test_nothing_draws_from_the_global_random_state(modules):
             ):
                 assert node.attr in ("default_rng", "Generator", "random"), f"{inside}: {ast.unparse(node)}"
         assert "random" not in set(imported(nodes)), inside
+
+
+def test_what_the_makefile_asks_of_the_package_is_answered():
+    asked = re.findall(
+        r"python -c '(from comove[^']*)'", (PLAN.parents[1] / "Makefile").read_text(encoding="utf-8")
+    )
+    assert asked
+    for code in asked:
+        told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+        assert int(told.stdout) > 0
 
 
 def test_everything_that_is_offered_exists():

@@ -190,7 +190,9 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
         for contact in record.contacts
     ]
     reasons += [
-        f"{what} meet, by their exact bodies, {-m[name]:.2g} m deep" for name, what in MET if m[name] <= 0.0
+        f"{what} meet, by their exact bodies, {-m[name]:.2g} m deep"
+        for name, what in MET
+        if not m[name] > 0.0
     ]
     if record.given_up:
         reasons.append(record.given_up)

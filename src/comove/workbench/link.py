@@ -64,6 +64,8 @@ class Link:
         dragging : whether more will follow at once: a motion that is still verified is then good enough
         item : what of a result folder is wanted instead of a search
         """
+        if item is not None:
+            item = item.absolute()
         return self._put(
             "draft", folder=self.folder.absolute(), draft=draft, times=times, dragging=dragging, item=item
         )

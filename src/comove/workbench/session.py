@@ -205,8 +205,8 @@ class Session:
         """
         if self.live and grip.kind != "obstacle":
             return
-        place = np.array(handle.position, dtype=float) if self.live else self._place_of(grip)
-        held = self._held_by(event, grip, place, np.array(event.start_position, dtype=float), UNTURNED)
+        drawn = np.array(handle.position, dtype=float) if self.live else None
+        held = self._held_by(event, grip, drawn, np.array(event.start_position, dtype=float), UNTURNED)
         to, last = self._pointed(held, event), event.phase == "end"
         if self.live:
             if to is not None:
@@ -217,13 +217,18 @@ class Session:
             handle.position = tuple(to + [0.0, 0.0, lift])
             self.move(grip, to, None, last=last)
 
-    def _place_of(self, grip: Grip) -> Array:
-        return place_of(self.history.now.contents, grip)
+    def _held_by(self, event: Any, grip: Grip, drawn: Array | None, taken: Array, quaternion: Array) -> Hold:
+        """Return the drag that an event belongs to; one that begins does where the pointer is now.
 
-    def _held_by(self, event: Any, grip: Grip, place: Array, taken: Array, quaternion: Array) -> Hold:
-        """Return the drag that an event belongs to, from where the grip and the pointer are now if it begins."""
+        Parameters
+        ----------
+        drawn : place where the grip is drawn, if that is not its place in the draft [m]
+        taken, quaternion : place of the pointer [m], and how what it turns is turned
+        """
         if event.phase == "start" or self.held is None or self.held.grip != grip:
-            self.held = Hold(grip, self.history.now.contents, place, taken, quaternion)
+            contents = self.history.now.contents
+            place = place_of(contents, grip) if drawn is None else drawn
+            self.held = Hold(grip, contents, place, taken, quaternion)
         return self.held
 
     def _pointed(self, held: Hold, event: Any) -> Array | None:
@@ -283,7 +288,7 @@ class Session:
             return
         place = np.array(event.target.position, dtype=float)
         turn = np.array(event.target.wxyz, dtype=float)
-        held = self._held_by(event, grip, self._place_of(grip), place, turn)
+        held = self._held_by(event, grip, None, place, turn)
         by = quaternion_product(turn, conjugate(held.quaternion))
         by_turn = by if grip.turns and abs(by[0]) < 1 - 1e-12 else None
         to = held.place + place - held.taken

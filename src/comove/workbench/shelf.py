@@ -44,6 +44,11 @@ class Item:
     result: Path | None = None
     part: PlayedPart = PlayedPart.MOTION
 
+    def absolute(self) -> Item:
+        """Return the same by absolute paths, for a process that may stand in another folder."""
+        result = None if self.result is None else self.result.absolute()
+        return Item(self.scene.absolute(), result, self.part)
+
 
 @dataclass(frozen=True)
 class Shelf:

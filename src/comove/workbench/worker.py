@@ -401,6 +401,7 @@ def _aim_of(scene: Scene, draft: Draft) -> Any:
 
 def main(number: int) -> None:
     """Answer what comes through a socket until the other end is closed."""
+    os.dup2(2, 1)  # what libraries print is no part of what the command says
     connection, mailbox, sending = Connection(number), RunMailbox(), threading.Lock()
 
     def read() -> None:
