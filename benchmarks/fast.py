@@ -67,7 +67,7 @@ def toppra_duration(motion: comove.CoordinatedMotion) -> str:
     n_dims, n = motion.scene.n_dims, motion.scene.start.size
     share = np.full(n, 1.0 / np.sqrt(n_dims))  # of a hand's limit, that each of its axes may use
     hands = motion.hands(np.linspace(0.0, 1.0, N_PATH))[0].reshape(N_PATH, n)
-    found = by_toppra(hands, share * LIMITS["speed"], share * LIMITS["acceleration"])
+    found = by_toppra(hands, share * LIMITS["speed"], share * LIMITS["acceleration"])()
     return "-" if found is None else f"{found.duration:.3f}"
 
 

@@ -86,10 +86,7 @@ def peer(
 ) -> tuple[float, float, float, float] | None:
     """Return the same of toppra; None where it is not installed."""
     position = dmp.at(np.linspace(0.0, dmp.duration, N_PATH)).position
-
-    def timed() -> Any:
-        return by_toppra(position, velocity, acceleration)
-
+    timed = by_toppra(position, velocity, acceleration)
     found = timed()
     if found is None:
         return None

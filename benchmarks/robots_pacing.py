@@ -53,7 +53,7 @@ def main() -> None:
                 fastest = motion.joints if objective is not None else None
         if fastest is not None:
             position = fastest.curve(np.linspace(0.0, fastest.duration, N_PATH))[:, columns]
-            timed = by_toppra(position, robot.velocity[columns], robot.acceleration[columns])
+            timed = by_toppra(position, robot.velocity[columns], robot.acceleration[columns])()
             if timed is not None:
                 own = seen(timed, timed.duration, np.arange(len(columns)))
                 found.setdefault("TOPP-RA on the latter's path", []).append(own)

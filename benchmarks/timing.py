@@ -89,10 +89,10 @@ def print_row(cells: Sequence[object]) -> None:
     print(f"| {' | '.join(map(str, cells))} |", flush=True)
 
 
-def by_toppra(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Any:
-    """The fastest movement along a path by TOPP-RA (Pham and Pham, 2018), a curve that has a `duration`.
+def by_toppra(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray) -> Callable[[], Any]:
+    """A function that finds the fastest movement along a path by TOPP-RA (Pham and Pham, 2018).
 
-    None where it finds none, or is not installed.
+    It returns a curve that has a `duration`; None where there is none, or TOPP-RA is not installed.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def by_toppra(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarr
         from toppra.algorithm import TOPPRA
         from toppra.constraint import JointAccelerationConstraint, JointVelocityConstraint
     except ImportError:
-        return None
+        return lambda: None
     toppra.setup_logging("ERROR")
     # At rest at both ends, the path by time has no speed there: by its own length it has.
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(position, axis=0), axis=1))])
@@ -114,7 +114,7 @@ def by_toppra(position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarr
         kind(np.stack([-most, most], axis=1))
         for kind, most in ((JointVelocityConstraint, velocity), (JointAccelerationConstraint, acceleration))
     ]
-    return TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
+    return lambda: TOPPRA(limits, path, parametrizer="ParametrizeConstAccel").compute_trajectory()
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.geometry.clipping import left_out
-from comove.geometry.convex_decomposition import SETTINGS, decompose
+from comove.geometry.convex_decomposition import SETTINGS, decompose, left_out
 from comove.geometry.polytopes import hull_of
 from comove.geometry.topology import solids_and_sheets
 from tests.cases import examples

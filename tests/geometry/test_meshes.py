@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from comove.coordination import CoordinatedMotion
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import meshes as module
-from comove.geometry.clipping import left_out
+from comove.geometry.convex_decomposition import left_out
 from comove.geometry.distances import POLYTOPE, point_distance
 from comove.scenes import Scene
 from comove.verification import verify

@@ -1,9 +1,11 @@
 """Obstacles go where their motion says."""
 
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -204,3 +206,26 @@ def test_what_moves_can_be_made_to_stand_or_left_out():
     np.testing.assert_array_equal(without.obstacles, scene.obstacles[1:])
     assert without.owners.tolist() == [0]
     assert without.name_of(0) == scene.name_of(1).replace("1", "0")
+
+
+def test_meshes_stay_what_they_are_where_others_are_left_out():
+    """Where what moves is left out, the scene is the one in which it never was."""
+    file = Path(__file__).parents[2] / "examples" / "meshes" / "gate.yaml"
+    data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    ball = {
+        "shape": "sphere",
+        "center": [0.1, 0.1, 0.1],
+        "radius": 0.02,
+        "motion": {"velocity": [0.01, 0, 0]},
+    }
+    alone = Scene.from_dict(data, folder=file.parent)
+    left = Scene.from_dict(data | {"obstacles": [ball, *data["obstacles"]]}, folder=file.parent).standing()
+    np.testing.assert_array_equal(left.obstacles, alone.obstacles)
+    np.testing.assert_array_equal(left.owners, alone.owners)
+    for name in ("owner", "row", "center", "root"):
+        np.testing.assert_array_equal(getattr(left.surfaces, name), getattr(alone.surfaces, name))
+    rng = np.random.default_rng(0)
+    nodes = alone.nodes_at("start")
+    for _ in range(20):
+        moved = nodes + rng.uniform(-0.4, 0.8, 3)
+        assert left.clearance_at(moved)[0] == alone.clearance_at(moved)[0]

@@ -4,20 +4,156 @@ Boxes are halved until the part of the solid in each of them is nearly convex. A
 points: the vertices of the triangles' parts inside the box, and the corners of the box that are inside the solid. So
 a convex set that contains these points contains the piece, and a set that contains all pieces contains the solid.
 
-Triangles must be closed and turned outwards (`comove.geometry.meshes`), or be a sheet, which has no inside.
+Whether a point is inside is decided by a ray in a direction to which hardly any edge of a mesh is parallel: each
+triangle that the ray crosses counts +1 or -1, by the side on which it is crossed. Triangles must be closed and turned
+outwards (`comove.geometry.meshes`).
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.clipping import clipped
-from comove.geometry.polytopes import ROUNDING
-from comove.geometry.surfaces import holds
 
+Array = NDArray[np.float64]
+
+N_BINS = 64  # of the rays' plane, along each axis
 INWARD = 1e-6  # of a box, by which its corners are moved into it before they are asked for
+FLAT = 1e-9  # of the solid's size, below which a piece has no inside
 MAX_POLYGON = 16  # corners: a triangle cut by six planes has nine
+RAY = np.array([0.3710, 0.2437, 0.8960])  # no edge of a drawing is parallel to it
+
+
+def _axes() -> Array:
+    z = RAY / np.linalg.norm(RAY)
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+AXES = _axes()  # two across the ray and one along it, as rows
+
+
+class Solid(NamedTuple):
+    """A solid bounded by triangles, prepared for point-in-solid tests.
+
+    Attributes
+    ----------
+    corners : array, shape (n_triangles, 3, 3), corners of the triangles [m]
+    seen : array, shape (n_triangles, 3, 3), the corners' coordinates along the axes of the ray's frame [m]
+    axes : array, shape (3, 3), the axes of the ray's frame as rows: two across the ray, the third along it
+    low, width : array, shape (2,), and number: lower corner of the grid of bins across the ray, and width of a bin
+        [m]
+    first, member : arrays of int, shapes (N_BINS^2 + 1,) and (n,): the triangles of bin i are
+        ``member[first[i] : first[i + 1]]``
+    """
+
+    corners: Array
+    seen: Array
+    axes: Array
+    low: Array
+    width: float
+    first: NDArray[np.int64]
+    member: NDArray[np.int64]
+
+
+def solid_of(corners: Array) -> Solid:
+    """Return the solid that triangles bound, array of shape (n_triangles, 3, 3) [m]."""
+    axes = AXES
+    seen = np.ascontiguousarray(corners @ axes.T)
+    low, high = seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1))
+    width = float((high - low).max()) / N_BINS * (1 + 1e-9)
+    first, member = _binned(seen, low, width)
+    return Solid(np.ascontiguousarray(corners), seen, axes, low, width, first, member)
+
+
+def no_solid(corners: Array) -> Solid:
+    """Return a `Solid` without inside, of triangles that bound nothing, array of shape (n_triangles, 3, 3) [m]."""
+    none = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
+    return Solid(np.ascontiguousarray(corners), np.zeros((0, 3, 3)), np.eye(3), np.zeros(2), 1.0, *none)
+
+
+@kernel
+def _bins(triangle, low, width):
+    """Return the first and last bin, along both axes across the ray, that a triangle may overlap."""
+    u = min(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
+    v = min(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - low[1]
+    s = max(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
+    t = max(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - low[1]
+    return (
+        max(0, int(u / width)),
+        min(N_BINS - 1, int(s / width)),
+        max(0, int(v / width)),
+        min(N_BINS - 1, int(t / width)),
+    )
+
+
+@kernel
+def _binned(seen, low, width):
+    first = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64)
+    for k in range(seen.shape[0]):
+        a, b, c, d = _bins(seen[k], low, width)
+        for i in range(a, b + 1):
+            for j in range(c, d + 1):
+                first[i * N_BINS + j + 1] += 1
+    for i in range(N_BINS * N_BINS):
+        first[i + 1] += first[i]
+    member, at = np.empty(first[-1], dtype=np.int64), first.copy()
+    for k in range(seen.shape[0]):
+        a, b, c, d = _bins(seen[k], low, width)
+        for i in range(a, b + 1):
+            for j in range(c, d + 1):
+                member[at[i * N_BINS + j]] = k
+                at[i * N_BINS + j] += 1
+    return first, member
+
+
+@kernel
+def is_inside(solid, x, y, z):
+    """Return whether a point is inside a solid; for a point on the surface the answer may be either."""
+    axes = solid.axes
+    u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
+    v = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
+    w = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
+    i, j = int(np.floor((u - solid.low[0]) / solid.width)), int(np.floor((v - solid.low[1]) / solid.width))
+    if i < 0 or j < 0 or i >= N_BINS or j >= N_BINS:
+        return False
+    turns = 0
+    for m in range(solid.first[i * N_BINS + j], solid.first[i * N_BINS + j + 1]):
+        triangle = solid.seen[solid.member[m]]
+        if triangle[0, 2] < w and triangle[1, 2] < w and triangle[2, 2] < w:
+            continue
+        e = side_of(triangle[0], triangle[1], u, v)
+        f = side_of(triangle[1], triangle[2], u, v)
+        g = side_of(triangle[2], triangle[0], u, v)
+        if (e > 0.0) == (f > 0.0) and (f > 0.0) == (g > 0.0):
+            total = e + f + g
+            if total != 0.0 and (f * triangle[0, 2] + g * triangle[1, 2] + e * triangle[2, 2]) / total > w:
+                turns += 1 if total > 0.0 else -1
+    return turns != 0
+
+
+@kernel
+def side_of(p, q, u, v):
+    """Return on which side of the edge p-q a ray passes, as a signed number.
+
+    Both triangles that share the edge get the same number, to the last digit.
+    """
+    if p[0] < q[0] or (p[0] == q[0] and p[1] < q[1]):
+        return (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
+    return -((p[0] - q[0]) * (v - q[1]) - (p[1] - q[1]) * (u - q[0]))
+
+
+@kernel
+def are_inside(solid, points):
+    """Return which of the points, array of shape (n, 3), are inside a solid; array of bool, shape (n,)."""
+    inside = np.empty(points.shape[0], dtype=np.bool_)
+    for k in range(points.shape[0]):
+        inside[k] = is_inside(solid, points[k, 0], points[k, 1], points[k, 2])
+    return inside
 
 
 @kernel
@@ -26,7 +162,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
 
     Parameters
     ----------
-    solid : `Surfaces` of one mesh, in the frame of the planes
+    solid : in the frame of the planes
     planes : array, positions of the planes at which it is cut in any case: along x, then y, then z, each in order [m]
     first_plane : array of int, shape (4,), index of each axis's first plane in `planes`
     low, high : arrays, shape (3,), corners of a box around the solid [m]
@@ -38,8 +174,8 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
     points : array, shape (n, 3), extreme points of the pieces [m]
     first : array of int, shape (n_pieces + 1,), index of each piece's first point in `points`
     """
-    n_triangles = solid.triangles.shape[0]
-    flat = ROUNDING * (high - low).max()
+    n_triangles = solid.corners.shape[0]
+    flat = FLAT * (high - low).max()
     pool = np.empty(8 * n_triangles + 1024, dtype=np.int64)
     for k in range(n_triangles):
         pool[k] = k
@@ -58,7 +194,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
         axis, at = _cut(planes, first_plane, a, b)
         if axis < 0 or begin == end:
             x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-            if begin == end and not holds(solid, 0, x, y, z):
+            if begin == end and not is_inside(solid, x, y, z):
                 continue
             if axis < 0:
                 n_own, off, own = _piece(solid, pool[begin:end], a, b, polygon, other, own, flat)
@@ -104,13 +240,13 @@ def _halved(solid, pool, begin, end, axis, at):
     kept = begin + count
     n_low = 0
     for m in range(begin, end):
-        corners = solid.triangles[pool[m]]
+        corners = solid.corners[pool[m]]
         if min(corners[0, axis], corners[1, axis], corners[2, axis]) <= at:
             pool[kept + n_low] = pool[m]
             n_low += 1
     n_high = 0
     for m in range(begin, end):
-        corners = solid.triangles[pool[m]]
+        corners = solid.corners[pool[m]]
         if max(corners[0, axis], corners[1, axis], corners[2, axis]) >= at:
             pool[kept + n_low + n_high] = pool[m]
             n_high += 1
@@ -146,19 +282,16 @@ def _piece(solid, members, a, b, polygon, other, own, flat):
     own : array whose first `n_own` rows are the extreme points [m]
     """
     n_own, n_faces = 0, 0
-    sheet = not solid.closed[0]
-    faces, side = np.empty((members.shape[0], 4)), np.empty(4)
+    sheet = solid.member.shape[0] == 0
+    faces = np.empty((members.shape[0], 4))
     for m in range(members.shape[0]):
-        corners = solid.triangles[members[m]]
+        corners = solid.corners[members[m]]
         n = 3
         for i in range(3):
             polygon[i] = corners[i]
         for axis in range(3):
-            side[:] = 0.0
-            side[axis], side[3] = 1.0, b[axis]
-            n = clipped(polygon, n, side, 1.0, other)
-            side[3] = a[axis]
-            n = clipped(other, n, side, -1.0, polygon)
+            n = _clipped(polygon, n, axis, 1.0, b[axis], other)
+            n = _clipped(other, n, axis, -1.0, -a[axis], polygon)
         if n < 3:
             continue
         p, q, r = corners[0], corners[1], corners[2]
@@ -182,7 +315,7 @@ def _piece(solid, members, a, b, polygon, other, own, flat):
     for corner in range(8):
         if members.shape[0] > 0:  # else the whole box is inside
             x = _inward(a, b, corner, 0)
-            if not holds(solid, 0, x, _inward(a, b, corner, 1), _inward(a, b, corner, 2)):
+            if not is_inside(solid, x, _inward(a, b, corner, 1), _inward(a, b, corner, 2)):
                 continue
         for axis in range(3):
             own[n_own, axis] = b[axis] if corner >> axis & 1 else a[axis]
@@ -222,3 +355,22 @@ def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
         if at_high and normal < 0.5:
             return True
     return False
+
+
+@kernel
+def _clipped(polygon, n, axis, sign, bound, out):
+    """Write in `out` the part of a polygon where ``sign * x[axis] <= bound``, and return its number of corners."""
+    count = 0
+    for i in range(n):
+        p, q = polygon[i], polygon[(i + 1) % n]
+        here, there = sign * p[axis] - bound, sign * q[axis] - bound
+        if here <= 0.0:
+            out[count] = p
+            count += 1
+        if (here < 0.0 and there > 0.0) or (here > 0.0 and there < 0.0):
+            share = here / (here - there)
+            for k in range(3):
+                out[count, k] = p[k] + share * (q[k] - p[k])
+            out[count, axis] = sign * bound
+            count += 1
+    return count

@@ -22,14 +22,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.cells import pieces
-from comove.geometry.clipping import left_out
-from comove.geometry.distances import points_apart
-from comove.geometry.polytopes import ROUNDING, Polytope, coarser, hull_of, solid_hull_of, thickened
-from comove.geometry.surfaces import Placed, Surfaces, holds, near_on_surface, surfaces_of
-from comove.geometry.topology import FLAT, Parts
+from comove.geometry.cells import Solid, are_inside, no_solid, pieces, solid_of
+from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of, thickened
+from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
+
+ROUNDING = (
+    1e-9  # of its size, by which a solid may miss being convex, and a triangle be outside its polytopes
+)
+FLAT = 1e-12  # of the square of its size: a triangle of less has no plane
+MOST_SAMPLES = 16  # along a line
+MOST_CORNERS, MOST_OPEN = 64, 192  # corners of a remaining polygon; pending polygons
 
 
 @dataclass(frozen=True)
@@ -46,8 +50,8 @@ class DecompositionSettings:
     bend, smallest : how far from convex pieces may be, and how small they are cut, as shares of the resolution
     near : share of the resolution by which a group's hull may reach beyond the mesh; the rest is for coarser hulls
     finest : share of the resolution below which excesses are not told apart
-    most_nodes : largest number of nodes of the grid of known distances, else half the resolution apart
-    n_seen, n_samples : most points of a piece that see others, and most points of a line that are looked at
+    n_nodes, most_nodes : nodes of the grid of known distances, along the longest side and in all
+    n_seen : most points of a piece that see others
     strictness : shares of `near` within which pieces must see each other, tried in turn until the hull of a group is
         near enough to the mesh
     n_seeds, n_tried : pieces from which groups are grown, and groups whose hulls are looked at
@@ -66,9 +70,9 @@ class DecompositionSettings:
     smallest: float = 0.5
     near: float = 0.75
     finest: float = 0.5
+    n_nodes: int = 64
     most_nodes: int = 200_000
     n_seen: int = 8
-    n_samples: int = 16
     strictness: tuple[float, ...] = (1.0, 0.6, 0.3, 0.1)
     n_seeds: int = 24
     n_tried: int = 6
@@ -112,12 +116,13 @@ def decompose(
     few : whether small pieces are combined to few polytopes at any cost; else only where this takes little work
     """
     size = float(np.ptp(parts.vertices, axis=0).max())
+    thin = settings.sheet * size
     resolution = settings.share * size if resolution is None else resolution
-    sheet, work = settings.sheet * size, settings.much_work if few else settings.little_work
+    work = settings.much_work if few else settings.little_work
     found, excess, rest = [], 0.0, []
-    for part, thickness in [(p, 0.0) for p in parts.solids] + [(p, sheet) for p in parts.sheets]:
+    for part, thickness in [(p, 0.0) for p in parts.solids] + [(p, thin) for p in parts.sheets]:
         corners = parts.vertices[part]
-        if _normals(corners)[1].max() <= FLAT * size**2:
+        if _area(corners).max() <= FLAT * size**2:
             continue  # only lines: `left_out` covers them below
         hull = _hull(corners, resolution, thickness)
         if hull is None:
@@ -130,12 +135,12 @@ def decompose(
         else:
             found += hull[0]
             excess = max(excess, hull[1])
-    own, beyond = _singles(rest, resolution, sheet, settings)
+    own, beyond = _singles(rest, resolution, thin, settings)
     found, excess = found + own, max(excess, beyond)
     triangles = parts.vertices[np.concatenate([*parts.solids, *parts.sheets])]
     for polygon in left_out(triangles, found, ROUNDING * size):
-        found.append(_thin(polygon, sheet))
-        excess = max(excess, sheet)
+        found.append(_thin(polygon, thin))
+        excess = max(excess, thin)
     return ConvexDecomposition(tuple(found), excess)
 
 
@@ -182,10 +187,23 @@ def _singles(
     return found, excess
 
 
-def _normals(corners: Array) -> tuple[Array, Array]:
-    """Return the normals of triangles (n, 3, 3), twice as long as their areas, and these lengths [m^2]."""
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return normals, np.linalg.norm(normals, axis=1)
+def left_out(triangles: Array, polytopes: list[Polytope], tolerance: float) -> list[Array]:
+    """Return the parts of triangles that are outside all polytopes, as polygons, arrays of shape (n, 3) [m].
+
+    Parameters
+    ----------
+    triangles : array, shape (n_triangles, 3, 3) [m]
+    tolerance : distance by which a contained point may be outside a polytope [m]
+    """
+    first = np.cumsum([0, *(len(p.planes) for p in polytopes)])
+    planes = np.concatenate([p.planes for p in polytopes]) if polytopes else np.zeros((0, 4))
+    corners, counts = _left_out(triangles, planes, first, tolerance)
+    return [own[:n] for own, n in zip(corners, counts, strict=True)]
+
+
+def _area(corners: Array) -> Array:
+    """Return twice the areas of triangles (n, 3, 3); array, shape (n,) [m^2]."""
+    return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
 
 
 def _thin(points: Array, thickness: float) -> Polytope:
@@ -195,8 +213,9 @@ def _thin(points: Array, thickness: float) -> Polytope:
 
 def _is_convex(corners: Array, hull: Polytope) -> bool:
     """Return whether all vertices of the hull lie behind the plane of every triangle."""
-    normals, area = _normals(corners)
-    flat = area > FLAT * hull.size**2
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    flat = area > 1e-12 * hull.size**2
     normals = normals[flat] / area[flat, None]
     for some in np.array_split(np.arange(len(normals)), max(1, len(normals) * len(hull.vertices) // 2**22)):
         beyond = (normals[some] @ hull.vertices.T).max(axis=1) - (normals[some] * corners[flat][some, 0]).sum(
@@ -214,22 +233,20 @@ class _Groups:
     """
 
     def __init__(self, corners: Array, resolution: float, thickness: float, settings: DecompositionSettings):
-        self.frame, self.settings = frame_of(corners), settings
-        faces = (np.arange(3 * len(corners)).reshape(-1, 3),)
-        solids, sheets = ((), faces) if thickness else (faces, ())
-        parts = Parts(corners.reshape(-1, 3), solids, sheets, 0.0)
-        self.solid = surfaces_of([Placed(parts, np.zeros(3), self.frame, 0, 0)])
-        self.corners = self.solid.triangles
+        self.frame = frame_of(corners)
+        self.corners = np.ascontiguousarray(corners @ self.frame.T)
         self.low, self.high = self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))
         self.size = float((self.high - self.low).max())
         self.resolution, self.near = resolution, settings.near * resolution
-        self.thickness = thickness
+        self.thickness, self.settings = thickness, settings
+        self.solid = no_solid(self.corners) if thickness else solid_of(self.corners)
         planes = [self._planes(axis) for axis in range(3)]
+        first = np.cumsum([0, *map(len, planes)])
         out = ROUNDING * self.size
         self.points, self.first = pieces(
             self.solid,
             np.concatenate(planes),
-            np.cumsum([0, *map(len, planes)]),
+            first,
             self.low - out,
             self.high + out,
             settings.bend * resolution,
@@ -239,27 +256,27 @@ class _Groups:
         self.n = len(self.first) - 1
         if thickness:
             self.points, self.first = thickened(self.points, thickness), 6 * self.first
-        self.middles = np.add.reduceat(self.points, self.first[:-1]) / np.diff(self.first)[:, None]
 
     def _planes(self, axis: int) -> Array:
         """Return the positions of cuts across an axis: at the part's largest flat sides, and evenly in between."""
-        (normals, area), n_planes = _normals(self.corners), self.settings.n_planes
+        how = self.settings
+        normals = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        area = np.linalg.norm(normals, axis=1)
         across = np.abs(normals[:, axis]) > (1 - 1e-9) * np.maximum(area, 1e-300)
         at = np.round(self.corners[across, 0, axis] / (1e-6 * self.size)).astype(np.int64)
         places, which = np.unique(at, return_inverse=True)
         share = np.bincount(which, area[across], minlength=len(places)) / area.sum()
-        large = share > max(
-            self.settings.plane_area, np.sort(share)[-n_planes - 1] if len(share) > n_planes else 0.0
-        )
+        few = np.sort(share)[-how.n_planes - 1] if len(share) > how.n_planes else 0.0
+        large = share > max(how.plane_area, few)
         places = 1e-6 * self.size * places[large]
         inner = (places > self.low[axis] + 1e-5 * self.size) & (places < self.high[axis] - 1e-5 * self.size)
         # To the last digit: a cut beside a side leaves slivers.
         exact = self.corners[across, 0, axis]
         places = np.array([exact[np.abs(exact - p).argmin()] for p in places[inner]])
         ends = np.concatenate([[self.low[axis]], places, [self.high[axis]]])
-        step = max(self.size / self.settings.n_cells, self.resolution)
+        cell = max(self.size / how.n_cells, self.resolution)
         even = [
-            np.linspace(a, b, int(np.ceil((b - a) / step - 1e-9)) + 1)[1:-1]
+            np.linspace(a, b, int(np.ceil((b - a) / cell - 1e-9)) + 1)[1:-1]
             for a, b in zip(ends[:-1], ends[1:], strict=True)
         ]
         return np.sort(np.concatenate([places, *even]))
@@ -269,12 +286,13 @@ class _Groups:
 
         It is None where the hulls are too many.
         """
-        self.distance = Distance(self.solid, self.resolution, self.settings)
+        self.distance = Distance(self.corners, self.solid, self.resolution, self.settings)
         apart = self._apart()
         rng = np.random.default_rng(0)
+        middle = np.add.reduceat(self.points, self.first[:-1]) / np.diff(self.first)[:, None]
         left, chosen = np.ones(self.n, dtype=bool), []
         while left.any():
-            hull, held = self._best(apart, left, rng)
+            hull, held = self._best(apart, middle, left, rng)
             chosen.append((hull, held))
             left &= ~held
             if len(chosen) > self.settings.most_hulls:
@@ -323,19 +341,11 @@ class _Groups:
             seen.append(own)
             first.append(first[-1] + len(own))
         d = self.distance
-        return _lines(
-            np.concatenate(seen),
-            np.array(first),
-            self.middles,
-            d.field,
-            d.origin,
-            d.step,
-            self.near,
-            self.settings.n_samples,
-        )
+        middle = np.add.reduceat(self.points, self.first[:-1]) / np.diff(self.first)[:, None]
+        return _lines(np.concatenate(seen), np.array(first), middle, d.field, d.origin, d.step, self.near)
 
     def _best(
-        self, apart: Array, left: NDArray[np.bool_], rng: np.random.Generator
+        self, apart: Array, middle: Array, left: NDArray[np.bool_], rng: np.random.Generator
     ) -> tuple[Polytope, NDArray[np.bool_]]:
         """Return the hull that contains most of the remaining pieces, and which pieces it contains."""
         open_ = np.flatnonzero(left)
@@ -344,7 +354,7 @@ class _Groups:
             see = apart <= strict * self.near
             groups = {}
             for seed in seeds:
-                away = np.linalg.norm(self.middles - self.middles[seed], axis=1)
+                away = np.linalg.norm(middle - middle[seed], axis=1)
                 for order in (
                     np.argsort(away, kind="stable"),
                     np.argsort(away + self.size * ~left, kind="stable"),
@@ -400,8 +410,9 @@ def frame_of(corners: Array) -> Array:
     -------
     array, shape (3, 3): z is the normal of the largest flat side, x that of the largest one across it
     """
-    normals, area = _normals(corners)
-    kept = area > FLAT * area.max()
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normals, axis=1)
+    kept = area > 1e-12 * area.max()
     normals, area = normals[kept] / area[kept, None], area[kept]
     z = _main_direction(normals, area)
     across = np.abs(normals @ z) < 1e-3
@@ -423,27 +434,50 @@ def _main_direction(normals: Array, area: Array) -> Array:
 
 
 class Distance:
-    """Distances from a solid or a sheet, which are known in advance on a grid.
+    """Distances from a solid that are 0 inside and never less than the true ones.
 
-    Attributes
+    Parameters
     ----------
-    origin, step : array, shape (3,), first node of the grid, and the spacing of nodes [m]
-    field : array, distances at the nodes, 0 inside [m]; those that are too large to matter are told too small
+    corners : array, shape (n_triangles, 3, 3), the triangles that bound the solid [m]
+    resolution : distance up to which the grid holds accurate distances; about the spacing of the grid [m]
     """
 
-    def __init__(self, solid: Surfaces, resolution: float, settings: DecompositionSettings):
-        self.solid = solid
-        low, high = solid.lower[0], solid.upper[0]
+    def __init__(self, corners: Array, solid: Solid, resolution: float, settings: DecompositionSettings):
+        from scipy.ndimage import distance_transform_edt
+        from scipy.spatial import cKDTree
+
+        self.corners, self.solid = corners, solid
+        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
         wide = high - low + 2 * resolution
-        self.step = max(0.5 * resolution, float(np.cbrt(wide.prod() / settings.most_nodes)))
+        step = min(float((high - low).max()) / settings.n_nodes, 0.5 * resolution)
+        self.step = max(step, float(np.cbrt(wide.prod() / settings.most_nodes)))
+        samples, self._owner = _samples(corners, self.step)
+        self._tree = cKDTree(samples)
         count = np.ceil(wide / self.step).astype(int) + 3
         self.origin = 0.5 * (low + high) - 0.5 * self.step * (count - 1)
         axes = [self.origin[k] + self.step * np.arange(count[k]) for k in range(3)]
-        self._nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        self._field, outside = np.zeros(len(self._nodes)), ~_inside(solid, self._nodes)
-        most = settings.near * resolution + self.step
-        self._field[outside] = _from_surface(solid, self._nodes[outside], most, 0.0)
-        self.field = self._field.reshape(count)
+        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        inside = are_inside(solid, nodes)
+        there = inside.copy()
+        there[np.ravel_multi_index(np.round((samples - self.origin) / self.step).astype(int).T, count)] = True
+        # Approximate: exact distances are computed near the solid only.
+        field = self.step * distance_transform_edt(~there.reshape(count)).ravel()
+        field[inside] = 0.0
+        near = ~inside & (field < resolution + 3 * self.step)
+        field[near] = self._outside(nodes[near])
+        self.field = field.reshape(count)
+        self._nodes, self._field = nodes, field
+
+    def __call__(self, points: Array) -> Array:
+        """Return the distances of points, array of shape (n, 3), from the solid; array, shape (n,) [m]."""
+        result = np.zeros(len(points))
+        outside = ~are_inside(self.solid, np.ascontiguousarray(points))
+        result[outside] = self._outside(points[outside])
+        return result
+
+    def _outside(self, points: Array) -> Array:
+        away, nearest = self._tree.query(points)
+        return np.minimum(away, _from_triangles(points, self.corners[self._owner[nearest]]))
 
     def is_near(self, hull: Polytope, most: float) -> bool:
         """Return whether no grid node inside a hull is farther than `most` [m] from the solid."""
@@ -457,56 +491,154 @@ class Distance:
         larger.
         """
         low, high = hull.vertices.min(axis=0), hull.vertices.max(axis=0)
-        far = self._field > enough
-        nodes = self._field[far][_behind(self._nodes[far], hull.planes, 0.0)]
-        most = max(enough, float(self._signed(hull.vertices, 0.0).max()), float(nodes.max(initial=0.0)))
+        nodes = self._nodes[self._field > enough]
+        inside = _behind(nodes, hull.planes, 0.0)
+        most = max(enough, float(self(hull.vertices).max()), float(self(nodes[inside]).max(initial=0.0)))
         half, middles = 0.5 * float((high - low).max()), 0.5 * (low + high)[None]
         corners = np.stack(np.meshgrid([-1, 1], [-1, 1], [-1, 1], indexing="ij"), axis=-1).reshape(-1, 3)
         while len(middles):
             reach = np.sqrt(3.0) * half
             middles = middles[_behind(middles, hull.planes, reach)]
-            away = self._signed(middles, max(most - reach, 0.0))
+            away = self(middles)
             if reach <= 0.25 * most:
                 return max(most, float((away + reach).max(initial=0.0)))
-            most = max(most, float(away[_behind(middles, hull.planes, 0.0)].max(initial=0.0)))
-            middles = middles[away + reach > most]  # in the others nothing is farther than the farthest found
+            inside = _behind(middles, hull.planes, 0.0)
+            most = max(most, float(away[inside].max(initial=0.0)))
             half *= 0.5
+            # Drop boxes deep inside the solid, and boxes that cannot be farther than the largest distance found.
+            deep = away == 0.0
+            deep[deep] = self._tree.query(middles[deep])[0] > reach + self.step
+            middles = middles[~deep & (away + reach > most)]
             middles = (middles[:, None] + half * corners).reshape(-1, 3)
         return most
 
-    def _signed(self, points: Array, enough: float) -> Array:
-        """Return the distances of points (n, 3) from the solid, negative inside; array, shape (n,) [m].
 
-        Of those that are near, some number from 0 to `enough` is told.
-        """
-        away = _from_surface(self.solid, points, np.inf, enough)
-        far = np.flatnonzero(away > enough)
-        away[far[_inside(self.solid, points[far])]] *= -1.0
-        return away
+def _samples(corners: Array, spacing: float) -> tuple[Array, NDArray[np.int64]]:
+    """Return points that sample triangles, and the triangle of each point.
 
-
-@kernel
-def _inside(solid, points):
-    """Return which points (n, 3) are inside a solid."""
-    inside = np.empty(points.shape[0], dtype=np.bool_)
-    for i in range(points.shape[0]):
-        inside[i] = holds(solid, 0, points[i, 0], points[i, 1], points[i, 2])
-    return inside
-
-
-@kernel
-def _from_surface(solid, points, most, enough):
-    """Return the distances [m] of points (n, 3) from the triangles of a solid, `most` where that is less.
-
-    Distances of `enough` or less may be told too large, but not larger than `enough`.
+    No point of a triangle is farther than `spacing` [m] from a sample.
     """
-    away, beside, near, way = np.empty(points.shape[0]), np.inf, np.empty(3), np.empty(3)
-    for i in range(points.shape[0]):
-        if i > 0:  # no farther than the point before and the way from there, which is mostly short
-            beside = (away[i - 1] + points_apart(points[i - 1], points[i])) * (1 + 1e-9)
-        least = near_on_surface(solid, 0, points[i : i + 1], min(most, beside), enough, near, way)
-        away[i] = max(least, 0.0)
-    return away
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    count = np.maximum(1, np.ceil(longest / spacing).astype(int))
+    points, owner = [], []
+    for n in np.unique(count):
+        own = np.flatnonzero(count == n)
+        i, j = (index.ravel() for index in np.meshgrid(np.arange(n + 1), np.arange(n + 1)))
+        u, v = i[i + j <= n] / n, j[i + j <= n] / n
+        shares = np.stack([1 - u - v, u, v], axis=1)
+        points.append(np.einsum("sk,tkd->tsd", shares, corners[own]).reshape(-1, 3))
+        owner.append(np.repeat(own, len(u)))
+    return np.concatenate(points), np.concatenate(owner)
+
+
+def _from_triangles(points: Array, corners: Array) -> Array:
+    """Return the distance [m] of each point (n, 3) from the triangle of the same number (n, 3, 3)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    ab, ac, ap = b - a, c - a, points - a
+    aa, bb, mixed = (ab * ab).sum(axis=1), (ac * ac).sum(axis=1), (ab * ac).sum(axis=1)
+    p, q = (ab * ap).sum(axis=1), (ac * ap).sum(axis=1)
+    area = np.maximum(aa * bb - mixed**2, 1e-300)
+    u, v = (bb * p - mixed * q) / area, (aa * q - mixed * p) / area
+    foot = np.linalg.norm(ap - u[:, None] * ab - v[:, None] * ac, axis=1)
+    best = np.where((u >= 0) & (v >= 0) & (u + v <= 1), foot, np.inf)
+    for s, e in ((a, b), (b, c), (c, a)):
+        along = e - s
+        share = ((points - s) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-300)
+        share = np.clip(share, 0.0, 1.0)[:, None]
+        best = np.minimum(best, np.linalg.norm(points - s - share * along, axis=1))
+    return best
+
+
+@kernel
+def _left_out(triangles, planes, first, tolerance):
+    """Return the polygons that remain of triangles when everything inside one polytope after the other is cut off.
+
+    Parameters
+    ----------
+    planes : array, shape (n_planes, 4), of all polytopes [m]
+    first : array of int, shape (n_polytopes + 1,), index of each polytope's first plane
+
+    Returns
+    -------
+    corners : array, shape (n_polygons, MOST_CORNERS, 3) [m]
+    counts : array of int, shape (n_polygons,), number of corners of each polygon
+    """
+    found, counts, n_found = np.empty((16, MOST_CORNERS, 3)), np.empty(16, dtype=np.int64), 0
+    stack = np.empty((256, MOST_CORNERS, 3))
+    sizes, after = np.empty(256, dtype=np.int64), np.empty(256, dtype=np.int64)
+    inner, outer = np.empty((MOST_CORNERS, 3)), np.empty((MOST_CORNERS, 3))
+    for triangle in triangles:
+        stack[0, :3], sizes[0], after[0] = triangle, 3, 0
+        top = 1
+        while top > 0:
+            top -= 1
+            n, polytope = sizes[top], after[top]
+            polygon = stack[top, :n].copy()
+            # What lies beyond one of its planes as a whole is not touched by a polytope.
+            while polytope < first.shape[0] - 1 and _is_beyond(
+                polygon, planes[first[polytope] : first[polytope + 1]], tolerance
+            ):
+                polytope += 1
+            # In no polytope, or in so many pieces already that it is left as it is.
+            whole = polytope == first.shape[0] - 1 or top > MOST_OPEN
+            for k in range(0 if whole else first[polytope], 0 if whole else first[polytope + 1]):
+                n_outer = _half(polygon, planes[k], tolerance, 1.0, outer)
+                if n_outer > 2:
+                    if top == stack.shape[0]:
+                        stack = np.concatenate((stack, np.empty_like(stack)))
+                        sizes = np.concatenate((sizes, np.empty_like(sizes)))
+                        after = np.concatenate((after, np.empty_like(after)))
+                    stack[top], sizes[top], after[top] = outer, n_outer, polytope + 1
+                    top += 1
+                    n = _half(polygon, planes[k], tolerance, -1.0, inner)
+                    polygon = inner[:n].copy()
+                    whole = n + 2 > MOST_CORNERS
+                    if n < 3 or whole:
+                        break
+            if whole:
+                if n_found == found.shape[0]:
+                    found = np.concatenate((found, np.empty_like(found)))
+                    counts = np.concatenate((counts, np.empty_like(counts)))
+                found[n_found, :n], counts[n_found] = polygon, n
+                n_found += 1
+    return found[:n_found], counts[:n_found]
+
+
+@kernel
+def _is_beyond(polygon, planes, tolerance):
+    """Return whether all corners of a polygon (n, 3) are `tolerance` [m] or more beyond one of the planes (m, 4)."""
+    for plane in planes:
+        least = np.inf
+        for p in polygon:
+            least = min(least, plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+        if least >= tolerance:
+            return True
+    return False
+
+
+@kernel
+def _half(polygon, plane, tolerance, side, out):
+    """Write in `out` the part of a polygon beyond a plane (`side` 1) or behind it (-1); return its number of corners.
+
+    If no corner is beyond the plane by more than `tolerance` [m], the part beyond it counts as empty.
+    """
+    n, count, most = polygon.shape[0], 0, -np.inf
+    for p in polygon:
+        most = max(most, plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+    if side > 0.0 and most <= tolerance:
+        return 0
+    for i in range(n):
+        p, q = polygon[i], polygon[(i + 1) % n]
+        here = side * (plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+        there = side * (plane[0] * q[0] + plane[1] * q[1] + plane[2] * q[2] - plane[3])
+        if here >= 0.0:
+            out[count] = p
+            count += 1
+        if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
+            share = here / (here - there)
+            out[count] = p + share * (q - p)
+            count += 1
+    return count
 
 
 @kernel
@@ -523,21 +655,18 @@ def _behind(points, planes, out):
 
 
 @kernel
-def _lines(points, first, middle, field, origin, step, most, n_samples):
-    """Return how far lines between pieces leave the solid, (n, n) [m]; infinite where it is more than `most`.
-
-    At most `n_samples` points of a line are looked at.
-    """
+def _lines(points, first, middle, field, origin, step, most):
+    """Return how far lines between pieces leave the solid, (n, n) [m]; infinite where it is more than `most`."""
     n = first.shape[0] - 1
     apart = np.zeros((n, n))
     for p in range(n):
         for q in range(p):
-            worst = _line(middle[p], middle[q], field, origin, step, most, n_samples)
+            worst = _line(middle[p], middle[q], field, origin, step, most)
             for i in range(first[p], first[p + 1]):
                 if worst > most:
                     break
                 for j in range(first[q], first[q + 1]):
-                    worst = max(worst, _line(points[i], points[j], field, origin, step, most, n_samples))
+                    worst = max(worst, _line(points[i], points[j], field, origin, step, most))
                     if worst > most:
                         break
             apart[p, q] = apart[q, p] = worst if worst <= most else np.inf
@@ -545,14 +674,14 @@ def _lines(points, first, middle, field, origin, step, most, n_samples):
 
 
 @kernel
-def _line(a, b, field, origin, step, most, n_samples):
+def _line(a, b, field, origin, step, most):
     """Return how far the line between two points leaves the solid [m].
 
     Where it is more than `most`, any value above `most` may be returned.
     """
     dx, dy, dz = (b[0] - a[0]) / step, (b[1] - a[1]) / step, (b[2] - a[2]) / step
     x, y, z = (a[0] - origin[0]) / step, (a[1] - origin[1]) / step, (a[2] - origin[2]) / step
-    n = min(n_samples, 2 + int(np.sqrt(dx * dx + dy * dy + dz * dz)))
+    n = min(MOST_SAMPLES, 2 + int(np.sqrt(dx * dx + dy * dy + dz * dz)))
     worst = 0.0
     for k in range(1, n):
         f = k / n

@@ -95,10 +95,9 @@ def _read(data: bytes, suffix: str, scale: float) -> tuple[Mesh, tuple[str, ...]
     n_parts, n_sheets = len(parts.solids) + len(parts.sheets), len(parts.sheets)
     if n_sheets:
         which = "" if n_sheets == n_parts else f" in {n_sheets} of its {n_parts} parts"
-        thick = f"{SETTINGS.sheet * width:.2g} m thick"
         told = (
-            f"is not closed{which}: what is open counts as thin walls (as a load {thick}), and "
-            "nothing is inside it; close it if it is a solid",
+            f"is not closed{which}: what is open counts as thin walls (as a load {SETTINGS.sheet * width:.2g} m "
+            "thick), and nothing is inside it; close it if it is a solid",
         )
     if width > LARGE:
         told = (

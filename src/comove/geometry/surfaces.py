@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.simplices import MAX_STEPS, has_last_before, nearest_of_simplex
+from comove.geometry.cells import AXES, RAY, side_of
+from comove.geometry.simplices import has_last_before, nearest_of_simplex
 from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
@@ -28,18 +29,9 @@ Integers = NDArray[np.int64]
 
 LEAF = 4  # triangles
 DEPTH = 64  # of a stack of boxes: halves of 2^32 triangles need no more
-ROUNDING = 1e-9  # of a distance, when GJK ends; of where a box is, by which a ray may miss it
-RAY = np.array([0.3710, 0.2437, 0.8960])  # no edge of a drawing is parallel to it
-
-
-def _axes() -> Array:
-    z = RAY / np.linalg.norm(RAY)
-    x = np.cross([0.0, 1.0, 0.0], z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
-
-
-AXES = _axes()  # two across the ray and one along it, as rows
+MAX_STEPS = 40  # of GJK; the gap is a bound after any of them
+NEAR = 1e-9  # of a distance, by which gap and distance may differ when GJK ends
+GRAZING = 1e-9  # of where a box is, by which a ray may miss it
 
 
 class Surfaces(NamedTuple):
@@ -79,6 +71,24 @@ class Surfaces(NamedTuple):
         """Return the triangles of one mesh; array, shape (n_triangles, 3, 3) [m]."""
         first = self.first[self.root[mesh]]
         return self.triangles[first : first + self.count[self.root[mesh]]]
+
+    def among(self, kept: Integers, rows: NDArray[np.bool_]) -> Surfaces:
+        """Return the meshes of some obstacles, numbered as they are where no others are left.
+
+        Parameters
+        ----------
+        kept : numbers of the obstacles, in order
+        rows : array, shape (n_rows,), whether a row of the table is one of theirs
+        """
+        which = np.isin(self.owner, kept)
+        return self._replace(
+            root=self.root[which],
+            closed=self.closed[which],
+            owner=np.searchsorted(kept, self.owner[which]),
+            row=(np.cumsum(rows) - 1)[self.row[which]],
+            center=self.center[which],
+            slack=self.slack[which],
+        )
 
 
 def surfaces_or_none(surfaces: Surfaces) -> Surfaces | None:
@@ -236,7 +246,7 @@ def holds(surfaces, mesh, x, y, z):
         enters, leaves = 0.0, np.inf
         for axis in range(3):
             low, high = surfaces.lower[box, axis], surfaces.upper[box, axis]
-            wide = ROUNDING * (abs(low) + abs(high) + abs(point[axis]))
+            wide = GRAZING * (abs(low) + abs(high) + abs(point[axis]))
             enters = max(enters, (low - wide - point[axis]) / RAY[axis])
             leaves = min(leaves, (high + wide - point[axis]) / RAY[axis])
         if leaves < enters:
@@ -253,26 +263,15 @@ def holds(surfaces, mesh, x, y, z):
                 for row in range(3):
                     seen[k, row] = AXES[row, 0] * p[0] + AXES[row, 1] * p[1] + AXES[row, 2] * p[2]
             e, f, g = (
-                _side_of(seen[0], seen[1], u, v),
-                _side_of(seen[1], seen[2], u, v),
-                _side_of(seen[2], seen[0], u, v),
+                side_of(seen[0], seen[1], u, v),
+                side_of(seen[1], seen[2], u, v),
+                side_of(seen[2], seen[0], u, v),
             )
             if (e > 0.0) == (f > 0.0) and (f > 0.0) == (g > 0.0):
                 total = e + f + g
                 if total != 0.0 and (f * seen[0, 2] + g * seen[1, 2] + e * seen[2, 2]) / total > w:
                     turns += 1 if total > 0.0 else -1
     return turns != 0
-
-
-@kernel
-def _side_of(p, q, u, v):
-    """Return on which side of the edge p-q a ray passes, as a signed number.
-
-    Both triangles that share the edge get the same number, to the last digit.
-    """
-    if p[0] < q[0] or (p[0] == q[0] and p[1] < q[1]):
-        return (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
-    return -((p[0] - q[0]) * (v - q[1]) - (p[1] - q[1]) * (u - q[0]))
 
 
 @kernel
@@ -391,7 +390,7 @@ def nearest(triangle, points, normal, scratch):
         if least - most > wide:
             wide = least - most
             normal[0], normal[1], normal[2] = x, y, z
-        if n > 0 and sqrt(square) - wide <= ROUNDING * sqrt(square):
+        if n > 0 and sqrt(square) - wide <= NEAR * sqrt(square):
             break
         for axis in range(3):
             corners[n, axis] = triangle[other, axis] - points[own, axis]

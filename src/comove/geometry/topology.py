@@ -14,11 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.geometry.cells import are_inside, solid_of
+
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 SAME = 1e-9  # of a mesh's size, within which vertices are one
-FLAT = 1e-12  # of the square or cube of a part's size: smaller areas and volumes count as 0
+FLAT = 1e-12  # of the cube of a part's size: a smaller volume counts as 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,18 +189,6 @@ def volume_of(corners: Array) -> float:
     return float((a * np.cross(b, c)).sum()) / 6
 
 
-def _winds_about(corners: Array, point: Array) -> bool:
-    """Return whether closed triangles (n, 3, 3) wind about a point: by the solid angles that they fill, seen from it.
-
-    The formula is that of van Oosterom and Strackee (1983).
-    """
-    a, b, c = np.moveaxis(corners - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(own, axis=1) for own in (a, b, c))
-    products = (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
-    angles = 2 * np.arctan2((a * np.cross(b, c)).sum(axis=1), la * lb * lc + products)
-    return abs(float(angles.sum())) > 2 * np.pi
-
-
 def _outwards(vertices: Array, parts: list[Faces]) -> list[Faces]:
     """Return the solids that closed parts bound, turned outwards.
 
@@ -209,12 +199,15 @@ def _outwards(vertices: Array, parts: list[Faces]) -> list[Faces]:
     inward = [k for k, part in enumerate(parts) if volume_of(vertices[part]) < 0]
     turned = list(parts)
     around: dict[int, list[int]] = {}
+    solids = {}
     for k in inward:
         low, high = boxes[k]
         for i, other in enumerate(boxes):
             if i == k or not ((other[0] < low).all() and (other[1] > high).all()):
                 continue
-            if _winds_about(vertices[parts[i]], vertices[parts[k][0, 0]]):
+            if i not in solids:
+                solids[i] = solid_of(vertices[parts[i]])
+            if are_inside(solids[i], vertices[parts[k][:1, 0]])[0]:
                 around.setdefault(k, []).append(i)
         if k not in around:
             turned[k] = parts[k][:, ::-1]

@@ -90,14 +90,15 @@ def best_movement(
     OptionError
         If no movement can be transferred.
     """
-    begun = now()
     suited = suitable(movements, scene, plane)
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
     cost = Objective(scene, coordinates, objective or PaperCost())
-    names, values = list(suited), []
+    names, values, begun = list(suited), [], now()
     for dmp in suited.values():
         carried = CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis)
         values.append(cost.evaluate(carried.rollouts(carried.weights[None], N_STEPS)))
+        if len(values) == 1:
+            begun = now()  # the first may compile kernels, which is apart
         if now() - begun > budget:
             break
     value = Evaluation(*(np.concatenate(arrays) for arrays in zip(*(v[:-1] for v in values), strict=True)))

@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.motion import CoordinatedDMP
 from comove.planning.clock import wind
-from comove.planning.configurations import Space, configuration_space, span, way_length
-from comove.planning.custom import improve_own
+from comove.planning.configurations import SETTINGS as SPACE
+from comove.planning.configurations import Space, SpaceSettings, configuration_space, span, way_length
+from comove.planning.custom import SETTINGS as CUSTOM
+from comove.planning.custom import CustomSettings, improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
@@ -81,8 +83,10 @@ class MethodSettings:
         rejected motion of the whole load is repaired
     threaded_sigma : first step size of growing from a way that the smallest load has found
     polishing_again : first step size of polishing after a rejection
+    space : settings of distances and steps in the load's configuration space
     planner, in_time : settings of the planners, in space and in space and time
     smoothing : settings of how paths become smooth motions
+    custom : settings of how functions of the user are minimised
     """
 
     margins: tuple[tuple[float, ...], tuple[float, ...]] = (
@@ -112,6 +116,8 @@ class MethodSettings:
     planner: PlannerSettings = PLANNER
     in_time: SpaceTimeSettings = IN_TIME
     smoothing: SmoothingSettings = SMOOTHING
+    space: SpaceSettings = SPACE
+    custom: CustomSettings = CUSTOM
 
 
 SETTINGS = MethodSettings()
@@ -207,13 +213,13 @@ class Comove(Method):
         search.stage = "minimising the objective given"
         for motion in reversed(kept[-self.settings.n_starts :]):
             search.check_time()
-            improve_own(search, own, motion)
+            improve_own(search, own, motion, self.settings.custom)
 
     def _plan(self, search: Search) -> bool:
         """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
         scene = search.scene
         planning = load_coordinates(scene)
-        space, ends = configuration_space(scene, planning), planning.boundary()
+        space, ends = configuration_space(scene, planning, self.settings.space), planning.boundary()
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (

@@ -396,7 +396,7 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> S
         done.append(_solved(replace(problem, scene=asked.timed(duration), method=method, budget=budget)))
         return done[-1]
 
-    quick = Quick() if isinstance(method, Comove) and method.smooths else method
+    quick = Quick(settings=method.settings) if isinstance(method, Comove) and method.smooths else method
     found = shortest(
         lambda duration: attempt(duration, quick, settings.share * problem.budget),
         alone(asked, problem.taught),

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import DemonstrationError, OptionError
-from comove.primitives.arguments import NamedOption, numbers
+from comove.primitives.arguments import NamedOption, numbers, require_numbers
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
@@ -44,6 +44,9 @@ class WarpingSettings:
     n_instants: int = 201
     n_rounds: int = 3
     slope_weight: float = 0.3
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
 
 def together(demonstrations: object) -> tuple[tuple[str, ...], list[Array], list[Array]]:

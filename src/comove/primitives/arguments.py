@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from enum import StrEnum
-from typing import Self, TypeGuard
+from typing import Any, Self, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +98,21 @@ def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
     if not is_count(value, most=most):
         bound = f"to {most}" if most < MAX_STEPS else "on"
         raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a whole number from 1 {bound}")
+
+
+def require_numbers(settings: Any) -> None:
+    """Raise unless the whole numbers among the fields of settings are 1 or more, and its other numbers positive.
+
+    Raises
+    ------
+    OptionError
+        If one is not; the error names the field.
+    """
+    for entry in fields(settings):
+        if isinstance(entry.default, int):
+            require_count(entry.name, getattr(settings, entry.name))
+        elif isinstance(entry.default, float):
+            require_positive(entry.name, getattr(settings, entry.name))
 
 
 def instants(time: object) -> Array:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.primitives.alignment import Alignment, WarpingSettings
-from comove.primitives.arguments import numbers
+from comove.primitives.arguments import numbers, require_numbers, require_positive
 from comove.primitives.basis import MotionBasis
 
 Array = NDArray[np.float64]
@@ -50,6 +50,15 @@ class EstimationSettings:
     n_folds: int = 10
     noise: float = 1e-4
     warping: WarpingSettings = field(default_factory=WarpingSettings)
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
+        if self.n_folds < 2:
+            raise OptionError(f"n_folds = {self.n_folds}", key="n_folds", way_out="give 2 or more")
+        if not self.lengths:
+            raise OptionError("there are no lengths", key="lengths", way_out="give one or more [durations]")
+        for length in self.lengths:
+            require_positive("lengths", length)
 
 
 USUAL = EstimationSettings()

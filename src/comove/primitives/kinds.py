@@ -24,6 +24,7 @@ from comove.primitives.probabilistic import ProMP
 from comove.primitives.projection import (
     Constraint,
     HandDistance,
+    ProjectionSettings,
     RelativePose,
     SameHeight,
     Separation,
@@ -186,6 +187,12 @@ def _read_average(content: dict[str, Any]) -> AveragedDMP:
 
 
 def _write_cooperative(dmp: CooperativeDMP) -> dict[str, Any]:
+    if dmp.projection != ProjectionSettings():
+        raise OptionError(
+            "settings of a projection cannot be written to a file",
+            key="projection",
+            way_out="write the movement with the usual ones; dataclasses.replace(dmp, projection=...) once read",
+        )
     return {
         "load": None if dmp.load is None else _write_pose(dmp.load),
         "hands": {

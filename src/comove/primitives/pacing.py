@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.compiled import kernel
 from comove.errors import OptionError
-from comove.primitives.arguments import instants, require_positive, require_steps
+from comove.primitives.arguments import instants, require_numbers, require_positive, require_steps
 from comove.primitives.dmp import DMP
 from comove.primitives.flow import values_at
 from comove.primitives.forcing import INTERVAL, N_INTERVALS
@@ -46,6 +46,9 @@ class PacingSettings:
 
     n_rounds: int = 5
     margin: float = 1e-5
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,7 +221,9 @@ def _backwards(rows: Array, bends: Array, cap: Array) -> Array:
     for i in range(len(rows) - 1, -1, -1):
         after = (cap[2 * i + 1], reach[i + 1])
         best, high, tried = 0.0, cap[2 * i], cap[2 * i]
-        while high - best > 1e-15 * high:  # more than rounding
+        for _ in range(100):
+            if high - best <= 1e-15 * high:  # rounding
+                break
             low, most = _range(rows[i], bends[i], tried, after)
             if low <= most:
                 best = tried

@@ -26,7 +26,7 @@ from comove.primitives.dmp import DMP
 from comove.primitives.estimation import USUAL, EstimationSettings
 from comove.primitives.limits import ViaPoint
 from comove.primitives.phase import Phase
-from comove.primitives.poses import Pose, PoseDMP, PoseRecording
+from comove.primitives.poses import UNIT, Pose, PoseDMP, PoseRecording
 from comove.primitives.probabilistic import ProMP, covariance_of
 from comove.trajectory import PoseTrajectory
 
@@ -281,6 +281,13 @@ def _by_hand(demonstration: object, number: int) -> dict[str, Any]:
             )
         if np.ndim(part.position) != 2 or np.shape(part.position)[1] != 3:
             raise DemonstrationError(f"{who} is none in space", way_out="give positions x, y, z")
+        norms = np.linalg.norm(np.atleast_2d(numbers(part.orientation)), axis=-1)
+        if np.shape(part.orientation) != (len(part.position), 4) or not np.all(np.abs(norms - 1.0) <= UNIT):
+            raise DemonstrationError(
+                f"{who} has an orientation that is none",
+                key="orientation",
+                way_out="give a unit quaternion each",
+            )
     return {str(name): part for name, part in parts.items()}
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from comove.errors import ConstraintError, OptionError, near_name
 from comove.geometry.rotations import conjugate, exponential, matrices, quaternion_product
-from comove.primitives.arguments import is_number, numbers
+from comove.primitives.arguments import is_number, numbers, require_numbers
 from comove.primitives.poses import VERTICAL, Pose
 from comove.ties import first_largest
 
@@ -50,6 +50,9 @@ class ProjectionSettings:
     stretch: float = 10.0
     small_way: float = 1e-3
     n_halvings: int = 16
+
+    def __post_init__(self) -> None:
+        require_numbers(self)
 
 
 @dataclass(frozen=True, eq=False)

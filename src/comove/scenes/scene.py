@@ -163,7 +163,13 @@ class Scene:
                 table[owners == i, sd.CENTER : sd.CENTER + 3] += centers[i] - self.centers[i]
                 place = tuple(centers[i, : self.n_dims].tolist())
                 obstacles[i] = obstacles[i].model_copy(update={"center": place, "motion": None})
-        stands = replace(self, obstacles=table, owners=owners, motions=(None,) * len(obstacles))
+        stands = replace(
+            self,
+            obstacles=table,
+            owners=owners,
+            surfaces=self.surfaces.among(kept, rows),
+            motions=(None,) * len(obstacles),
+        )
         return stands._changed(obstacles=tuple(obstacles))
 
     def scaled(self, factor: float) -> Scene:

@@ -190,7 +190,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
         for contact in record.contacts
     ]
     reasons += [
-        f"{what} meet, by their exact bodies, {-m[name]:.2g} m deep"
+        f"{what} meet, by their exact bodies, {max(0.0, -m[name]):.2g} m deep"
         for name, what in MET
         if not m[name] > 0.0
     ]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification.bodies import obstacle_object
+from comove.robots.verification.bodies import beyond_wrists, obstacle_object
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld
@@ -147,4 +147,4 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
 def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
     """Return the joints whose links move with a hand that holds the load."""
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
-    return {robot.grasp_frame(arm)[0] for arm in arms}
+    return beyond_wrists(robot, arms)

@@ -45,7 +45,7 @@ def told(q, poses, velocity=None, near=5.0, bounds=None):
         seen = seen._replace(velocity=velocity)
     basis = TwistProgramme(carrier.scene)._freedom.basis[0]
     work = empty_rows(carrier.arms, len(seen.margin), basis.shape[1])
-    needs = LinkNeeds(np.zeros(len(seen.margin)), 0.0, near)
+    needs = LinkNeeds(np.zeros(len(seen.margin)), 0.0, 0.0, near)
     count = link_rows(
         carrier.arms,
         q,

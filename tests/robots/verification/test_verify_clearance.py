@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from comove.errors import OptionError
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.verification import bodies
@@ -368,3 +369,12 @@ def test_balls_about_bodies_are_never_further_apart_than_the_bodies(instant):
     exact, rough = distances(cells), distances.of_balls(cells)
     assert n_pairs > 20
     assert (rough <= exact + 1e-9)[exact > 0].all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("deepest", 0), ("parts", 0), ("tight", np.nan), ("loose", -1.0)]
+)
+def test_settings_that_would_let_the_certificate_say_nothing_are_refused(name, value):
+    with pytest.raises(OptionError) as refused:
+        JointCertificateSettings(**{name: value})
+    assert refused.value.key == name

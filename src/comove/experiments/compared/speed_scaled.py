@@ -68,6 +68,7 @@ class Human:
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= value < np.inf:
                 raise OptionError(f"{name} = {value!r}", key=name, way_out="give a number, 0 or more")
+        require_count("waves", self.waves)
         if not (len(self.precise) == 2 and 0.0 <= self.precise[0] <= self.precise[1] <= 1.0):
             raise OptionError(
                 f"precise = {self.precise!r}", key="precise", way_out="give two phases in order, from 0 to 1"

@@ -54,7 +54,7 @@ class JointController(Controller):
         self.joints, self.path = self.first, [self.first]
         self.rates, self.turned = np.zeros_like(self.first), 0.0
         least = self.scene.clearance + method.margin
-        self.needs = LinkNeeds(np.full(len(self.scene.obstacles), least), least, near=0.3)
+        self.needs = LinkNeeds(np.full(len(self.scene.obstacles), least), least, least, near=0.3)
         gain, braking, retreat = self.approach.gain, self.approach.braking, self.approach.retreat
         self.links = Rates(period, gain, braking, braking, retreat, np.inf, np.inf, self.scene.clearance)
 

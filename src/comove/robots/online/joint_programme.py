@@ -114,7 +114,9 @@ class JointProgramme(TwistProgramme):
             )
         self.arms, self.grasp, self.joint_settings = arms, grasp, settings
         everything = np.full(len(scene.obstacles), arms.around.clearance)
-        self.needs = LinkNeeds(everything, arms.around.clearance, self.joint_settings.near)
+        self.needs = LinkNeeds(
+            everything, arms.around.clearance, arms.around.clearance, self.joint_settings.near
+        )
         self.rates, self._room = np.zeros(len(arms.chains.lower)), (-1, -1)
 
     def expect(self, passes: bool) -> None:
@@ -132,9 +134,9 @@ class JointProgramme(TwistProgramme):
         joints, nodes : arrays, shape (n_steps, n_joints) and (n_steps, n_nodes, 3), along the motion [rad, m]
         """
         full = self.arms.around.clearance
-        keep, other = clearances_along(self.arms, joints, nodes, self.scene.obstacles, full)
+        keep, other, still = clearances_along(self.arms, joints, nodes, self.scene.obstacles, full)
         keep[self.scene.moving[self.scene.owners]] = full
-        self.needs = LinkNeeds(keep, other, self.joint_settings.near)
+        self.needs = LinkNeeds(keep, other, still, self.joint_settings.near)
 
     def allowed_rates(
         self, poses: HandPoses, joints: JointState, before: Array, wanted: Array, sighting: Sighting

@@ -27,8 +27,9 @@ from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
 from comove.robots.search.links import (
+    STATIC,
     clearance_between,
-    load_clearance,
+    load_clearances,
     near_enough,
     nearest_shares,
     place_links,
@@ -43,12 +44,14 @@ class LinkNeeds(NamedTuple):
     Attributes
     ----------
     obstacle : array, shape (n_rows,), from every row of the table of obstacles [m]
-    other : from the load and from each other [m]
+    other : of links that move from the load and from each other [m]
+    still : of links that do not move from the load; their capsules may be much wider than the bodies [m]
     near : clearance from which on nothing is looked at [m]
     """
 
     obstacle: Array
     other: float
+    still: float
     near: float
 
 
@@ -161,7 +164,8 @@ def link_rows(
     for i in range(links.radius.shape[0]):
         for e in range(0 if links.holds[i] else around.edges.shape[0]):
             c, d = nodes[around.edges[e, 0]], nodes[around.edges[e, 1]]
-            need = links.radius[i] + around.radii[e] + needs.other
+            need = links.radius[i] + around.radii[e]
+            need += needs.still if links.joint[i] == STATIC else needs.other
             if not near_enough(work.start[i], work.end[i], c, d, need + needs.near):
                 continue
             one, two, apart = nearest_shares(work.start[i], work.end[i], c, d)
@@ -328,7 +332,9 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
                 and near_on_edge(around.obstacles, j, a, b, np.inf)[0] < far
             ):
                 return False
-    if load_clearance(links, around, start, end, nodes, needs.other) < needs.other:
+    least = max(needs.other, needs.still)
+    other, still = load_clearances(links, around, start, end, nodes, least)
+    if other < needs.other or still < needs.still:
         return False
     return clearance_between(links, start, end, needs.other) >= needs.other
 
@@ -336,8 +342,8 @@ def keeps_clear(arms: Arms, start: Array, end: Array, nodes: Array, needs: LinkN
 @kernel
 def clearances_along(
     arms: Arms, joints: Array, nodes: Array, table: Array, clearance: float
-) -> tuple[Array, float]:
-    """Compute the least clearance of links from every obstacle, and from load and each other, along a motion.
+) -> tuple[Array, float, float]:
+    """Compute the least clearances of links along a motion, as `LinkNeeds` names them.
 
     Parameters
     ----------
@@ -347,11 +353,11 @@ def clearances_along(
 
     Returns
     -------
-    array, shape (n_rows,), and a number [m]
+    array, shape (n_rows,), and two numbers [m]
     """
     links, around = arms.links, arms.around
     start, end = links.start.copy(), links.end.copy()
-    obstacle, other = np.full(table.shape[0], clearance), clearance
+    obstacle, other, still = np.full(table.shape[0], clearance), clearance, clearance
     for t in range(joints.shape[0]):
         place_links(arms.chains, links, joints[t], start, end)
         for i in links.moving:
@@ -359,9 +365,10 @@ def clearances_along(
                 if _may_be_near(table, j, start[i], end[i], obstacle[j] + links.radius[i]):
                     h = near_on_edge(table, j, start[i], end[i], np.inf)[0] - links.radius[i]
                     obstacle[j] = min(obstacle[j], h)
-        other = load_clearance(links, around, start, end, nodes[t], other)
+        moving, standing = load_clearances(links, around, start, end, nodes[t], clearance)
+        other, still = min(other, moving), min(still, standing)
         other = clearance_between(links, start, end, other)
-    return obstacle, other
+    return obstacle, other, still
 
 
 @kernel

@@ -347,12 +347,13 @@ class Pilot:
     def _lenient(self, configuration: Array, joints: Array, less: float = 1e-3) -> Ground:
         """Return a ground that asks for no more clearance than there is at a configuration."""
         nodes, ground = self.coordinates.nodes(configuration[None, :, None])[0, 0], self.ground
-        keep, other = clearances_along(
+        keep, other, still = clearances_along(
             self.arms, joints[None], nodes[None], self.arms.around.obstacles, self.arms.around.clearance
         )
         needs = ground.needs._replace(
             obstacle=np.minimum(ground.needs.obstacle, keep - less),
             other=min(ground.needs.other, other - less),
+            still=min(ground.needs.still, still - less),
         )
         left = self.standing.clearance_at(nodes)[0] - less
         return ground._replace(

@@ -323,20 +323,23 @@ def clearance_around(
                         - r
                     )
                     least = min(least, apart)
-    return load_clearance(links, around, start, end, nodes, least)
+    return min(load_clearances(links, around, start, end, nodes, least))
 
 
 @kernel
-def load_clearance(
+def load_clearances(
     links: Links, around: LinkSurroundings, start: Array, end: Array, nodes: Array, cap: float
-) -> float:
-    """Compute the least distance [m] of the load from links that do not hold it, moving or not, at most `cap`."""
-    edges, radii, least = around.edges, around.radii, cap
+) -> tuple[float, float]:
+    """Compute the least distances [m] of the load, from moving links that do not hold it, and from links that stand
+    still, each at most `cap`.
+    """
+    edges, radii, moving, still = around.edges, around.radii, cap, cap
     cx, cy, cz, size = _ball_of_load(nodes, radii)
     for i in range(links.joint.shape[0]):
         if links.holds[i]:
             continue
         a, b, r = start[i], end[i], links.radius[i]
+        least = still if links.joint[i] == STATIC else moving
         x, y, z = 0.5 * (a[0] + b[0]) - cx, 0.5 * (a[1] + b[1]) - cy, 0.5 * (a[2] + b[2]) - cz
         half = 0.5 * sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (b[2] - a[2]) ** 2)
         far = size + half + r + least
@@ -346,7 +349,11 @@ def load_clearance(
             c, d, thick = nodes[edges[e, 0]], nodes[edges[e, 1]], r + radii[e]
             if edges[e, 0] != edges[e, 1] and near_enough(a, b, c, d, least + thick):
                 least = min(least, nearest_shares(a, b, c, d)[2] - thick)
-    return least
+        if links.joint[i] == STATIC:
+            still = least
+        else:
+            moving = least
+    return moving, still
 
 
 @kernel

@@ -41,6 +41,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.errors import OptionError
 from comove.geometry.rotations import cross
 from comove.robots.model import Robot
 from comove.robots.motion import Ranges, fastest
@@ -72,6 +73,14 @@ class JointCertificateSettings:
     loose: float = 5e-3
     most: int = 400_000
     few: int = 8
+
+    def __post_init__(self) -> None:
+        for name in ("parts", "deepest", "most", "few"):
+            if not getattr(self, name) >= 1:
+                raise OptionError(f"{name} = {getattr(self, name)}", key=name, way_out="give 1 or more")
+        for name in ("tight", "loose"):
+            if not getattr(self, name) >= 0.0:
+                raise OptionError(f"{name} = {getattr(self, name)}", key=name, way_out="give 0 or more")
 
 
 class LinkClearance(NamedTuple):
@@ -200,7 +209,7 @@ def certify(
 ) -> list[LinkClearance]:
     """Bound the clearance of all pairs over continuous time, by kind: SCENE, LOAD, SELF.
 
-    Where a pair violates its required clearance, the bound of its kind is only `loose`.
+    Where a pair violates its required clearance, the bound of its kind is only as tight as `loose`.
 
     Parameters
     ----------
