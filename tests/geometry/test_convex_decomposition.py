@@ -1,5 +1,7 @@
 """Covers of meshes: they hold the whole solid, and reach beyond it by no more than they say."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -90,6 +92,14 @@ def test_a_hole_stays_open():
     decomposition = check(vertices, faces, np.random.default_rng(1))
     through = np.column_stack([np.zeros((9, 2)), np.linspace(-0.1, 0.1, 9)])
     assert held(decomposition, through).min() > 0.05
+
+
+def test_what_is_combined_was_cut_to_the_end():
+    """More pieces than are kept singly: all of them are there before they are combined."""
+    rng, (vertices, faces) = np.random.default_rng(0), ring()
+    found = decompose(solids_and_sheets(vertices, faces), settings=replace(SETTINGS, most_pieces=20))
+    assert held(found, some_points(vertices, faces, rng)).max() < 1e-8
+    assert len(found.polytopes) < 20
 
 
 @pytest.mark.slow

@@ -76,7 +76,7 @@ class DecompositionSettings:
     strictness: tuple[float, ...] = (1.0, 0.6, 0.3, 0.1)
     n_seeds: int = 24
     n_tried: int = 6
-    much_work: int = 1500
+    much_work: int = 2000
     little_work: int = 300
     most_pieces: int = 1000
     coarser: float = 1.5
@@ -126,7 +126,7 @@ def decompose(
             continue  # only lines: `left_out` covers them below
         hull = _hull(corners, resolution, thickness)
         if hull is None:
-            groups = _Groups(corners, resolution, thickness, settings)
+            groups = _Groups(corners, resolution, thickness, work, settings)
             if groups.n <= (work if few or not thickness else 0):
                 work -= groups.n
                 hull = groups.decomposed()
@@ -175,7 +175,7 @@ def _singles(
     if len(parts) > settings.most_parts:  # as one sheet: the inside does not matter, as nothing gets in
         parts = [(np.concatenate([corners for corners, _ in parts]), thickness)]
     while True:
-        groups = [_Groups(corners, resolution, own, settings) for corners, own in parts]
+        groups = [_Groups(corners, resolution, own, settings.most_pieces, settings) for corners, own in parts]
         if sum(own.n for own in groups) <= settings.most_pieces:
             break
         resolution, settings = settings.coarser * resolution, replace(settings, n_planes=0)
@@ -229,10 +229,17 @@ def _is_convex(corners: Array, hull: Polytope) -> bool:
 class _Groups:
     """Groups of pieces of one part that are combined to hulls, in a frame of the part's own.
 
-    A sheet's pieces are made `thickness` [m] thick.
+    A sheet's pieces are made `thickness` [m] thick. Where there are more than `most` pieces, some are missing.
     """
 
-    def __init__(self, corners: Array, resolution: float, thickness: float, settings: DecompositionSettings):
+    def __init__(
+        self,
+        corners: Array,
+        resolution: float,
+        thickness: float,
+        most: int,
+        settings: DecompositionSettings,
+    ):
         self.frame = frame_of(corners)
         self.corners = np.ascontiguousarray(corners @ self.frame.T)
         self.low, self.high = self.corners.min(axis=(0, 1)), self.corners.max(axis=(0, 1))
@@ -251,7 +258,7 @@ class _Groups:
             self.high + out,
             settings.bend * resolution,
             settings.smallest * resolution,
-            settings.most_pieces,
+            most,
         )
         self.n = len(self.first) - 1
         if thickness:
