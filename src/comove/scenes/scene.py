@@ -489,7 +489,8 @@ class Scene:
             return "the border of the workspace"
         if obstacle >= len(self.file.obstacles):
             return "something that was seen"
-        return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
+        found = self.file.obstacles[obstacle]
+        return f"{found.name or f'obstacles[{obstacle}]'} ({found.shape})"
 
     def nodes_at(self, end: str) -> Array:
         """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
