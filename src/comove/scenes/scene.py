@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.brief import brief
 from comove.constraints import (
     Constraint,
     DistanceConstraint,
@@ -78,6 +79,8 @@ class Scene:
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
     """
+
+    __repr__ = brief
 
     file: SceneFile
     folder: Path
