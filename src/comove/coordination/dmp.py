@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.brief import brief
 from comove.coordination.adaptation import carried_to_hands
 from comove.coordination.coordinates import ANGLE, QUATERNION, Coordinates
 from comove.coordination.motion import CoordinatedMotion
@@ -27,6 +28,8 @@ class CoordinatedDMP:
     scene, coordinates, basis, boundary : as in `CoordinatedMotion`
     weights : array, shape (n_columns, n_basis), shape weights of the demonstration
     """
+
+    __repr__ = brief
 
     scene: Scene
     coordinates: Coordinates

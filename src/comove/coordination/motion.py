@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import comove
+from comove.brief import brief
 from comove.coordination.coordinates import (
     ANGLE,
     QUATERNION,
@@ -44,6 +45,8 @@ class CoordinatedMotion:
     boundary : array, shape (4, n_columns): start, start velocity, goal, goal velocity of q
     weights : array, shape (n_columns, n_basis), shape weights
     """
+
+    __repr__ = brief
 
     scene: Scene
     coordinates: Coordinates

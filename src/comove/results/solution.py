@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.brief import brief
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.group_poses import poses_at
 from comove.coordination.motion import CoordinatedMotion
@@ -101,6 +102,8 @@ class StoredResult:
     summary : the contents of solution.json
     arrays : the contents of solution.npz
     """
+
+    __repr__ = brief
 
     folder: Path
     summary: Summary
