@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import wraps
+from importlib import import_module
 from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -145,27 +146,18 @@ def options(
     """Several manipulators carry one load: coordinated movement primitives, verified in continuous time."""
 
 
-def whole_application() -> typer.Typer:
-    """Return the application with all its verbs."""
-    from comove.cli import (  # noqa: F401  registers verbs
-        bench,
-        demo,
-        explain,
-        generate,
-        learn,
-        library,
-        report,
-        reproduce,
-        robot,
-        robot_files,
-        run,
-        show,
-        solve,
-        sweep,
-        verify,
-        view,
-    )
+VERBS = (
+    *("bench", "demo", "explain", "generate", "learn", "library", "report", "reproduce", "robot"),
+    *("robot_files", "run", "show", "solve", "sweep", "verify", "view"),
+)
+"""Files of this folder that register verbs."""
 
+
+def whole_application(verb: str = "") -> typer.Typer:
+    """Return the application with all its verbs, or with `verb` alone where there is one of that name."""
+    own = [name for name in VERBS if name == verb or name.startswith(f"{verb}_")]
+    for name in own if verb in VERBS else VERBS:
+        import_module(f"comove.cli.{name}")
     return app
 
 
@@ -175,7 +167,7 @@ def main() -> None:
     _unwind_when_ended()
     try:
         try:
-            whole_application()()
+            whole_application(*sys.argv[1:2])()
         except SystemExit as leaving:
             code = leaving.code
         except BaseException as error:

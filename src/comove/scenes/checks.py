@@ -10,8 +10,7 @@ from pathlib import Path, PurePosixPath
 from comove.constraints.distance import DistanceKeys, distance_tolerance
 from comove.constraints.upright import UprightKeys
 from comove.errors import ComoveWarning, near_name
-from comove.geometry.meshes import LARGE
-from comove.io.keys import HAND, UNTURNED, VECTOR, marked
+from comove.io.keys import HAND, LARGE, UNTURNED, VECTOR, marked
 from comove.io.messages import Flaw, KeyPath, counted, show
 from comove.io.yaml_reader import MAX_NAMES, near_files
 from comove.scenes.model import ROUNDING, BarLoad, FrameLoad, GraspPart, SceneFile
