@@ -60,7 +60,7 @@ def joints(folder):
     return scene, folder
 
 
-@pytest.mark.parametrize(("made", "most"), [(hands, 90), (joints, 100)], ids=["hands", "joints"])
+@pytest.mark.parametrize(("made", "most"), [(hands, 90), (joints, 101)], ids=["hands", "joints"])
 def test_the_verifier_loads_no_maker_of_motions(made, most, tmp_path):
     names = loaded("verify", *made(tmp_path / "result"))
     rooms = {name.removeprefix("comove.") for name in names}

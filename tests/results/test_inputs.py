@@ -92,10 +92,7 @@ COMMANDS = {
 def test_the_command_that_is_told_makes_the_same_motion_elsewhere(place, kind):
     if kind == "library":
         assert invoke("learn", "recordings/a.csv", "--out", "a.json", folder=place).exit_code == 0
-        assert (
-            invoke("library", "add", "a.json", "--folder", "taught", folder=place).exit_code
-            == 0
-        )
+        assert invoke("library", "add", "a.json", "--folder", "taught", folder=place).exit_code == 0
     done = invoke(*COMMANDS[kind], "--out", "out", folder=place)
     assert done.exit_code == 0, done.output
     folder = moved(place)

@@ -7,7 +7,7 @@ import sysconfig
 import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -22,6 +22,7 @@ from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
 from comove.geometry.rotations import matrices
 from comove.robots.description import (
+    BUNDLED,
     ArmDescription,
     Placement,
     RobotFile,
@@ -75,7 +76,6 @@ class Robot:
     relief : array, shape (n_joints,), share of the torque due to the robot's own weight that springs hold
     sha256 : checksum of the description, the models and their collision meshes
     sources : URDF texts of the models, with limits and prefixes filled in, and their placements
-    file : description's file; None for a robot made in Python
     """
 
     __repr__ = brief
@@ -92,15 +92,12 @@ class Robot:
     relief: Array
     sha256: str
     sources: tuple[Source, ...]
-    file: Path | None = None
 
     @property
     def files(self) -> tuple[Path, ...]:
         """Return the files that the robot was read from, without what is installed with packages."""
-        if self.file is None:
-            return ()
-        read = [self.file, *(path for source in self.sources for path in source.files)]
-        installed = {sysconfig.get_path(kind) for kind in ("purelib", "platlib")}
+        installed = [BUNDLED, *(Path(sysconfig.get_paths()[kind]) for kind in ("purelib", "platlib"))]
+        read = dict.fromkeys(path for source in self.sources for path in source.files)
         return tuple(path for path in read if not any(path.is_relative_to(place) for place in installed))
 
     @classmethod
@@ -194,7 +191,7 @@ def assembled(description: RobotFile, file: Path) -> Robot:
         robot = _reduced(description, model, collision, chains, sources, digest.hexdigest())
     for gap in _gaps(robot):
         warnings.warn(f"{file}: {gap}", ComoveWarning, stacklevel=2)
-    return replace(robot, file=file if file.is_file() else None)
+    return robot
 
 
 def _joined(sources: tuple[Source, ...]) -> tuple[Any, Any]:

@@ -56,7 +56,7 @@ class Source:
     srdf : text of the SRDF with the prefix, None where there is none
     mimics : joints that follow others, by name
     meshes : collision meshes as binary STL, by their names in the URDF
-    files : files of the model, its SRDF and its collision meshes
+    files : files of the description, the model, its SRDF and its collision meshes
     """
 
     urdf: str
@@ -141,7 +141,7 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
     for doubt in doubts(tree, source.prefix):
         warnings.warn(f"{path}: {doubt}", ComoveWarning, stacklevel=2)
     meshes: dict[str, bytes] = {}
-    files = [path]
+    files = [part for part in (file, path) if is_file(part)]
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         found = _mesh(mesh, path, file)
         files.append(found)
