@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -57,6 +58,22 @@ def require_content(path: Path) -> None:
         )
     if head[:15].lower().startswith((b"<!doctype html", b"<html")):
         raise fault(path, None, "it is a page of a web site, not the recording", "download the raw file")
+
+
+def learn_command(path: object, **options: Any) -> str:
+    """Return the command that learns from a recording with some options of reading it.
+
+    >>> learn_command("my hand.csv", columns=["X", "Y"], rate=100, clean=None)
+    "comove learn 'my hand.csv' --columns X,Y --rate 100 --out 'my hand.json'"
+    """
+    words = ["comove", "learn", str(path)]
+    for key, value in options.items():
+        if value is None or value is False:
+            continue
+        words.append(f"--{key.replace('_', '-')}")
+        if value is not True:
+            words.append(",".join(map(str, value)) if isinstance(value, list | tuple) else f"{value}")
+    return shlex.join([*words, "--out", f"{Path(str(path)).stem}.json"])
 
 
 AXES = ("x", "y", "z")

@@ -1,8 +1,7 @@
 """The layout of text tables: encoding, separators, the rows above the numbers, and what is said above these.
 
-The numbers are found first: the first row that splits into numbers and is followed by rows like it. What stands
-directly above are the rows of the header: names, and units below or bodies and quantities above them. Everything before
-is a preamble, of which the sampling rate and the unit of lengths are used.
+The numbers are found first: the first row that splits into numbers and is followed by rows like it. Directly above
+are the rows of the header: names, and units below or bodies and quantities above them. Everything before is a preamble, of which the sampling rate and the unit of lengths are used.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import codecs
 import csv
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -28,7 +28,7 @@ SEPARATORS = (";", "\t", ",", "|", " ")
 COMMENTS = ("#", "%")
 MISSING = ("", "nan", "-nan", "+nan", "na", "n/a", "null", "none", "-", "--")
 """Cells, in lower case, in which nothing was measured."""
-_NUMBER = re.compile(r"[+-]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eEdD][+-]?[0-9]+)?")
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?")
 _INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
 DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}(?:[T ][0-9:.]+(?:Z|\+00:00|\+0000)?)?")
 HOURS = re.compile(r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]+)?")
@@ -184,11 +184,14 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
     at, separator, _ = max(found, key=lambda one: one[2])
     body = [(row, line) for row, line in head[at:] if line.strip() and not line.lstrip().startswith(COMMENTS)]
     sample = [split(line, separator) for _, line in body[: LIKE + 1]]
-    n_cells = max(map(len, sample))
-    decimal_comma = separator != "," and any("," in cell and is_number(cell) for row in sample for cell in row)
+    n_cells = Counter(map(len, sample)).most_common(1)[0][0]
+    decimal_comma = separator != "," and any(
+        "," in cell and is_number(cell) for row in sample for cell in row
+    )
     header = _header(head[:at], separator, n_cells)
     said = _statements([line for _, line in head[:at]], separator)
     names = header.get("names", ())
+    _require_as_many(path, names, sample, head[:at], separator)
     rate = next((_positive(said[key]) for key in _RATES if _positive(said.get(key, "")) is not None), None)
     unit = next((UNITS.get(said[key].lower()) for key in _LENGTH_UNITS if key in said), None)
     if any(key in said for key in _QUALISYS):  # which writes lengths in mm, and says so nowhere
@@ -227,7 +230,9 @@ def _first_numbers(head: Sequence[tuple[int, str]], separator: str) -> Iterator[
     for place, (at, cells) in enumerate(rows):
         after = range(place + 1, min(place + 1 + LIKE, len(rows)))
         alike = all(abs(len(rows[k][1]) - len(cells)) <= 1 and scores[k] for k in after)
-        if scores[place] and (alike or (len(after) > 1 and scores[place] and _mostly_alike(rows, scores, place))):
+        if scores[place] and (
+            alike or (len(after) > 1 and scores[place] and _mostly_alike(rows, scores, place))
+        ):
             yield at, scores[place]
             return
 
@@ -264,6 +269,8 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
             break
         text = line.strip()[1:] if line.lstrip()[:2] in ("# ", "% ") or line.strip()[:1] == "#" else line
         cells = split(text.strip("\r\n"), separator)
+        if not rows and abs(len(cells) - n_cells) > 1:  # names may have separators of their own
+            cells = next((other for mark in SEPARATORS if len(other := split(text, mark)) == n_cells), cells)
         if marked and not _are_names(cells, n_cells):
             break
         leads_blank = separator != " " and len(cells) > 2 and not cells[0]
@@ -298,8 +305,37 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
                 names[number] = upper
     bodies = found.get("bodies")
     if bodies is not None:
-        found["bodies"] = tuple("" if body in (name, names[n]) and n < 2 else body for n, (body, name) in enumerate(zip(bodies, names, strict=False)))
+        found["bodies"] = tuple(
+            "" if body in (name, names[n]) and n < 2 else body
+            for n, (body, name) in enumerate(zip(bodies, names, strict=False))
+        )
     return found | {"names": tuple(names)}
+
+
+def _require_as_many(
+    path: Path,
+    names: Sequence[str],
+    sample: Sequence[Sequence[str]],
+    above: Sequence[tuple[int, str]],
+    separator: str,
+) -> None:
+    """Raise if the rows have more or fewer cells than the line that names the columns."""
+    last = next(((row, line) for row, line in reversed(above) if line.strip()), None)
+    if not names and last is not None and not last[1].lstrip().startswith(COMMENTS):
+        others = [split(last[1], mark) for mark in (separator, *SEPARATORS)]
+        names = next((o for o in others if len(o) > 1 and _are_names(o, len(o))), ())
+    n_names = len(names) - (bool(names) and not names[-1])
+    n_cells = len(sample[0]) - (not sample[0][-1] and not any(row[-1] for row in sample))
+    if names and n_names != n_cells and n_cells != len(names) and last is not None:
+        many = separator == "," and n_cells >= 2 * n_names
+        raise fault(
+            path,
+            f"row {last[0] + 1}",
+            f"it has {n_cells} cells and the header has {n_names}",
+            "these look like decimal commas: separate the columns by semicolons"
+            if many
+            else "fill in or remove the row",
+        )
 
 
 def _filled(row: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
@@ -322,13 +358,18 @@ def _are_names(cells: Sequence[str], n_cells: int) -> bool:
 def _are_units(cells: Sequence[str]) -> bool:
     """Return whether a row holds nothing but units."""
     texts = [cell.strip("[]() ").lower() for cell in cells if cell.strip("[]() -")]
-    return bool(texts) and all(text in UNITS or re.search(r"[/^]|^(n|nm|hz|%|v|mm\.n|n\.mm)$", text) for text in texts)
+    return bool(texts) and all(
+        text in UNITS or re.search(r"[/^]|^(n|nm|hz|%|v|mm\.n|n\.mm)$", text) for text in texts
+    )
 
 
 def _statements(lines: Sequence[str], separator: str) -> dict[str, str]:
     """Return what a preamble states: `key, value` in a row, `key: value`, or keys in a row above values."""
     said: dict[str, str] = {}
-    rows = [[cell.strip() for cell in split(line.lstrip("#% "), separator if separator != " " else "\t")] for line in lines]
+    rows = [
+        [cell.strip() for cell in split(line.lstrip("#% "), separator if separator != " " else "\t")]
+        for line in lines
+    ]
     for at, cells in enumerate(rows):
         for pair in zip(cells[::2], cells[1::2], strict=False):
             said.setdefault(pair[0].lower(), pair[1])
