@@ -95,7 +95,8 @@ def load(
     part = episode if topic is None else topic
     if part is None:
         part = select_name(format.parts(path), None, path, format.part)
-    (found,) = format.read(path, **{format.part: part}).values()
+    parts = format.read(path, **{format.part: part})
+    found = parts[select_name(parts, None, path, format.part)]
     return found if isinstance(found, RecordedSamples) else select(found, manipulator, path)
 
 
