@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import DemonstrationError, listed, near_name
+from comove.demonstrations.units import is_angle, is_length, require_unit
+from comove.errors import DemonstrationError, OptionError, listed, near_name
 
 
 def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
@@ -59,6 +60,8 @@ class Origin:
 
 
 IN_MEMORY = Origin()
+TIME, UNIT = "time", "unit"
+"""What a recording may state: that time is in seconds, and the unit of its positions or joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,8 @@ class RecordedSamples:
 
     Attributes
     ----------
+    stated : what the file or the user states, so that it is not questioned: `TIME`, that time is in
+        seconds, and `UNIT`
     origin : names of the places of its samples in the file
     """
 
@@ -77,7 +82,34 @@ class RecordedSamples:
     unit: str = "m"
     orientation: NDArray[np.float64] | None = field(default=None, kw_only=True)
     axes: tuple[str, ...] = field(default=(), kw_only=True)
+    stated: frozenset[str] = field(default=frozenset(), kw_only=True)
     origin: Origin = field(default=IN_MEMORY, kw_only=True, repr=False)
+
+    @property
+    def is_joints(self) -> bool:
+        """Return whether the coordinates are those of joints, which no hand can follow as a path."""
+        return is_angle(self.unit) or (bool(self.axes) and not is_length(self.unit))
+
+    def stating(self, unit: str) -> Self:
+        """Return the movement with the unit of its positions, or joints, that a user states.
+
+        Raises
+        ------
+        OptionError
+            If the unit is unknown, the recording states another one, or positions x, y, z were angles.
+        """
+        unit = require_unit(unit, self.origin.file)
+        if unit != self.unit and (UNIT in self.stated or self.unit not in ("m", "rad")):
+            raise OptionError(
+                f"the recording says that it is in {self.unit}", key="unit", way_out="leave the unit out"
+            )
+        if is_angle(unit) and not self.is_joints:
+            raise OptionError(
+                f"its positions are no angles, as {unit} would be",
+                key="unit",
+                way_out="give a length, such as mm",
+            )
+        return replace(self, unit=unit, stated=self.stated | {UNIT})
 
     @property
     def n_steps(self) -> int:
@@ -124,6 +156,8 @@ class Format:
     marker : file by which a folder of this kind is recognised
     part : what a file may hold several of, "episode" or "topic"; empty if it holds one recording
     parts : function of a path that returns the names of its parts; a mapping adds a word about each
+    options : further options of `Demonstration.load` that `read` takes as keyword arguments, such as `rate`;
+        others are refused
     write : function of a path and movements (`RecordedSamples`, or several of them by manipulator) that writes a file
     """
 
@@ -133,6 +167,7 @@ class Format:
     marker: str = ""
     part: str = ""
     parts: Callable[[Any], Iterable[str]] = lambda path: ()
+    options: frozenset[str] = frozenset()
     write: Callable[..., None] | None = None
 
 

@@ -60,26 +60,28 @@ def existing_file(
 
 
 def require_content(path: Path, error: type[InputError] = DemonstrationError) -> None:
-    """Raise if a file is a pointer, which Git LFS or git-annex fetches the file for.
+    """Raise if a file is only the pointer that Git LFS or git-annex leaves, or the page that a browser saved.
 
     Raises
     ------
     error
-        Names the command that fetches it.
+        The message names the command that fetches the file.
     """
     with telling(path, error=error):
         if path.is_symlink() and not path.exists():
-            start = b"/annex/objects/" if "annex/objects" in os.readlink(path) else b""
+            head = b"/annex/objects/" if "annex/objects" in os.readlink(path) else b""
         else:
             with open(path, "rb") as file:
-                start = file.read(max(map(len, _POINTERS)))
-    for beginning, (tool, command) in _POINTERS.items():
-        if start.startswith(beginning):
+                head = file.read(512).lstrip()
+    for start, (tool, command) in _POINTERS.items():
+        if head.startswith(start):
             raise error(
-                f"it is only a pointer of {tool}: the file itself was not fetched",
+                f"it is a pointer of {tool}, not the file itself",
                 file=path,
                 way_out=f"run in its folder: {command}",
             )
+    if head[:15].lower().startswith((b"<!doctype html", b"<html")):
+        raise error("it is a page of a web site, not the file itself", file=path, way_out="download the raw file")
 
 
 @contextlib.contextmanager

@@ -18,6 +18,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -125,7 +126,19 @@ def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, Re
             file.write("".join([",".join(map(repr, row)) + "\n" for row in rows]).encode())
 
 
-FORMAT = Format("CSV", read, suffixes=(".csv",), write=write)
+def _read_any(path: str | os.PathLike[str], **options: Any) -> dict[str, RecordedSamples]:
+    from comove.demonstrations.formats import tables
+
+    return {"": tables.read(path, **options)} if options else read(path)
+
+
+FORMAT = Format(
+    "text",
+    _read_any,
+    suffixes=(".csv",),
+    write=write,
+    options=frozenset({"columns", "delimiter", "time", "rate", "unit"}),
+)
 
 
 def _check_writable(path: object, name: str, demo: RecordedSamples) -> None:

@@ -175,6 +175,7 @@ FORMAT = Format(
     marker="metadata.yaml",
     part="topic",
     parts=topics,
+    options=frozenset({"rate"}),
     write=write,
 )
 

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import IN_ANY_CASE, TIMES, metres, unit_hint
 from comove.demonstrations.formats.csv import MAX_BYTES, MAX_CELLS, MAX_COLUMNS
-from comove.demonstrations.samples import AXES, MAX_ROWS, Origin, RecordedSamples, fault
+from comove.demonstrations.samples import AXES, MAX_ROWS, UNIT, Origin, RecordedSamples, fault
+from comove.demonstrations.units import TIMES, require_unit
 from comove.errors import OptionError, near_name
 from comove.io.files import existing_file, telling
 
@@ -88,15 +88,15 @@ def read(
     labels = tuple(names[place] for place in places)
     said = {found["unit"].strip().lower() for name in labels if (found := _UNIT.fullmatch(name))}
     own = unit if unit is not None else (said.pop() if len(said) == 1 else "m")
-    metres(own, path)
+    own = require_unit(own, path)
     position = table[:, -len(places) :]
     origin = Origin(
         path,
         time=lambda sample: f"line {rows[sample][0]}, column {'' if clock is None else names[clock]}",
         position=lambda sample, dim: f"line {rows[sample][0]}, column {labels[dim]}",
     )
-    notes = (IN_ANY_CASE,) if unit == "m" and unit_hint(position) else ()
-    return RecordedSamples(seconds, position, path.stem, notes, own, origin=origin)
+    stated = frozenset({UNIT} if unit is not None or said else ())
+    return RecordedSamples(seconds, position, path.stem, (), own, stated=stated, origin=origin)
 
 
 def _separator(text: str) -> str:
