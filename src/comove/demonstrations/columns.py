@@ -166,10 +166,11 @@ class Body:
         is_stated = unit is not None or self.stated_unit is not None
         return fields | ({"stated": frozenset({UNIT})} if is_stated else {})
 
-    def words(self) -> str:
+    def words(self, unit: str | None = None) -> str:
         """Return what was taken, in words: `position from X, Y, Z [mm], orientation from qx, qy, qz, qw`."""
         what = "position" if self.position else "joints"
-        unit = f" [{self.stated_unit}]" if self.stated_unit else ""
+        unit = self.stated_unit or unit or ("" if self.position else "rad, as none is stated")
+        unit = f" [{unit}]" if unit else ""
         said = f"{what} from {listed(spoken(self.moving), 8)}{unit}"
         if self.orientation:
             in_file = sorted(self.orientation, key=lambda column: column.number)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.units import is_angle, is_length, require_unit
 from comove.errors import DemonstrationError, OptionError, listed, near_name
-from comove.io.files import telling
 
 
 def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
@@ -33,31 +32,6 @@ def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_o
     except broken as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
         raise fault(file, None, f"it is no whole {what} ({reason})", way_out) from error
-
-
-POINTER = b"version https://git-lfs.github.com/spec/"
-"""How the text file begins that Git LFS leaves in place of a large one."""
-
-
-def require_content(path: Path) -> None:
-    """Raise if a file is not the recording itself, but the pointer that Git LFS, or the page that a browser, leaves.
-
-    Raises
-    ------
-    DemonstrationError
-        The message names the command that fetches the recording.
-    """
-    with telling(path), open(path, "rb") as file:
-        head = file.read(512).lstrip()
-    if head.startswith(POINTER):
-        raise fault(
-            path,
-            None,
-            "it is a pointer of Git LFS, not the recording",
-            "run: git lfs pull, in its repository",
-        )
-    if head[:15].lower().startswith((b"<!doctype html", b"<html")):
-        raise fault(path, None, "it is a page of a web site, not the recording", "download the raw file")
 
 
 def learn_command(path: object, **options: Any) -> str:
@@ -200,6 +174,8 @@ class Format:
     marker : file by which a folder of this kind is recognised
     part : what a file may hold several of, "episode" or "topic"; empty if it holds one recording
     parts : function of a path that returns the names of its parts; a mapping adds a word about each
+    bodies : function of a path, and of the same options as `read`, that returns the names of the manipulators without
+        reading their numbers; None if there is no cheaper way than to read them
     options : further options of `Demonstration.load` that `read` takes as keyword arguments, such as `rate`;
         others are refused
     write : function of a path and movements (`RecordedSamples`, or several of them by manipulator) that writes a file
@@ -211,17 +187,25 @@ class Format:
     marker: str = ""
     part: str = ""
     parts: Callable[[Any], Iterable[str]] = lambda path: ()
+    bodies: Callable[..., Iterable[str]] | None = None
     options: frozenset[str] = frozenset()
     write: Callable[..., None] | None = None
 
 
-def select_name(names: Iterable[str], name: str | None, file: object, what: str) -> str:
+def select_name(
+    names: Iterable[str],
+    name: str | None,
+    file: object,
+    what: str,
+    options: Mapping[str, Any] | None = None,
+) -> str:
     """Return `name` if it is one of `names`, or the only one that exists.
 
     Parameters
     ----------
     names : the existing names; texts among the values of a mapping describe them in messages
     what : kind of thing that is chosen: the key in messages
+    options : options of reading so far, for the command that a message shows
 
     Raises
     ------
@@ -239,6 +223,8 @@ def select_name(names: Iterable[str], name: str | None, file: object, what: str)
     else:
         message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
         way_out += f"known: {listed(known, 20)}"
+    if options is not None and words:
+        way_out += f"; run: {learn_command(file, **{**options, what: next(iter(words))})}"
     raise fault(file, what, message, way_out)
 
 
