@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from comove.errors import ComoveWarning, InputError, ResultError
-from comove.io.folders import require_folder
+from comove.io.folders import require_folder, scene_folder
 from comove.results.sealed import AGAIN, Summary, read_json
 from comove.scenes.scene import Scene
 
@@ -104,6 +104,8 @@ def own_scene(folder: Path) -> Scene:
     try:
         with warnings.catch_warnings():  # what there is to warn of was said when it was solved
             warnings.simplefilter("ignore", ComoveWarning)
+            if scene_folder(path) != folder:  # where what it was made from is kept
+                return Scene.load(path)
             return Scene.from_dict(data, folder=_folder_of_meshes(folder, data))
     except InputError as error:
         raise ResultError(str(error), file=path, way_out=AGAIN) from error

@@ -22,6 +22,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
 from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, require_types
+from comove.io.folders import listed_inputs, scene_folder
 from comove.results.reference import SCENE, Reference, own_scene, reference_of
 from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, checksum, finite, read_json
 from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
@@ -116,7 +117,6 @@ def write_joints(
         **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
-        **({"meshes_in": str(motion.scene.folder.resolve())} if motion.scene.meshes else {}),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
         "motion_sha256": checksum(motion_arrays(motion)),
@@ -202,7 +202,8 @@ def robot_of(
     """
     if named is not None:
         return _loaded(named, "you", None)
-    wanted, own, where = reference.scene.file.robot, reference.is_own, reference.file.parent
+    wanted, own = reference.scene.file.robot, reference.is_own
+    where = scene_folder(reference.file) if own else reference.scene.folder
     if wanted is not None and (not own or wanted in bundled_robots() or is_file(where / wanted)):
         return _loaded(wanted, "the folder's own scene" if own else "the scene", where, own)
     source = read_json(folder / kind.summary, kind.hint).get("robot_file")
@@ -221,7 +222,7 @@ def robot_of(
             way_out="give its description by --robot FILE, once you have read it",
         )
     try:
-        return _loaded(source, "the folder", None, own)
+        return _loaded(_kept(folder, source) or source, "the folder", None, own)
     except RobotError as error:
         raise ResultError(
             f"the robot that it names cannot be read ({error.message})",
@@ -229,6 +230,15 @@ def robot_of(
             key="robot_file",
             way_out=f"put '{source}' back, or name the robot: comove verify DIR --robot FILE",
         ) from error
+
+
+def _kept(folder: Path, source: str) -> Path | None:
+    """Return the copy of a description that a result folder keeps; None where it keeps none."""
+    files = listed_inputs(folder).get("files")
+    for place, told in files.items() if isinstance(files, dict) else ():
+        if isinstance(told, dict) and told.get("from") == source and is_file(folder / place):
+            return folder / place
+    return None
 
 
 def _loaded(named: str | Path, named_by: str, folder: Path | None, own: bool = False) -> RobotSource:
