@@ -4,7 +4,7 @@ from comove.primitives.alignment import Alignment
 from comove.primitives.average import AveragedDMP, average
 from comove.primitives.basis import MotionBasis, motion_basis
 from comove.primitives.coactivation import coactivated
-from comove.primitives.dmp import DMP
+from comove.primitives.dmp import DMP, FitError
 from comove.primitives.estimation import EstimationSettings
 from comove.primitives.files import (
     Primitive,
@@ -31,6 +31,7 @@ __all__ = [
     "DMPState",
     "EstimationSettings",
     "ExponentialPhase",
+    "FitError",
     "Library",
     "LinearPhase",
     "Match",
