@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.adaptation import modulate
 from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import CMAES, Parameters
 from comove.planning.arguments import check_options
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
