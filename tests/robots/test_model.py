@@ -348,7 +348,7 @@ DEEP = "<a>" * 3000 + "</a>" * 3000
         (two_joints(MIMIC), ["'shoulder' goes along with 'elbow'", "posture: {shoulder: 0}"]),
         (two_joints().replace('axis xyz="0 0 1"', 'axis xyz="0 0 0"'), ["axis of the joint 'shoulder'"]),
         (two_joints().replace('mass value="1"', 'mass value="-1"'), ["the link 'upper' has the mass -1 kg"]),
-        (two_joints().replace('mass value="1"', 'mass value="x"'), ["link 'upper' has <mass value='x'>", "one number"]),
+        (two_joints().replace('mass value="1"', 'mass value="x"'), ["has <mass value='x'>", "write one number"]),
         (two_joints(body=shape("")), ["Geometry tag contains no child element"]),
         (two_joints(body=shape("<torus/>")), ["Unknown geometry type 'torus'"]),
         (two_joints(body=shape('<sphere radius="0"/>')), ["<sphere> has the radius '0'"]),

@@ -154,15 +154,14 @@ def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) 
         return worst
     own = PPoly(curve.c[:, :, columns], curve.x)
     limits = approach[columns], lower[columns], upper[columns]
-    time = np.repeat(curve.x[:, None], len(columns), axis=1)
-    position, velocity = own(curve.x), own(curve.x, 1)
+    _, time = fastest(own)
     for _ in range(100):
+        position, velocity = _each(own, time)
         found = Extreme.largest(approach_shares(position, velocity, *limits), time)
         if not worst.value * (1.0 + 1e-12) < found.value < np.inf:
             break
         worst = found
         time, _ = places(_ahead(own, limits[0] / worst.value))
-        position, velocity = _each(own, time)
     worst = max(worst, found, key=lambda extreme: extreme.value)
     return worst._replace(joint=int(columns[worst.joint]))
 
