@@ -64,6 +64,7 @@ class Source:
     free : names of floating and planar joints, which are fixed in the text
     nearly_right : whether angles of joints are right angles but for rounding, and are kept so
     meshes : collision meshes as binary STL, by their names in the URDF
+    files : files of the description, the model, its SRDF and its collision meshes
     """
 
     urdf: str
@@ -75,6 +76,7 @@ class Source:
     free: tuple[str, ...] = ()
     nearly_right: bool = False
     meshes: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    files: tuple[Path, ...] = field(default=(), repr=False)
 
 
 def package_folders(file: Path) -> list[str]:
@@ -157,13 +159,18 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
         warnings.warn(f"{path}: {note}", ComoveWarning, stacklevel=2)
     nearly_right = _round_right_angles(tree, bool(source.round_right_angles))
     meshes: dict[str, bytes] = {}
+    files = [part for part in (file, path) if is_file(part)]
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         found = _mesh(mesh, path, file)
+        files.append(found)
         with errors_in(found):
             data = _bytes_of(found, MAX_MESH_BYTES)
             meshes[_uri(found)] = _stl(data, found.suffix.lower())
         digest.update(data)
-    srdf = Srdf() if source.srdf is None else _srdf(resolve(source.srdf, file), tree, prefix, digest)
+    srdf = Srdf()
+    if source.srdf is not None:
+        files.append(resolve(source.srdf, file))
+        srdf = _srdf(files[-1], tree, prefix, digest)
     _prefix(prefix, tree)
     digest.update(ET.tostring(tree))
     for mesh in tree.findall("./link/*/geometry/mesh"):  # what nothing but pictures need may be missing
@@ -173,12 +180,13 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
         ET.tostring(tree, encoding="unicode"),
         source.base,
         path,
-        srdf,
-        {name: _mimic(mimic) for name, joint in joints.items() for mimic in joint.findall("mimic")},
-        limits,
-        tuple(free),
-        nearly_right,
-        meshes,
+        srdf=srdf,
+        mimics={name: _mimic(mimic) for name, joint in joints.items() for mimic in joint.findall("mimic")},
+        limits=limits,
+        free=tuple(free),
+        nearly_right=nearly_right,
+        meshes=meshes,
+        files=tuple(dict.fromkeys(files)),
     )
 
 
