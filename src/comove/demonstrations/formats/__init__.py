@@ -72,7 +72,7 @@ OPTIONS = {
     "manipulator": "a bag knows topics, not manipulators",
     "episode": "it holds one recording",
     "topic": "only bags have topics",
-    "columns": "only text tables have columns that are chosen",
+    "columns": "its columns are not chosen",
     "delimiter": "only text tables have delimiters",
     "time": "its time is not chosen",
     "rate": "it has time stamps of its own",
@@ -109,7 +109,7 @@ def load(
         movements = cast(Mapping[str, RecordedSamples], format.read(path, **reading))
         found = select(movements, manipulator, path)
     else:
-        if part is None:
+        if part is None and "dataset" not in reading:
             part = select_name(format.parts(path), None, path, format.part)
         parts = format.read(path, **{format.part: part}, **reading)
         read = parts[select_name(parts, None, path, format.part)]
