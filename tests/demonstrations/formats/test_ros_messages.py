@@ -56,7 +56,7 @@ def choices(path, topic=None):
     """Return the movements that a refusal names; each of them can be loaded."""
     with pytest.raises(DemonstrationError) as caught:
         load(path, topic)
-    names = re.findall(r"(?<!\w)/[\w:@+.]+", caught.value.way_out)
+    names = re.findall(r"(?<!\w)/[\w:@+.]+", caught.value.way_out.partition("; run:")[0])
     return {name: load(path, name) for name in names}
 
 

@@ -73,7 +73,7 @@ OPTIONS = {
     "manipulator": "a bag knows topics, not manipulators",
     "episode": "it holds one recording",
     "topic": "only bags have topics",
-    "columns": "only text tables have columns that are chosen",
+    "columns": "its columns are not chosen",
     "delimiter": "only text tables have delimiters",
     "time": "its time is not chosen",
     "rate": "it has time stamps of its own",
@@ -114,14 +114,12 @@ def load(
         movements = cast(Mapping[str, RecordedSamples], format.read(path, **reading))
         found = movements[chosen_name(movements, manipulator or None, path, asked)]
     else:
-        if part is None:
+        if part is None and "dataset" not in reading:
             part = select_name(format.parts(path), None, path, format.part, asked)
         parts = format.read(path, **{format.part: part}, **reading)
         read = parts[select_name(parts, None, path, format.part, asked)]
-        if isinstance(read, RecordedSamples):
-            found = read
-        else:
-            found = read[chosen_name(read, manipulator, path, asked)]
+        several = {"": read} if isinstance(read, RecordedSamples) else read
+        found = several[chosen_name(several, manipulator, path, asked)]
     return found if unit is None or states else found.stating(unit)
 
 
