@@ -77,6 +77,7 @@ def test_the_order_is_that_of_the_design():
     order = [
         *(
             "errors",
+            "brief",
             "ties",
             "compiled",
             "trajectory",
@@ -126,7 +127,7 @@ def test_the_judge_of_robots_knows_no_search(modules):
 def test_optimisers_know_no_robot(modules):
     for inside, room, nodes in modules.values():
         if room == "optimisers":
-            assert rooms_entered(nodes) <= {"errors", "compiled", "optimisers"}, inside
+            assert rooms_entered(nodes) <= {"errors", "brief", "compiled", "optimisers"}, inside
 
 
 def test_only_the_judges_make_verified_motions(modules):
@@ -196,7 +197,11 @@ def test_everything_that_is_offered_exists():
 
 @pytest.mark.parametrize(
     "room",
-    [room for room in (rooms() if PLAN.is_file() else []) if room not in ("errors", "ties", "trajectory")],
+    [
+        room
+        for room in (rooms() if PLAN.is_file() else [])
+        if room not in ("errors", "brief", "ties", "trajectory")
+    ],
 )
 def test_every_room_offers_what_exists(room):
     module = __import__(f"comove.{room}", fromlist=["*"])

@@ -86,7 +86,17 @@ class Reading:
         None
     )
     episode: Annotated[str | None, typer.Option(help="Which recording of a file that holds several.")] = None
-    topic: Annotated[str | None, typer.Option(help="Which topic of a bag.")] = None
+    topic: Annotated[
+        str | None,
+        typer.Option(help="Which topic of a bag, or which movement of it: TOPIC:NAME, /tf:CHILD@PARENT."),
+    ] = None
+    dataset: Annotated[
+        str | None, typer.Option(metavar="PATH", help="Which dataset of an HDF5 file, such as obs/ee_pos.")
+    ] = None
+    feature: Annotated[
+        str | None,
+        typer.Option(help="Which vector of a LeRobot dataset; observation.state unless given."),
+    ] = None
     unit: Annotated[
         str | None,
         typer.Option(

@@ -171,23 +171,37 @@ def simulate(
 @verb_of(group)
 def export(
     folder: Folder,
-    format: Annotated[str, typer.Option(help=f"One of: {', '.join(FORMATS)}.")] = "baxter-csv",
+    format: Annotated[
+        str | None,
+        typer.Option(help=f"One of: {', '.join(FORMATS)}; baxter-csv for a Baxter, else csv, unless given."),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Samples a second, 20 or more.")] = 100.0,
     transfers: Annotated[
-        bool, typer.Option(help="Also the ways from home to the grasp and from there home.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            help="Also the motions from home to the grasp and from there home; unless said, where there are any."
+        ),
+    ] = None,
 ) -> int:
     """Judge the motion in DIR anew and write it there in a format that robots play."""
     from comove.export import FORMATS as KINDS
-    from comove.export import check_export, export
+    from comove.export import check_export, export, usual_format
     from comove.robots import plan_transfers, verified_motion
 
-    o.require_one_of(format, FORMATS, "format")
+    if format is not None:
+        o.require_one_of(format, FORMATS, "format")
     motion = verified_motion(folder)
-    check_export(motion, folder, KINDS[format], rate=rate, transfers=transfers)
-    ways = plan_transfers(motion) if transfers else None
-    written = export(motion, folder, KINDS[format], rate=rate, transfers=ways)
-    print(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {KINDS[format].what}")
+    kind = usual_format(motion) if format is None else KINDS[format]
+    check_export(motion, folder, kind, rate=rate, transfers=transfers is not False)
+    planned = None
+    try:
+        planned = None if transfers is False else plan_transfers(motion)
+    except RobotError as error:
+        if transfers:
+            raise
+        print(f"warning: the carry alone is exported: {error}", file=sys.stderr)
+    written = export(motion, folder, kind, rate=rate, transfers=planned)
+    print(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
     for path in written:
         print(f"  {path}")
     return 0

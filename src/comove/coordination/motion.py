@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 import comove
+from comove.brief import brief
 from comove.coordination.adaptation import carried_to_hands
 from comove.coordination.coordinates import (
     ANGLE,
@@ -47,6 +48,8 @@ class CoordinatedMotion:
     boundary : array, shape (4, n_columns): start, start velocity, goal, goal velocity of q
     weights : array, shape (n_columns, n_basis), shape weights
     """
+
+    __repr__ = brief
 
     scene: Scene
     coordinates: Coordinates
@@ -228,6 +231,8 @@ class CoordinatedDMP:
     scene, coordinates, basis, boundary : as in `CoordinatedMotion`
     weights : array, shape (n_columns, n_basis), shape weights of the demonstration
     """
+
+    __repr__ = brief
 
     scene: Scene
     coordinates: Coordinates

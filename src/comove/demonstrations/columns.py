@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 EULER = ("roll", "pitch", "yaw")
 """Angles about the fixed axes x, y, z, in this order (REP 103 of ROS): R = Rz(yaw) Ry(pitch) Rx(roll)."""
 ROTATION_VECTOR = ("rx", "ry", "rz")
+MATRIX = tuple(f"r{row}{column}" for row in range(1, 4) for column in range(1, 4))
+"""Numbers of a rotation matrix, row by row."""
 SIDES = ("left", "right")
 _TURN = 2.2 * np.pi
 """Angles of orientations beyond this are not radians."""
@@ -104,7 +106,7 @@ class Body:
     @property
     def needed(self) -> tuple[Column, ...]:
         """Return all columns that `samples` takes from a table."""
-        return self.position + self.orientation if self.position else self.joints
+        return self.moving + self.orientation
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -158,7 +160,7 @@ class Body:
             values = values * [in_base_unit(one) for one in units]
             kept = "/".join(dict.fromkeys(map(base_unit, units)))
         orientation = None
-        if self.position and self.orientation:
+        if self.orientation:
             orientation = quaternions(taken(self.orientation), self.orientation)
         fields = {"position": values, "orientation": orientation, "axes": self.axes, "unit": kept}
         is_stated = unit is not None or self.stated_unit is not None
@@ -169,7 +171,7 @@ class Body:
         what = "position" if self.position else "joints"
         unit = f" [{self.stated_unit}]" if self.stated_unit else ""
         said = f"{what} from {listed(spoken(self.moving), 8)}{unit}"
-        if self.position and self.orientation:
+        if self.orientation:
             in_file = sorted(self.orientation, key=lambda column: column.number)
             said += f", orientation from {listed(spoken(in_file), 8)} ({_form(in_file)})"
         return said
@@ -189,6 +191,8 @@ def _form(orientation: Sequence[Column]) -> str:
         return "quaternion " + " ".join(axis.removeprefix("q") for axis in axes)
     if axes[0] in EULER:
         return "angles about fixed x, y, z"
+    if axes[0] in MATRIX:
+        return "rotation matrix"
     return "rotation vector"
 
 
@@ -204,6 +208,8 @@ def quaternions(values: Array, columns: Sequence[Column]) -> Array:
     """
     if columns[0].axis in QUATERNION:
         return values
+    if columns[0].axis in MATRIX:
+        return _of_matrices(values.reshape(-1, 3, 3))
     units = {column.unit for column in columns}
     stated = units.pop() if len(units) == 1 else None
     if stated is None:
@@ -214,6 +220,18 @@ def quaternions(values: Array, columns: Sequence[Column]) -> Array:
         return exponential(angles)
     roll, pitch, yaw = (exponential(angles[:, i, None] * np.eye(3)[i]) for i in range(3))
     return quaternion_product(yaw, quaternion_product(pitch, roll))
+
+
+def _of_matrices(matrices: Array) -> Array:
+    """Return the quaternions of rotation matrices; zeros, which are none, of matrices that are no rotations."""
+    from scipy.spatial.transform import Rotation
+
+    turned = np.einsum("nij,nkj->nik", matrices, matrices)
+    good = (np.abs(turned - np.eye(3)).max(axis=(1, 2)) < 1e-3) & (np.linalg.det(matrices) > 0.0)
+    found = np.zeros((len(matrices), 4))
+    if good.any():
+        found[good] = Rotation.from_matrix(matrices[good]).as_quat()[:, [3, 0, 1, 2]]
+    return found
 
 
 def _all(*texts: str) -> frozenset[str]:
@@ -556,7 +574,7 @@ def _orientation(members: Iterable[Column]) -> tuple[Column, ...]:
     for column in members:
         if column.kind is Kind.ORIENTATION:
             by_axis.setdefault(column.axis, []).append(column)
-    for axes in (QUATERNION, EULER, ROTATION_VECTOR):
+    for axes in (QUATERNION, EULER, ROTATION_VECTOR, MATRIX):
         if all(len(by_axis.get(axis, ())) == 1 for axis in axes):
             return tuple(by_axis[axis][0] for axis in axes)
     return ()

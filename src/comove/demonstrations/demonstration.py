@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations import cleaning, formats, plausibility, resampling
-from comove.demonstrations.formats import csv, lasa, npz
+from comove.demonstrations.formats import lasa, npz, tables
 from comove.demonstrations.samples import IN_MEMORY, RecordedSamples
 from comove.demonstrations.segmentation import Segmentation, movements
 from comove.demonstrations.units import base_unit, in_base_unit
@@ -299,15 +299,16 @@ class Demonstration(RecordedSamples):
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
-        """Read one movement from a CSV file; if it holds several, `manipulator` selects one.
+        """Read one movement from a text table; if it holds several, `manipulator` selects one.
 
         Raises
         ------
         DemonstrationError
-            If the file is not in the format of `comove.demonstrations.formats.csv`, or holds several manipulators
-            and the name is missing or unknown.
+            If it cannot be read, or holds several manipulators and the name is missing or unknown.
         """
-        return cls.of(formats.select(csv.read(path), manipulator, path)).in_base_unit()
+        return cls.of(
+            formats.select(tables.read(path, manipulator=manipulator), manipulator, path)
+        ).in_base_unit()
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -15,9 +17,28 @@ from comove.demonstrations.units import is_angle, is_length, require_unit
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 
 
-def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
-    """Return the error about a recording: its file, the place in it, what is wrong, and what to do."""
-    return DemonstrationError(message, file=file, key=key, way_out=way_out)
+def fault(file: object, key: str | None, message: str, way_out: str, **options: Any) -> DemonstrationError:
+    """Return the error about a recording: its file, the place in it, what is wrong, and what to do.
+
+    Parameters
+    ----------
+    options : options of reading it that settle the matter, for the command that is printed
+    """
+    error = DemonstrationError(message, file=file, key=key, way_out=way_out)
+    error.options = options
+    return error
+
+
+@contextmanager
+def advising(path: object, given: Mapping[str, Any]) -> Iterator[None]:
+    """Add to the advice of a `fault` the command with the options that were `given` and those that settle it."""
+    try:
+        yield
+    except DemonstrationError as error:
+        if error.options:
+            error.way_out += f"; run: {learn_command(path, **{**given, **error.options})}"
+            error.options = {}
+        raise
 
 
 @contextmanager
@@ -30,6 +51,22 @@ def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_o
     except broken as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
         raise fault(file, None, f"it is no whole {what} ({reason})", way_out) from error
+
+
+def learn_command(path: object, **options: Any) -> str:
+    """Return the command that learns from a recording with some options of reading it.
+
+    >>> learn_command("my hand.csv", columns=["X", "Y"], rate=100, clean=None)
+    "comove learn 'my hand.csv' --columns X,Y --rate 100 --out 'my hand.json'"
+    """
+    words = ["comove", "learn", str(path)]
+    for key, value in options.items():
+        if value is None or value is False:
+            continue
+        words.append(f"--{key.replace('_', '-')}")
+        if value is not True:
+            words.append(",".join(map(str, value)) if isinstance(value, list | tuple) else f"{value}")
+    return shlex.join([*words, "--out", f"{Path(str(path)).stem}.json"])
 
 
 AXES = ("x", "y", "z")
@@ -192,10 +229,9 @@ def select_name(names: Iterable[str], name: str | None, file: object, what: str)
     known = [f"{key} ({word})" if isinstance(word, str) else key for key, word in words.items()]
     if name is None:
         message, way_out = f"it holds {len(words)} {what}s", f"name one of {listed(known, 20)}"
-    else:
-        message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
-        way_out += f"known: {listed(known, 20)}"
-    raise fault(file, what, message, way_out)
+        raise fault(file, what, message, way_out, **{what: next(iter(words), None)})
+    way_out = near_name(name, words).partition("known: ")[0]
+    raise fault(file, what, f"there is no {name!r}", f"{way_out}known: {listed(known, 20)}")
 
 
 def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:

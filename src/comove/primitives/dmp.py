@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.brief import brief
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.primitives.arguments import (
     instants,
@@ -68,6 +69,8 @@ class DMP:
     learned : array, shape (n_dims,), displacement from start to goal for which the weights were learned [m]; by
         default the present displacement
     """
+
+    __repr__ = brief
 
     weights: Array
     start: Array

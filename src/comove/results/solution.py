@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import comove
 from comove._version import __version__
+from comove.brief import brief
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.group_poses import poses_at
 from comove.coordination.motion import CoordinatedMotion
@@ -110,6 +111,8 @@ class StoredResult:
     summary : the contents of solution.json
     arrays : the contents of solution.npz
     """
+
+    __repr__ = brief
 
     folder: Path
     summary: Summary

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
@@ -72,6 +73,8 @@ class StoredJoints:
     arrays : the contents of joints.npz
     scene : the scene read from scene.json
     """
+
+    __repr__ = brief
 
     folder: Path
     summary: Summary

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
 from comove.geometry.rotations import matrices
 from comove.robots.description import (
@@ -74,6 +75,8 @@ class Robot:
     sha256 : checksum of the description, the models and their collision meshes
     sources : URDF texts of the models, with limits and prefixes filled in, and their placements
     """
+
+    __repr__ = brief
 
     description: RobotFile
     model: Any

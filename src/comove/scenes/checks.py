@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 from comove.constraints.distance import DistanceKeys, distance_tolerance
@@ -67,17 +67,23 @@ def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
-    first: dict[str, int] = {}
-    for i, name in enumerate(scene.names):
-        if first.setdefault(name, i) != i:
-            message = f"the name {show(name)} is already that of manipulators[{first[name]}]"
-            yield Flaw(("manipulators", i, "name"), message, "give each manipulator its own name")
-    if len(first) < len(scene.names):
+    repeated = list(_repeated_names("manipulator", scene.names))
+    yield from repeated
+    yield from _repeated_names("obstacle", [obstacle.name for obstacle in scene.obstacles])
+    if repeated:
         return
     for path, name in _named(scene):
-        if name not in first:
+        if name not in scene.names:
             known = scene.names[:MAX_NAMES]
             yield Flaw(path, f"there is no manipulator {show(name)}", near_name(name, known))
+
+
+def _repeated_names(what: str, names: Sequence[str | None]) -> Iterator[Flaw]:
+    first: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if name is not None and first.setdefault(name, i) != i:
+            message = f"the name {show(name)} is already that of {what}s[{first[name]}]"
+            yield Flaw((f"{what}s", i, "name"), message, f"give each {what} its own name")
 
 
 def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
@@ -252,8 +258,9 @@ def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
     limit = scene.limits.speed
     for i, obstacle in enumerate(scene.obstacles):
         if limit is not None and obstacle.motion is not None and obstacle.motion.speed > limit * (1 + 1e-9):
+            key = obstacle.name or f"obstacles[{i}]"
             message = (
-                f"{place}obstacles[{i}].motion: up to {obstacle.motion.speed:.3g} m/s, faster than the hands may "
+                f"{place}{key}.motion: up to {obstacle.motion.speed:.3g} m/s, faster than the hands may "
                 f"move ({limit:g} m/s): they cannot get away from it"
             )
             warnings.warn(message, ComoveWarning, stacklevel=3)

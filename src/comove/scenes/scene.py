@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.brief import brief
 from comove.constraints import (
     Constraint,
     DistanceConstraint,
@@ -78,6 +79,8 @@ class Scene:
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
     """
+
+    __repr__ = brief
 
     file: SceneFile
     folder: Path
@@ -489,7 +492,8 @@ class Scene:
             return "the border of the workspace"
         if obstacle >= len(self.file.obstacles):
             return "something that was seen"
-        return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
+        found = self.file.obstacles[obstacle]
+        return f"{found.name or f'obstacles[{obstacle}]'} ({found.shape})"
 
     def nodes_at(self, end: str) -> Array:
         """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""

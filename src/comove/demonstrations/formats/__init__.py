@@ -10,13 +10,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag
-from comove.demonstrations.samples import Format, RecordedSamples, fault, select_name
+from comove.demonstrations.columns import matching_body
+from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables
+from comove.demonstrations.samples import Format, RecordedSamples, advising, fault, select_name
 from comove.errors import near_name
 from comove.io.files import require_content, telling
 
 FORMATS: list[Format] = [
-    csv.FORMAT,
+    tables.FORMAT,
     npz.FORMAT,
     hdf5.FORMAT,
     lerobot.FORMAT,
@@ -92,7 +93,14 @@ def load(
     Options that the format does not take are refused by name; those that are None count as not given.
     """
     path = Path(path)
-    format = format_of(path)
+    said = {"manipulator": manipulator, "unit": unit, **options}
+    with advising(path, {key: value for key, value in said.items() if value is not None}):
+        return _load(path, format_of(path), manipulator, unit, options)
+
+
+def _load(
+    path: Path, format: Format, manipulator: str | None, unit: str | None, options: Mapping[str, Any]
+) -> RecordedSamples:
     given = {key: value for key, value in options.items() if value is not None}
     reading = {key: given.pop(key) for key in sorted(format.options & set(given))}
     part = given.pop(format.part, None)
@@ -102,6 +110,8 @@ def load(
         shown = ",".join(map(str, value)) if isinstance(value, list | tuple) else value
         reason = OPTIONS.get(key, f"{format.name} has no such option")
         raise fault(path, key, f"{shown!r} was asked for, but {reason}", f"leave the {key} out")
+    if manipulator is not None and "manipulator" in format.options:
+        reading["manipulator"] = manipulator
     states = "unit" in format.options
     if unit is not None and states:
         reading["unit"] = unit
@@ -149,4 +159,5 @@ def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: 
             f"it holds one movement without a name, not {manipulator!r}",
             "leave the manipulator out",
         )
-    return demos[select_name(demos, manipulator, file, "manipulator")]
+    meant = None if manipulator is None else matching_body(manipulator, demos)
+    return demos[select_name(demos, meant or manipulator, file, "manipulator")]
