@@ -165,22 +165,6 @@ class RecordedSamples:
 
 
 @dataclass(frozen=True)
-class Columns:
-    """Columns of one manipulator in a table: positions in the order of `axes`, quaternions w x y z."""
-
-    position: list[int]
-    orientation: list[int]
-    axes: tuple[str, ...]
-    unit: str
-
-    def of(self, table: NDArray[np.float64]) -> dict[str, Any]:
-        """Return the fields of `RecordedSamples` that a table, shape (n_steps, n_columns), holds in these columns."""
-        orientation = table[:, self.orientation] if self.orientation else None
-        position = table[:, self.position]
-        return {"position": position, "orientation": orientation, "axes": self.axes, "unit": self.unit}
-
-
-@dataclass(frozen=True)
 class Format:
     """A kind of recordings: how files of it are recognised, read and written.
 
@@ -193,6 +177,8 @@ class Format:
     marker : file by which a folder of this kind is recognised
     part : what a file may hold several of, "episode" or "topic"; empty if it holds one recording
     parts : function of a path that returns the names of its parts; a mapping adds a word about each
+    bodies : function of a path, and of the same options as `read`, that returns the names of the manipulators without
+        reading their numbers; None if there is no cheaper way than to read them
     options : further options of `Demonstration.load` that `read` takes as keyword arguments, such as `rate`;
         others are refused
     write : function of a path and movements (`RecordedSamples`, or several of them by manipulator) that writes a file
@@ -204,6 +190,7 @@ class Format:
     marker: str = ""
     part: str = ""
     parts: Callable[[Any], Iterable[str]] = lambda path: ()
+    bodies: Callable[..., Iterable[str]] | None = None
     options: frozenset[str] = frozenset()
     write: Callable[..., None] | None = None
 
@@ -229,9 +216,10 @@ def select_name(names: Iterable[str], name: str | None, file: object, what: str)
     known = [f"{key} ({word})" if isinstance(word, str) else key for key, word in words.items()]
     if name is None:
         message, way_out = f"it holds {len(words)} {what}s", f"name one of {listed(known, 20)}"
-        raise fault(file, what, message, way_out, **{what: next(iter(words), None)})
-    way_out = near_name(name, words).partition("known: ")[0]
-    raise fault(file, what, f"there is no {name!r}", f"{way_out}known: {listed(known, 20)}")
+    else:
+        message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
+        way_out += f"known: {listed(known, 20)}"
+    raise fault(file, what, message, way_out, **{what: next(iter(words), None)})
 
 
 def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:

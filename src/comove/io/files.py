@@ -81,7 +81,9 @@ def require_content(path: Path, error: type[InputError] = DemonstrationError) ->
                 way_out=f"run in its folder: {command}",
             )
     if head[:15].lower().startswith((b"<!doctype html", b"<html")):
-        raise error("it is a page of a web site, not the file itself", file=path, way_out="download the raw file")
+        raise error(
+            "it is a page of a web site, not the file itself", file=path, way_out="download the raw file"
+        )
 
 
 @contextlib.contextmanager

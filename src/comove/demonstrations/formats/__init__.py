@@ -6,7 +6,7 @@ A format turns files into `comove.demonstrations.samples.RecordedSamples` and ba
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
@@ -110,20 +110,21 @@ def _load(
         shown = ",".join(map(str, value)) if isinstance(value, list | tuple) else value
         reason = OPTIONS.get(key, f"{format.name} has no such option")
         raise fault(path, key, f"{shown!r} was asked for, but {reason}", f"leave the {key} out")
-    if manipulator is not None and "manipulator" in format.options:
-        reading["manipulator"] = manipulator
     states = "unit" in format.options
     if unit is not None and states:
         reading["unit"] = unit
     if not format.part:
+        if format.bodies is not None:
+            manipulator = chosen_name(format.bodies(path, **reading), manipulator, path)
+            reading["manipulator"] = manipulator or None
         movements = cast(Mapping[str, RecordedSamples], format.read(path, **reading))
-        found = select(movements, manipulator, path)
+        found = movements[chosen_name(movements, manipulator or None, path)]
     else:
         if part is None and "dataset" not in reading:
             part = select_name(format.parts(path), None, path, format.part)
         parts = format.read(path, **{format.part: part}, **reading)
         read = parts[select_name(parts, None, path, format.part)]
-        found = read if isinstance(read, RecordedSamples) else select(read, manipulator, path)
+        found = read if isinstance(read, RecordedSamples) else read[chosen_name(read, manipulator, path)]
     return found if unit is None or states else found.stating(unit)
 
 
@@ -152,12 +153,24 @@ def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: 
     DemonstrationError
         If there are several and the name is missing, or the name is unknown.
     """
-    if list(demos) == [""] and manipulator is not None:
+    return demos[chosen_name(demos, manipulator, file)]
+
+
+def chosen_name(names: Iterable[str], manipulator: str | None, file: object) -> str:
+    """Return the name among those of a recording's movements that a manipulator's name means.
+
+    Raises
+    ------
+    DemonstrationError
+        If there are several and the name is missing, or the name is unknown.
+    """
+    names = list(names)
+    if names == [""] and manipulator is not None:
         raise fault(
             file,
             "manipulator",
             f"it holds one movement without a name, not {manipulator!r}",
             "leave the manipulator out",
         )
-    meant = None if manipulator is None else matching_body(manipulator, demos)
-    return demos[select_name(demos, meant or manipulator, file, "manipulator")]
+    meant = None if manipulator is None else matching_body(manipulator, names)
+    return select_name(names, meant or manipulator, file, "manipulator")

@@ -1,7 +1,8 @@
 """The layout of text tables: encoding, separators, the rows above the numbers, and what is said above these.
 
 The numbers are found first: the first row that splits into numbers and is followed by rows like it. Directly above
-are the rows of the header: names, and units below or bodies and quantities above them. Everything before is a preamble, of which the sampling rate and the unit of lengths are used.
+are the rows of the header: names, and units below or bodies and quantities above them. Everything before is a
+preamble, of which the sampling rate and the unit of lengths are used.
 """
 
 from __future__ import annotations
@@ -172,8 +173,11 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
     """
     encoding = encoding_of(path)
     head = list(islice(lines_of(path, encoding), PREAMBLE + LIKE + 1))
-    if not any(line.strip() for _, line in head):
+    text = next((line.strip() for _, line in head if line.strip()), "")
+    if not text:
         raise fault(path, None, "the file is empty", "name a recording")
+    if text.lower().startswith(("<!doctype html", "<html")):
+        raise fault(path, None, "it is a page of a web site, not the recording", "download the file itself")
     found = [
         (at, separator, score)
         for separator in ((delimiter,) if delimiter else SEPARATORS)

@@ -51,7 +51,7 @@ from comove.demonstrations.samples import (
 )
 from comove.demonstrations.units import LENGTHS, TIMES, is_angle, is_length, require_unit, unit_named
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, listed, near_name
-from comove.io.files import existing_file, require_content, telling
+from comove.io.files import existing_file, telling
 
 Array = NDArray[np.float64]
 
@@ -113,7 +113,6 @@ def read(
     path = existing_file(Path(path), MAX_BYTES, _TOO_LONG)
     request = _Request(path, manipulator, columns, delimiter, time, rate, unit, drop_missing)
     with telling(path):
-        require_content(path)
         _check_length(path)
         table = _Table.of(request)
         clock = table.clock()
@@ -125,14 +124,21 @@ def read(
     return found
 
 
+def names(path: str | os.PathLike[str], **options: Any) -> tuple[str, ...]:
+    """Return the names of the bodies that `read` finds with the same options; the numbers are not read."""
+    path = existing_file(Path(path), MAX_BYTES, _TOO_LONG)
+    with telling(path):
+        _check_length(path)
+        return tuple(_Table.of(_Request(path, **options)).bodies())
+
+
 FORMAT = Format(
     "text table",
     read,
     suffixes=(".csv", ".tsv", ".txt", ".dat", ".asc", ".trc", ".tum"),
     write=csv.write,
-    options=frozenset(
-        {"manipulator", "columns", "delimiter", "time", "rate", "unit", "drop_missing"},
-    ),
+    bodies=names,
+    options=frozenset({"columns", "delimiter", "time", "rate", "unit", "drop_missing"}),
 )
 
 
@@ -141,13 +147,13 @@ class _Request:
     """What was asked for; checked."""
 
     path: Path
-    manipulator: str | None
-    columns: Sequence[str] | None
-    delimiter: str | None
-    time: str | None
-    rate: float | None
-    unit: str | None
-    drop_missing: bool
+    manipulator: str | None = None
+    columns: Sequence[str] | None = None
+    delimiter: str | None = None
+    time: str | None = None
+    rate: float | None = None
+    unit: str | None = None
+    drop_missing: bool = False
 
     def __post_init__(self) -> None:
         if self.delimiter is not None:
@@ -415,7 +421,7 @@ class _Table:
         for name, body in bodies.items():
             fields = body.samples(values, numbers, request.unit)
             stated = fields.pop("stated", frozenset()) | {TIME}
-            words = f"{used}, {body.words()}" + (f" ({self.guessed})" if self.guessed else "")
+            words = f"{used}, {body.words(request.unit)}" + (f" ({self.guessed})" if self.guessed else "")
             found[name] = RecordedSamples(
                 time,
                 name=f"{request.path.stem}.{name}" if name else request.path.stem,
@@ -541,7 +547,8 @@ class _Table:
             if abs(passed[0] - passed[1]) > 0.01 * max(passed) + 1e-3:
                 raise self._two_clocks(first, other, passed)
         time, column, unit, notes = first
-        return time, f"time from `{column.name}` [{unit}]", notes
+        named = f"`{column.name}`" if self.layout.names else f"column {column.number + 1}"
+        return time, f"time from {named} [{unit}]", notes
 
     def _one_clock(
         self, column: Column, stamps: NDArray, clock: _Clock
@@ -563,13 +570,12 @@ class _Table:
                 return None
         name = column.name or str(column.number + 1)
         way_out = (
-            f"say what they count: {request.command(time=f'{bare_name(name)} [ms]')}, or [s] for seconds, or give the "
-            f"rate instead: {request.command(time=None, rate=100)}"
+            f"say what they count, ms or s: {request.command(time=f'{bare_name(name)} [ms]')}, or give the rate of "
+            f"frames: {request.command(time=None, rate=100)}"
         )
-        time, notes = seconds(
-            stamps, clock.unit or column.unit, name=name, origin=Origin(request.path), way_out=way_out
-        )
-        return time, column, str(unit), notes
+        time, notes = seconds(stamps, unit, name=name, origin=Origin(request.path), way_out=way_out)
+        inferred = clock.unit is None and column.unit is None and unit != "s"
+        return time, column, f"{unit}, after its size" if inferred else str(unit), notes
 
     def _dates(self, column: Column, stamps: NDArray) -> NDArray[np.int64]:
         """Return nanoseconds of dates, or of times of the day."""
