@@ -13,6 +13,7 @@ from comove.robots.description import bundled_robots, find_description
 from comove.robots.files import StoredJoints, read_joints, verified_motion, verify_stored, write_joints
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointCommand, JointMotion
+from comove.robots.recorded import end_effector_path
 from comove.robots.transfers import Transfers, plan_transfers
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 
@@ -30,6 +31,7 @@ __all__ = [
     "VerifiedJointMotion",
     "bundled_robots",
     "carry",
+    "end_effector_path",
     "find_description",
     "plan_transfers",
     "read_joints",
