@@ -41,6 +41,12 @@ def advising(path: object, given: Mapping[str, Any]) -> Iterator[None]:
         raise
 
 
+def require_bytes(file: Path) -> None:
+    """Raise if a file is empty."""
+    if file.stat().st_size == 0:
+        raise fault(file, None, "the file is empty", "copy or record it again")
+
+
 @contextmanager
 def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_out: str) -> Iterator[None]:
     """Convert a library's exceptions on damaged bytes to a fault that says that the file is no whole `what`."""

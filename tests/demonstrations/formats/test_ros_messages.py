@@ -207,6 +207,12 @@ def test_headers_that_all_say_the_same_tell_no_time(path):
     assert "headers with one and the same stamp: time is that of the bag" in demo.notes
 
 
+def test_slow_topics_are_in_seconds(path):
+    demo = load(bag(path, poses_at(*(SECOND * (1 + 2 * k) for k in range(30)))), unit="m")
+    assert demo.duration == 58.0
+    assert demo.notes == ()
+
+
 @pytest.mark.parametrize("stamp", [0, 7 * SECOND])
 def test_paths_without_times_need_a_rate(path, stamp):
     """Planners give no stamps, or one for all poses."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import MAX_DIMS
 from comove.demonstrations.columns import Kind, read_columns
-from comove.demonstrations.samples import MAX_ROWS, decoding, fault
+from comove.demonstrations.samples import MAX_ROWS, decoding, fault, require_bytes
 from comove.errors import DemonstrationError, listed, near_name
 from comove.io.files import extra
 
@@ -57,6 +57,7 @@ class HDF5File:
     def opened(cls, path: Path, way_out: str) -> Iterator[HDF5File]:
         """Lend an open file; convert h5py's exceptions to a `DemonstrationError`."""
         h5py = extra("h5py", path)
+        require_bytes(path)
         with decoding(path, "HDF5 file", _BROKEN, way_out), h5py.File(path, "r") as root:
             yield cls(path, root)
 
