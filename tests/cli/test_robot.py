@@ -58,7 +58,7 @@ def test_a_solved_folder_holds_what_the_contract_says(solved):
     names = {path.name for path in solved.iterdir()}
     assert names == {
         "solution.npz", "solution.json", "motion.png", "progress.png",
-        "joints.npz", "robot.json", "scene.json", "joints.png",
+        "joints.npz", "robot.json", "scene.json", "joints.png", "inputs", "inputs.json",
     }  # fmt: skip
     with np.load(solved / "joints.npz", allow_pickle=False) as joints:
         assert set(joints) == {"time", "joint_names", "position", "velocity", "acceleration"}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, sub_application, verb_of
 from comove.errors import ComoveError, InputError, OptionError, ResultError, RobotError
 
 if TYPE_CHECKING:
@@ -105,7 +105,12 @@ def solve(
     solution = found.solution
     with whole_folder(out, RESULT) as draft:
         summary = save_robot_result(
-            found, draft, wall_time_s=time_spent(), demonstration=movements, source=named
+            found,
+            draft,
+            wall_time_s=time_spent(),
+            demonstration=movements,
+            source=named,
+            command=command_words(),
         )
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
@@ -276,6 +281,7 @@ def run(
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind
     from comove.results import RESULT
+    from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
     from comove.scenes import Scene
@@ -308,6 +314,7 @@ def run(
         )
         save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
         summary = write_robot_run(draft, record, report, executor.log, seed=seed, wall_time_s=time_spent())
+        write_inputs(draft, loaded, files=carrier.files, command=command_words())
     if json:
         print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
     else:

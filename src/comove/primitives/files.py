@@ -23,7 +23,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
-from comove.primitives.average import AveragedDMP
+from comove.primitives.averaging import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
 from comove.primitives.kinds import KINDS, Movement, kind_of, traced

@@ -125,7 +125,6 @@ def write_joints(
         **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
-        **({"meshes_in": str(motion.scene.folder.resolve())} if motion.scene.meshes else {}),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
         "motion_sha256": checksum(motion_arrays(motion)),

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from comove.demonstrations import Demonstration
+from comove.demonstrations.formats.lerobot_features import UNSTATED
+from comove.demonstrations.units import is_angle
 from comove.errors import DemonstrationError, LibraryError, SceneError
 from comove.primitives import DMP, Library, PoseDMP, ProMP, Variant
+from comove.primitives.library import SUFFIX
 from comove.primitives.operations import PLANES, in_space, scale
 from comove.primitives.recordings import is_several, read_several
 from comove.scenes.model import DemonstrationSource
@@ -58,6 +61,8 @@ def fitted(scene: Scene, recording: Demonstration) -> DMP | PoseDMP:
 
     It is a primitive of poses where the recording holds orientations and a single body turns with all hands.
     """
+    if recording.is_joints:
+        raise _of_joints("recording", recording.name, recording.unit, scene, "demonstration")
     posed = recording.orientation is not None and scene.turns_as_one
     return PoseDMP.fit(recording) if posed else DMP.fit(recording)
 
@@ -95,6 +100,8 @@ def _recording(scene: Scene, source: DemonstrationSource) -> Demonstration:
 
 def _in_scene(recording: Demonstration, scene: Scene, source: DemonstrationSource, key: str) -> Demonstration:
     """Return a recording scaled, and laid into space, as the scene says."""
+    if recording.is_joints:
+        raise _of_joints("recording", recording.name, recording.unit, scene, key)
     position = recording.position * (source.scale or 1.0)
     if scene.n_dims == 3 and recording.n_dims == 2 and source.plane is not None:
         flat, position = position, np.zeros((len(position), 3))
@@ -133,7 +140,7 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
     """
     key, folder, file = "demonstration.library", scene.folder, scene.path
     place = PurePosixPath(library)
-    inner = str(place.parent) if len(place.parts) > 1 else LIBRARY
+    inner = _library_folder(place)
     try:
         inside = (folder / inner).resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):  # name too long, a zero byte, a circle of links
@@ -149,6 +156,8 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
         primitive = Library(folder / inner).get(place.name)
     except LibraryError as error:
         raise SceneError(str(error), file=file, key=key) from error
+    if is_angle(primitive.unit) or primitive.unit == UNSTATED:
+        raise _of_joints("primitive", primitive.name, primitive.unit, scene, key)
     followed = primitive.followed
     if isinstance(followed, ProMP):  # the similarity to the scene's ends scales it
         if followed.n_dims != scene.n_dims:
@@ -172,6 +181,26 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
     if dmp.n_dims != scene.n_dims:
         raise _other_dimension("primitive", dmp.n_dims, scene, key)
     return dmp
+
+
+def library_file(scene: Scene, library: str) -> Path:
+    """Return the file of the primitive that a scene names in a library."""
+    place = PurePosixPath(library)
+    return scene.folder / _library_folder(place) / f"{place.name}{SUFFIX}"
+
+
+def _library_folder(place: PurePosixPath) -> str:
+    return str(place.parent) if len(place.parts) > 1 else LIBRARY
+
+
+def _of_joints(what: str, name: str, unit: str, scene: Scene, key: str) -> SceneError:
+    return SceneError(
+        f"the {what} {name!r} is a movement of joints in {unit}, which is no path of an end effector",
+        file=scene.path,
+        key=key,
+        way_out="take the path that they give a robot's end effector: comove learn RECORDING --robot ROBOT --out "
+        "taught.json",
+    )
 
 
 def _other_dimension(what: str, found: int, scene: Scene, key: str) -> SceneError:

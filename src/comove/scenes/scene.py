@@ -27,6 +27,7 @@ from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
+from comove.io.folders import scene_folder
 from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, alternatives, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
@@ -116,7 +117,7 @@ class Scene:
             If the file cannot be read, breaks the contract or contradicts itself.
         """
         path = Path(path)
-        return _build(load_scene_file(path, changes), path.parent, path)
+        return _build(load_scene_file(path, changes), scene_folder(path), path)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], *, folder: str | Path | None = None) -> Scene:

@@ -1,8 +1,6 @@
 """Layouts of simulators and recorders in HDF5, and datasets by their path: numbers against h5py's."""
 
 import json
-import re
-import shlex
 import warnings
 
 import numpy as np
@@ -11,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from comove.demonstrations import Demonstration, read_hdf5
 from comove.demonstrations.formats import hdf5
-from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
+from comove.errors import ComoveWarning, DemonstrationError, OptionError
+from tests.demonstrations.formats.advice import follow, printed_options
 
 h5py = pytest.importorskip("h5py")
 
@@ -40,29 +39,6 @@ def written(path, datasets, attributes=None):
 
 def load(path, **options):
     return Demonstration.load(path, **options)
-
-
-def printed_options(error):
-    """The options that a refusal prints, as `Demonstration.load` takes them."""
-    found = re.findall(r"--(\w+) ('[^']*'|[^\s;,]+(?:,\d+)*)", error.way_out)
-    options = {key: shlex.split(value)[0] for key, value in found}
-    if "columns" in options:
-        options["columns"] = options["columns"].split(",")
-    if "rate" in options:
-        options["rate"] = float(options["rate"])
-    return options
-
-
-def follow(path, most=5, **options):
-    """Load a file, with every option that a refusal prints."""
-    for _ in range(most):
-        try:
-            return load(path, **options)
-        except ComoveError as error:
-            more = printed_options(error)
-            assert more and not more.items() <= options.items(), str(error)
-            options |= more
-    raise AssertionError("advice without end")
 
 
 def test_two_arms_of_one_robot_are_two_hands(path):

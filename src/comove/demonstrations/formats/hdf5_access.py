@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.cleaning import MAX_DIMS
 from comove.demonstrations.columns import Kind, read_columns
-from comove.demonstrations.samples import MAX_ROWS, decoding, fault
+from comove.demonstrations.samples import MAX_ROWS, decoding, fault, require_bytes
 from comove.errors import DemonstrationError, listed, near_name
 from comove.io.files import extra
 
@@ -58,12 +57,24 @@ class HDF5File:
     def opened(cls, path: Path, way_out: str) -> Iterator[HDF5File]:
         """Lend an open file; convert h5py's exceptions to a `DemonstrationError`."""
         h5py = extra("h5py", path)
+        require_bytes(path)
         with decoding(path, "HDF5 file", _BROKEN, way_out), h5py.File(path, "r") as root:
             yield cls(path, root)
 
-    def fault(self, key: str | None, message: str, way_out: str) -> DemonstrationError:
-        """Return the error about a place in the file."""
-        return fault(self.path, key, message, way_out)
+    def fault(self, key: str | None, message: str, way_out: str, **options: Any) -> DemonstrationError:
+        """Return the error about a place in the file, see `samples.fault`."""
+        return fault(self.path, key, message, way_out, **options)
+
+    def other(self, key: str | None, message: str, below: str = "") -> DemonstrationError:
+        """Return the error that advises to name one of the datasets, those below a group first."""
+        found = self.datasets(below) or self.datasets()
+        wide = [one for one in found if len(one.shape) != 2 or 2 <= one.shape[1] <= MAX_DIMS] or found
+        if not wide:
+            return self.fault(key, message, f"{LAYOUTS}: here are no numbers with a row an instant")
+        best = min(wide, key=_unlikely)
+        chosen = best.key if len(best.shape) > 1 else best.key.rpartition("/")[0] or best.key
+        way_out = f"name a dataset, of {listed([str(one) for one in wide], _LISTED)}"
+        return self.fault(key, message, way_out, dataset=chosen)
 
     def node(self, key: str, n_links: int = 0) -> Any:
         """Return the group or dataset at a path; None if there is none.
@@ -169,14 +180,14 @@ class HDF5File:
         """
         h5py, dataset = extra("h5py", self.path), self.require(key)
         if not isinstance(dataset, h5py.Dataset):
-            raise self.fault(key, "it is a group, not a dataset", self.advice(key))
+            raise self.other(key, "it is a group, not a dataset", key)
         if dataset.is_virtual or dataset.external:
             raise self.fault(key, "its numbers lie in another file", "copy them into this one")
         if dataset.dtype.kind not in "iuf":
             kind = "text" if h5py.check_string_dtype(dataset.dtype) else str(dataset.dtype)
             if dataset.dtype.names:
                 kind = f"records of {listed(dataset.dtype.names, _LISTED)}"
-            raise self.fault(key, f"it holds {kind}, not numbers", self.advice())
+            raise self.other(key, f"it holds {kind}, not numbers")
         held = dataset.shape
         fits = held is not None and len(held) == len(shape)
         if not fits or any(wanted not in (None, n) for wanted, n in zip(shape, held, strict=True)):
@@ -192,16 +203,6 @@ class HDF5File:
             message = f"a movement needs two rows at least, this one has {held[0]}"
             raise self.fault(key, message, "record more samples, or remove the episode")
         return np.asarray(dataset[()]) if exact else np.asarray(dataset[()], dtype=np.float64)
-
-    def advice(self, key: str = "") -> str:
-        """Return the advice to name one of the datasets, below a group first."""
-        found = self.datasets(key) or self.datasets()
-        wide = [one for one in found if len(one.shape) != 2 or 2 <= one.shape[1] <= MAX_DIMS] or found
-        if not wide:
-            return f"{LAYOUTS}: here are no numbers with a row an instant"
-        best = min(wide, key=_unlikely)
-        key = best.key if len(best.shape) > 1 else best.key.rpartition("/")[0] or best.key
-        return f"name a dataset: --dataset {quote(key)}; known: {listed([str(one) for one in wide], _LISTED)}"
 
     def _require_filled(self, key: str, dataset: Dataset) -> None:
         """Raise if a part of a dataset was never written, which HDF5 would read as zeros."""

@@ -103,7 +103,7 @@ class EpisodeReader:
             self.file.node(_joined(self.group, name))  # which tells links that lead out
         held = listed(self.file.members(""), 10) or "nothing"
         what = f"no movement that is known in {self.group}" if self.group else "no episode"
-        raise self.file.fault(None, f"it holds {held}, and {what}", self.file.advice(self.group))
+        raise self.file.other(None, f"it holds {held}, and {what}", self.group)
 
     def chosen(self, dataset: str, columns: Sequence[str] | None) -> dict[str, RecordedSamples]:
         """Return the movement of a dataset, or those of a group of datasets.
@@ -125,7 +125,7 @@ class EpisodeReader:
             found = self._plain(key) if columns is None else {}
             if not found:
                 message = "it is a group, whose names do not say what they hold"
-                raise self.file.fault(key, message, self.file.advice(key))
+                raise self.file.other(key, message, key)
             return found
         shape, stem = self.file.shape(key), key.rpartition("/")[2]
         if shape is not None and shape[1:] == (4, 4):
@@ -144,6 +144,7 @@ class EpisodeReader:
                 key,
                 f"its name does not say what its {values.shape[1]} columns hold",
                 f"say which of them are the positions: --columns {example}",
+                columns=example.split(","),
             )
         return {"": self._of_body("", bodies[0], [key] * len(names), values)}
 
@@ -292,7 +293,7 @@ class EpisodeReader:
             or not (np.abs(products - np.eye(3)) <= _MATRIX_TOLERANCE).all()
             or not (np.linalg.det(turned) > 0.0).all()
         ):
-            raise self.file.fault(key, "its matrices are no poses", self.file.advice())
+            raise self.file.other(key, "its matrices are no poses")
         quaternions = Rotation.from_matrix(turned).as_quat()[:, [3, 0, 1, 2]]
         return self._samples(key, poses[:, :3, 3], orientation=quaternions, turns=key)
 
@@ -376,7 +377,7 @@ class EpisodeReader:
             return MANISKILL_RATE, (_usual(MANISKILL_RATE, "ManiSkill"),)
         if key == "observations/qpos":
             return ALOHA_RATE, (_usual(ALOHA_RATE, "ALOHA"),)
-        raise self.file.fault(key, "nothing says when its rows were recorded", _SAY_RATE)
+        raise self.file.fault(key, "nothing says when its rows were recorded", _SAY_RATE, rate=50)
 
     def _control_rate(self) -> float | None:
         """Return `control_freq` in the attribute `env_args` of `data`; None if it is not stated."""
@@ -387,7 +388,7 @@ class EpisodeReader:
             rate = json.loads(said[1]).get("env_kwargs", {}).get("control_freq")  # type: ignore[arg-type]
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             key = "data, attribute env_args"
-            raise self.file.fault(key, "it is no JSON object", _SAY_RATE) from error
+            raise self.file.fault(key, "it is no JSON object", _SAY_RATE, rate=50) from error
         return None if rate is None else self._require_rate("env_args.env_kwargs.control_freq", rate)
 
     def _require_rate(self, key: str, rate: Any) -> float:
@@ -395,7 +396,7 @@ class EpisodeReader:
             value = np.ravel(rate)[0]
             if isinstance(value, int | float | np.number) and 0.0 < value < 1e6:
                 return float(value)
-        raise self.file.fault(key, f"{rate!r} is no rate", _SAY_RATE)
+        raise self.file.fault(key, f"{rate!r} is no rate", _SAY_RATE, rate=50)
 
 
 def _usual(rate: float, layout: str) -> str:
