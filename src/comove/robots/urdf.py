@@ -24,13 +24,12 @@ from pathlib import Path
 from typing import Any
 
 from comove.errors import ComoveWarning, MeshError, RobotError, shortened
-from comove.geometry.triangles import FORMATS, as_stl, elements_of, triangles_of
+from comove.geometry.triangles import FORMATS, as_stl, triangles_of
 from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
 from comove.robots.description import JointLimits, ModelSource, Placement, errors_in, is_file
+from comove.robots.formats import SRDF, URDF, bytes_in, elements_in
 from comove.robots.soundness import LIMITS, doubts, number, require_sound
 
-MAX_BYTES = 20_000_000
-CONVERT = "convert it first: comove robot convert FILE --out FOLDER"
 # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
 ROUNDED = 1e-5
 
@@ -129,7 +128,7 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
     """
     path = resolve(source.urdf, file)
     with errors_in(path):
-        tree = _tree(path, "a URDF")
+        tree = elements_in(path, URDF)
         joints = [joint for joint in tree.findall("./joint") if joint.get("name")]
         for joint in joints:
             _fill_limits(joint, limits.get(source.prefix + joint.get("name", "")))
@@ -142,7 +141,7 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         found = _mesh(mesh, path, file)
         with errors_in(found):
-            data = _bytes_of(found, MAX_MESH_BYTES)
+            data = bytes_in(found, MAX_MESH_BYTES)
             meshes[_uri(found)] = _stl(data, found.suffix.lower())
         digest.update(data)
     srdf = None if source.srdf is None else _srdf(resolve(source.srdf, file))
@@ -200,33 +199,6 @@ def errors_of_reader() -> Iterator[list[str]]:
             errors += re.findall(r"^Error:\s*(.+)$", file.read().decode(errors="replace"), re.MULTILINE)
 
 
-def _tree(path: Path, what: str) -> ET.Element:
-    """Read the root of an XML file, which must be a <robot>; `what` the file should be, in words."""
-    try:
-        tree = elements_of(_bytes_of(path, MAX_BYTES))
-    except MeshError as error:
-        raise RobotError(error.message, way_out=error.way_out) from None
-    if what == "a URDF" and any("xacro" in element.tag for element in tree.iter()):
-        raise RobotError("it is a xacro", way_out="expand it first: xacro FILE > robot.urdf")
-    if what == "a URDF" and tree.tag == "mujoco":
-        raise RobotError("it is a model of MuJoCo's", way_out=CONVERT)
-    if tree.tag != "robot":
-        raise RobotError(f"it is a <{shortened(tree.tag)}>, not a <robot>", way_out=f"name {what}")
-    return tree
-
-
-def _bytes_of(path: Path, limit: int) -> bytes:
-    """Read a file of at most `limit` bytes."""
-    try:
-        with open(path, "rb") as file:
-            data = file.read(limit + 1)
-    except OSError as error:
-        raise RobotError(f"it cannot be read: {error.strerror}", way_out="check name and rights") from None
-    if len(data) > limit:
-        raise RobotError(f"it is larger than {limit // 1_000_000} MB", way_out="simplify it")
-    return data
-
-
 def _stl(data: bytes, suffix: str) -> bytes:
     """Convert a mesh to binary STL."""
     try:
@@ -241,7 +213,7 @@ def _uri(path: Path) -> str:
 
 def _srdf(path: Path) -> ET.Element:
     with errors_in(path):
-        tree = _tree(path, "an SRDF")
+        tree = elements_in(path, SRDF)
         for pair in tree.iter("disable_collisions"):
             if not (pair.get("link1") and pair.get("link2")):
                 raise RobotError(
