@@ -1,5 +1,7 @@
 """Proposed descriptions: arms that the tree of links has, tools, homes, limits and pairs of links."""
 
+import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +14,7 @@ from comove.errors import RobotError
 from comove.robots import Robot
 from comove.robots.description import load_description
 from comove.robots.proposal import examine, propose
-from comove.robots.proposal.tree import Tree
+from comove.robots.proposal.tree import Tree, words_of
 
 ROBOTS = "package://example-robot-data/robots"
 LIMIT = '<limit lower="-2" upper="2" velocity="2" effort="40"/>'
@@ -56,6 +58,10 @@ def urdf(*parts):
     return f'<robot name="made">{"".join(parts)}</robot>'
 
 
+def tree_of(text):
+    return Tree.of(ET.fromstring(text))
+
+
 def written(tmp_path, text, name="made.urdf"):
     (tmp_path / name).write_text(text, encoding="utf-8")
     return str(tmp_path / name)
@@ -63,7 +69,7 @@ def written(tmp_path, text, name="made.urdf"):
 
 @pytest.mark.parametrize("n", [4, 6, 7])
 def test_an_arm_ends_where_its_fingers_begin(n):
-    (chain,) = Tree.of(urdf(link("base"), arm("", "base", n=n, gripper=(0, 0, 1)))).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("", "base", n=n, gripper=(0, 0, 1)))).chains()
     assert chain.joints == tuple(f"joint{k}" for k in range(n))
     assert chain.fingers == ("slide_a", "slide_b")
     assert chain.trunk == ()
@@ -73,16 +79,16 @@ def test_what_arms_hang_on_is_a_trunk_and_belongs_to_none():
     trunk = link("base") + link("chest") + joint("waist", "base", "chest")
     head = link("face") + joint("nod", "chest", "face")
     both = arm("left_", "chest", (0, 0.2, 0)) + arm("right_", "chest", (0, -0.2, 0))
-    left, right = Tree.of(urdf(trunk, head, both)).chains()
+    left, right = tree_of(urdf(trunk, head, both)).chains()
     assert left.trunk == right.trunk == ("waist",)
     assert {name.partition("_")[0] for name in left.joints} == {"left"}
     assert len(left.joints) == len(right.joints) == 6
 
 
 def test_legs_are_no_arms_and_short_chains_are_none():
-    (chain,) = Tree.of(urdf(link("base"), arm("left_leg_", "base"))).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("left_leg_", "base"))).chains()
     assert chain.is_other
-    assert Tree.of(urdf(link("base"), arm("", "base", n=3))).chains() == ()
+    assert tree_of(urdf(link("base"), arm("", "base", n=3))).chains() == ()
 
 
 def test_the_arms_of_a_known_robot(tmp_path):
@@ -206,7 +212,7 @@ def test_a_chest_on_a_long_spine_is_no_hand(tmp_path):
     spine = arm("spine_", "base", n=5)
     both = arm("left_", "spine_link4", (0, 0.2, 0)) + arm("right_", "spine_link4", (0, -0.2, 0))
     neck = link("skull") + joint("nod", "spine_link4", "skull")
-    left, right = Tree.of(urdf(link("base"), spine, both, neck)).chains()
+    left, right = tree_of(urdf(link("base"), spine, both, neck)).chains()
     assert left.trunk == right.trunk == tuple(f"spine_joint{k}" for k in range(5))
     assert len(left.joints) == len(right.joints) == 6
 
@@ -252,12 +258,109 @@ def test_arms_that_face_each_other_have_their_hands_between_them(tmp_path):
     assert left[0] == pytest.approx(-right[0], abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("left_toolhead", "left toolhead"),
+        ("LFsrFR_frame", "l fsr fr frame"),
+        ("RHipYaw", "r hip yaw"),
+        ("jointGripper", "joint gripper"),
+        ("rig-left/tool0.tip", "rig left tool tip"),
+        ("FR3Hand2", "fr hand"),
+        ("RLEG_HIP_R", "rleg hip r"),
+        ("", ""),
+    ],
+)
+def test_names_are_split_into_words(name, words):
+    assert words_of(name) == tuple(words.split())
+
+
+@pytest.mark.parametrize("name", ["overhead_left_j", "left_legacy_j", "kneepadtest", "shipyard_j", "Toenail"])
+def test_an_arm_whose_names_hold_a_leg_or_a_head_within_a_word_is_one(name):
+    text = urdf(link("base"), arm("", "base")).replace('"joint', f'"{name}')
+    (chain,) = tree_of(text).chains()
+    assert not chain.is_other
+
+
+def test_a_tool_that_is_called_a_head_leaves_the_arm_an_arm():
+    head = link("print_head") + joint("to_head", "link5", "print_head", kind="fixed", more="")
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), head)).chains()
+    assert not chain.is_other
+
+
+@pytest.mark.parametrize(
+    "name", ["leg", "LeftHip{}Yaw", "r_knee", "RLEG_J", "wheels", "neck", "HeadPan", "FL_calf_joint"]
+)
+def test_chains_of_legs_wheels_and_necks_are_no_arms(name):
+    text = urdf(link("base"), arm("", "base"))
+    for k in range(6):
+        text = text.replace(f'"joint{k}"', f'"{name.format(k)}{k}"')
+    (chain,) = tree_of(text).chains()
+    assert chain.is_other
+
+
+@pytest.mark.parametrize(
+    "name", ["left_gripper_yaw", "GripperRoll", "wrist_gripper_pitch", "gripper_rotation"]
+)
+def test_a_wrist_of_a_gripper_is_a_joint_of_the_arm(name):
+    """It turns by less than half a turn, as fingers do."""
+    limit = '<limit lower="-1.5" upper="1.5" velocity="2" effort="40"/>'
+    last = link("end") + joint(name, "link5", "end", more=limit)
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), last)).chains()
+    assert chain.joints[-1] == name
+    assert chain.fingers == ()
+
+
+@pytest.mark.parametrize(("stroke", "n_joints"), [(0.08, 6), (0.5, 7)])
+def test_a_joint_that_slides_far_is_no_finger(stroke, n_joints):
+    slides = f'<limit lower="0" upper="{stroke}" velocity="1" effort="10"/>'
+    last = link("end") + joint("quill", "link5", "end", axis=(0, 0, 1), kind="prismatic", more=slides)
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), last)).chains()
+    assert len(chain.joints) == n_joints
+
+
+def test_every_joint_with_a_motor_is_in_an_arm_or_named_in_the_notes(tmp_path):
+    parts = (
+        arm("", "base", gripper=(0, 0, 1))
+        + arm("leg_", "base", (1, 0, 0))
+        + arm("short_", "base", (0, 1, 0), n=2)
+    )
+    pan = link("camera") + joint("pan", "link2", "camera")
+    proposal = propose([written(tmp_path, urdf(link("base"), parts, pan))], tmp_path / "made.yaml")
+    told = "\n".join(proposal.notes)
+    moving = {
+        *(f"leg_joint{k}" for k in range(6)),
+        "short_joint0",
+        "short_joint1",
+        "pan",
+        "slide_a",
+        "slide_b",
+    }
+    assert all(re.search(rf"\b{name}\b", told) for name in moving)
+    assert set(proposal.robot.joint_names) == {f"joint{k}" for k in range(6)}
+
+
+def test_the_advice_for_a_joint_that_was_taken_for_a_finger_works(tmp_path):
+    """As the note says: out of `fingers`, a tip beyond it, and a value of home for it."""
+    last = link("end") + joint("left_gripper_turner", "link5", "end")
+    last = last.replace('lower="-2" upper="2"', 'lower="-1" upper="1"')
+    file = tmp_path / "made.yaml"
+    proposal = propose([written(tmp_path, urdf(link("base"), arm("", "base"), last))], file)
+    (entry,) = proposal.data["arms"].values()
+    assert entry["fingers"] == ["left_gripper_turner"]
+    (note,) = (note for note in proposal.notes if "left_gripper_turner" in note)
+    assert all(word in note for word in ("`fingers`", "`tip`", "`home`"))
+    entry["fingers"], entry["tip"], entry["home"] = [], "end", [*entry["home"], 0.0]
+    file.write_text(proposal.text(), encoding="utf-8")
+    assert len(Robot.load(file).joint_names) == 7
+
+
 @pytest.mark.parametrize(("lower", "upper", "n_joints"), [(-2.6, 2.6, 7), (-0.2, 2.0, 6)])
 def test_a_joint_called_gripper_that_turns_by_more_than_half_a_turn_is_a_wrist(lower, upper, n_joints):
     """As that of Alex's nub hands is; a jaw, such as an SO-100's, is not."""
     limit = f'<limit lower="{lower}" upper="{upper}" velocity="2" effort="40"/>'
     last = link("end") + joint("gripper", "link5", "end", more=limit)
-    (chain,) = Tree.of(urdf(link("base"), arm("", "base"), last)).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), last)).chains()
     assert len(chain.joints) == n_joints
     assert (chain.fingers, chain.grippers) == ((), ()) if n_joints == 7 else (("gripper",), ("end",))
 
@@ -326,7 +429,7 @@ def test_two_of_a_kind_leave_out_the_same_pairs(tmp_path):
 def test_a_hand_with_long_fingers_is_no_chest(tmp_path):
     """As TIAGo's is, whose fingers have seven joints each in its URDF."""
     hand = "".join(arm(f"finger{k}_", "link5", (0.02 * k, 0, 0.1), n=7) for k in range(3))
-    (chain,) = Tree.of(urdf(link("base"), arm("", "base"), hand)).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), hand)).chains()
     assert len(chain.joints) == 6
     assert len(chain.fingers) == 21
 
@@ -436,10 +539,10 @@ def test_what_is_written_is_a_description(tmp_path):
     [
         (urdf(link("base")), "no arm of four joints"),
         (urdf(link("base"), arm("leg_", "base")), "no arm of four joints"),
-        ("<robot", "cannot be read"),
-        ("", "cannot be read"),
+        ("<robot", "it is not XML"),
+        ("", "it is not XML"),
         ("<mujoco/>", "model of MuJoCo's"),
-        (urdf(), "cannot be read"),
+        (urdf(), "it has no link"),
     ],
 )
 def test_what_is_no_robot(tmp_path, text, words):

@@ -19,13 +19,15 @@ from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
-from comove.robots.description import RobotFile
+from comove.robots.description import RobotFile, errors_in
+from comove.robots.formats import SRDF, URDF, elements_in
 from comove.robots.model import Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
 from comove.robots.proposal.tree import ArmShape, Chain, Tree
-from comove.robots.urdf import CONVERT, resolve
+from comove.robots.soundness import require_tree
+from comove.robots.urdf import resolve
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -179,7 +181,13 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
             name = _arm_name(chain, prefix, data["arms"])
             data["arms"][name] = {"tip": prefix + chain.tip}
             if chain.fingers:
-                data["arms"][name]["fingers"] = [prefix + finger for finger in chain.fingers]
+                fingers = [prefix + finger for finger in chain.fingers]
+                data["arms"][name]["fingers"] = fingers
+                notes.append(
+                    f"the last joint of the arm '{name}' is '{prefix}{chain.joints[-1]}'; {', '.join(fingers)} are "
+                    "taken for fingers, which stay: where one is the arm's, take it out of `fingers`, name a `tip` "
+                    "beyond it, and give `home` a value for it"
+                )
             trunk = {prefix + joint: joints[joint].nearest_to_0 for joint in chain.trunk}
             if trunk.keys() - posture.keys():
                 notes.append(f"all arms hang on {', '.join(trunk)}: `posture` says where that stays")
@@ -227,15 +235,10 @@ def _srdf_beside(urdf: Path) -> Path | None:
 def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
     """Read one URDF and find its arms."""
     path = resolve(urdf, file) if "://" in urdf else Path(urdf)
-    try:
-        text = path.read_text(encoding="utf-8")
-        if ET.fromstring(text).tag == "mujoco":
-            raise RobotError(f"'{urdf}' is a model of MuJoCo's", file=file, way_out=CONVERT)
-        tree = Tree.of(text, shape)
-    except (OSError, UnicodeDecodeError, ET.ParseError, IndexError, AttributeError) as error:
-        raise RobotError(
-            f"'{urdf}' cannot be read: {error}", file=file, way_out="name a URDF; xacro makes one of a .xacro"
-        ) from error
+    top = elements_in(path, URDF)
+    with errors_in(path):
+        require_tree(top)
+    tree = Tree.of(top, shape)
     entry: dict[str, Any] = {"urdf": urdf if "://" in urdf else os.path.relpath(path, file.absolute().parent)}
     notes: list[str] = []
     if (pairs := _srdf_beside(path)) is not None:
@@ -251,12 +254,17 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) 
         notes.append(
             f"the base of {path.stem} number {i + 1} stands at y = {entry['base']['position'][1]:g} m"
         )
-    chains = tree.chains()
-    for chain in chains:
-        if chain.is_other:
-            notes.append(
-                f"the chain from '{chain.joints[0]}' to '{chain.tip}' was taken for no arm: it stays"
-            )
+    chains, prefix = tree.chains(), entry.get("prefix", "")
+    notes += [
+        f"{', '.join(prefix + name for name in chain.joints)} are called like a leg, a wheel or a neck, and are no "
+        f"arm: they stay; if they are one, add it to `arms`: {{NAME: {{tip: {prefix}{chain.tip}}}}}"
+        for chain in chains
+        if chain.is_other
+    ]
+    if rest := tree.rest(chains):
+        notes.append(
+            f"{', '.join(prefix + name for name in rest)} belong to no chain of four joints: they stay"
+        )
     return _Part(entry, tree, tuple(c for c in chains if not c.is_other), tuple(notes))
 
 
@@ -487,7 +495,7 @@ def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:
     """Return the SRDF of a model with those of its pairs that are left out."""
     top = ET.Element("robot", name=part.tree.name)
     if "srdf" in part.entry:
-        top = ET.fromstring(resolve(part.entry["srdf"], file).read_bytes())
+        top = elements_in(resolve(part.entry["srdf"], file), SRDF)
     for (one, other), reason in left_out[part.entry["urdf"]].items():
         ET.SubElement(top, "disable_collisions", link1=one, link2=other, reason=reason)
     ET.indent(top)
