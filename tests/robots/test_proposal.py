@@ -14,6 +14,8 @@ from comove.errors import RobotError
 from comove.robots import Robot
 from comove.robots.description import load_description
 from comove.robots.proposal import examine, propose
+from comove.robots.proposal.homes import HomeSettings
+from comove.robots.proposal.proposal import ProposalSettings
 from comove.robots.proposal.tree import Tree, words_of
 
 ROBOTS = "package://example-robot-data/robots"
@@ -177,6 +179,80 @@ def test_hands_at_home_stand_side_by_side_where_arms_reach_best(tmp_path, front)
     assert left[1, 3] > right[1, 3]
     for pose in (left, right):
         assert pose[:3, 2] == pytest.approx([0, 0, -1], abs=0.02)
+
+
+APPROACHES = {  # of published models, by what their makers say of these frames, or their meshes show
+    "ur_description/urdf/ur3_robot": {"arm": ("tool0", "z")},
+    "ur_description/urdf/ur5_robot": {"arm": ("tool0", "z")},
+    "ur_description/urdf/ur10_joint_limited_robot": {"arm": ("tool0", "z")},
+    "xarm_description/urdf/xarm7": {"arm": ("link_eef", "z")},
+    "kinova_description/robots/kinova": {"arm": ("j2s6s200_end_effector", "x")},
+    "tiago_description/robots/tiago_no_hand": {"arm": ("arm_tool_link", "x")},
+    "z1_description/urdf/z1": {"arm": ("gripperStator", "x")},
+    "panda_description/urdf/panda": {"arm": ("panda_hand_tcp", "z")},
+    "so_arm_description/urdf/so101": {"arm": ("gripper_link", "-z")},
+    "alex_description/urdf/alex_nub_hands": {"left": ("leftNub", "-z"), "right": ("rightNub", "-z")},
+    "g1_description/urdf/g1_29dof_rev_1_0": dict.fromkeys(("left", "right"), (None, "x")),
+    "romeo_description/urdf/romeo_small": {"left": ("l_gripper", "x"), "right": ("r_gripper", "x")},
+    "icub_description/robots/icub_reduced": {"left": ("l_gripper", "x"), "right": ("r_gripper", "x")},
+    "simple_humanoid_description/urdf/simple_humanoid": dict.fromkeys(("left", "right"), (None, "-z")),
+    "human_description/robots/human": dict.fromkeys(("left", "right"), (None, "-y")),
+    "talos_data/robots/talos_reduced": dict.fromkeys(("left", "right"), (None, "-z")),
+    "tiago_pro_description/robots/tiago_pro": dict.fromkeys(("left", "right"), (None, "z")),
+    "pr2_description/urdf/pr2": dict.fromkeys(("left", "right"), (None, "x")),
+}
+CHEAP = ProposalSettings(n_samples=1, home=HomeSettings(n_drawn=10, n_tried=1, n_steps=1))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if k > 3 else name for k, name in enumerate(APPROACHES)],
+)
+def test_published_models_approach_as_their_makers_say(tmp_path, name):
+    robot = propose([f"{ROBOTS}/{name}.urdf"], tmp_path / "made.yaml", settings=CHEAP).robot
+    assert {arm.name for arm in robot.arms} == set(APPROACHES[name])
+    for arm in robot.arms:
+        tip, axis = APPROACHES[name][arm.name]
+        assert arm.tip == (tip or arm.tip)
+        wanted = np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1)
+        np.testing.assert_allclose(arm.tool[:3, 2], wanted, atol=1e-5)
+
+
+def behind(at):
+    """An arm whose last link is a flange: its frame is at the face, and all of the link lies behind it."""
+    text = urdf(link("base"), arm("", "base"))
+    inertial = f'<inertial><origin xyz="{at[0]} {at[1]} {at[2]}"/><mass value="1"/>'
+    last = link("link5", (0.06, 0.06, 0.05), at).replace('<inertial><mass value="1"/>', inertial)
+    return text.replace(link("link5"), last)
+
+
+FIXED = '<joint name="{0}" type="fixed"><parent link="{1}"/><child link="{0}"/><origin rpy="{2}"/></joint>'
+QUARTER = np.pi / 2
+
+
+@pytest.mark.parametrize(
+    ("frames", "tip", "axis"),
+    [
+        ([], "link5", (0, 0, 1)),
+        ([("tool0", "link5", "0 0 0")], "tool0", (0, 0, 1)),
+        ([("made_tcp", "link5", "0 0 0")], "made_tcp", (0, 0, 1)),
+        ([("left_ee", "link5", "0 0 0")], "left_ee", (0, 0, 1)),
+        ([("flange", "link5", f"0 {-QUARTER} {-QUARTER}")], "flange", (1, 0, 0)),
+        (
+            [("flange", "link5", f"0 {-QUARTER} {-QUARTER}"), ("tool0", "flange", f"{QUARTER} 0 {QUARTER}")],
+            "tool0",
+            (0, 0, 1),
+        ),
+    ],
+)
+def test_a_flange_whose_mass_lies_behind_it_approaches_away_from_the_arm(tmp_path, frames, tip, axis):
+    """As those of the UR e-series: 'flange' has x forward, 'tool0' z, as ROS-Industrial has them."""
+    more = "".join(f'<link name="{name}"/>{FIXED.format(name, on, rpy)}' for name, on, rpy in frames)
+    text = behind((0, 0, -0.03)).replace("</robot>", f"{more}</robot>")
+    (found,) = propose([written(tmp_path, text)], tmp_path / "made.yaml", settings=CHEAP).robot.arms
+    assert found.tip == tip
+    np.testing.assert_allclose(found.tool[:3, 2], axis, atol=1e-5)
+    np.testing.assert_allclose(found.tool[:3, 3], 0.0, atol=1e-4)
 
 
 @pytest.mark.parametrize("way", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0)])
