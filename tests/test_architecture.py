@@ -12,7 +12,7 @@ import comove
 
 SOURCE = Path(comove.__file__).parent
 PLAN = Path(__file__).parents[1] / "docs" / "architecture.md"
-OUTSIDE = {"__init__.py", "__main__.py", "_version.py", "py.typed"}  # doors and name plate
+OUTSIDE = {"__init__.py", "__main__.py", "_doors.py", "_version.py", "py.typed"}  # doors and name plate
 
 pytestmark = pytest.mark.skipif(not PLAN.is_file(), reason="docs/architecture.md is not there")
 
@@ -58,7 +58,7 @@ def rooms_entered(nodes):
     return {
         name.split(".")[1]
         for name in imported(nodes)
-        if name.startswith("comove.") and name != "comove._version"
+        if name.startswith("comove.") and name not in ("comove._version", "comove._doors")
     }
 
 
@@ -77,6 +77,7 @@ def test_the_order_is_that_of_the_design():
     order = [
         *(
             "errors",
+            "brief",
             "ties",
             "compiled",
             "trajectory",
@@ -113,6 +114,31 @@ def test_the_judge_knows_no_maker(modules):
             assert not rooms_entered(nodes) & {"optimisers", "planning"}, inside
 
 
+def test_lazy_packages_show_type_checkers_what_they_load(modules):
+    """Each name is imported from the same module for type checkers and by `lazily`."""
+    found = 0
+    for inside, _, nodes in modules.values():
+        (homes,) = [ast.literal_eval(node.args[1]) for node in nodes if _loads_lazily(node)] or [None]
+        if homes is None:
+            continue
+        found += 1
+        shown = {
+            (node.module.removeprefix("comove."), alias.name, alias.asname)
+            for block in nodes
+            if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+            for node in block.body
+            for alias in node.names
+        }
+        assert shown == {(module, name, name) for module, names in homes.items() for name in names}, inside
+        submodules = {path.stem for path in (SOURCE / inside).parent.iterdir()}
+        assert not submodules & {name for names in homes.values() for name in names}, "a module would hide it"
+    assert found >= 5
+
+
+def _loads_lazily(node):
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "lazily" and len(node.args) == 2
+
+
 def test_the_judge_of_robots_knows_no_search(modules):
     for inside, _, nodes in modules.values():
         for judge, maker in (
@@ -126,7 +152,7 @@ def test_the_judge_of_robots_knows_no_search(modules):
 def test_optimisers_know_no_robot(modules):
     for inside, room, nodes in modules.values():
         if room == "optimisers":
-            assert rooms_entered(nodes) <= {"errors", "compiled", "optimisers"}, inside
+            assert rooms_entered(nodes) <= {"errors", "brief", "compiled", "optimisers"}, inside
 
 
 def test_only_the_judges_make_verified_motions(modules):
@@ -196,7 +222,11 @@ def test_everything_that_is_offered_exists():
 
 @pytest.mark.parametrize(
     "room",
-    [room for room in (rooms() if PLAN.is_file() else []) if room not in ("errors", "ties", "trajectory")],
+    [
+        room
+        for room in (rooms() if PLAN.is_file() else [])
+        if room not in ("errors", "brief", "ties", "trajectory")
+    ],
 )
 def test_every_room_offers_what_exists(room):
     module = __import__(f"comove.{room}", fromlist=["*"])

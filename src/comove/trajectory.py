@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.brief import brief
+
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
@@ -23,6 +25,8 @@ class Trajectory:
     velocity : array, shaped as `position`, [m/s]
     manipulators : names along the axis `n_manipulators`; empty for one primitive
     """
+
+    __repr__ = brief
 
     time: NDArray[np.float64]
     position: NDArray[np.float64]
@@ -52,6 +56,8 @@ class PoseTrajectory(Trajectory):
     angular_velocity : array, shape (n_steps, n_manipulators, 3), in the world's frame [rad/s];
         (n_steps, 3) for one primitive
     """
+
+    __repr__ = brief
 
     orientation: NDArray[np.float64] = field(kw_only=True)
     angular_velocity: NDArray[np.float64] = field(kw_only=True)

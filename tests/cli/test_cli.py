@@ -4,9 +4,11 @@ import json
 import os
 import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -73,11 +75,7 @@ def result(tmp_path_factory):
 def copied(result, tmp_path):
     """A result folder of one's own."""
     scene, folder, _ = result
-    mine = tmp_path / "copy"
-    mine.mkdir()
-    for path in folder.iterdir():
-        (mine / path.name).write_bytes(path.read_bytes())
-    return scene, mine
+    return scene, Path(shutil.copytree(folder, tmp_path / "copy"))
 
 
 def processor_time():
@@ -99,7 +97,8 @@ def test_solve_saves_and_tells(result):
     assert outcome.exit_code == 0
     assert told(outcome) == ""
     names = {path.name for path in folder.iterdir()}
-    assert names == {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json"}
+    made = {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json"}
+    assert names == made | {"inputs", "inputs.json"}
     for name in ("motion.png", "progress.png"):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")
     summary = json.loads((folder / "solution.json").read_text())

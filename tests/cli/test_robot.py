@@ -11,6 +11,7 @@ import pytest
 import yaml
 
 from comove.cli import robot
+from comove.errors import RobotError
 from comove.experiments.examples import example_path
 from comove.export import FORMATS
 from comove.robots import Robot, read_joints
@@ -57,7 +58,7 @@ def test_a_solved_folder_holds_what_the_contract_says(solved):
     names = {path.name for path in solved.iterdir()}
     assert names == {
         "solution.npz", "solution.json", "motion.png", "progress.png",
-        "joints.npz", "robot.json", "scene.json", "joints.png",
+        "joints.npz", "robot.json", "scene.json", "joints.png", "inputs", "inputs.json",
     }  # fmt: skip
     with np.load(solved / "joints.npz", allow_pickle=False) as joints:
         assert set(joints) == {"time", "joint_names", "position", "velocity", "acceleration"}
@@ -170,6 +171,19 @@ def test_export_writes_what_it_says_and_nothing_twice(copy):
     assert again.exit_code == 2 and "baxter.csv" in text_of(again)
     assert invoke("robot", "solve", SCENE, "--out", copy, "--budget", "0").exit_code == 2
     assert (copy / "baxter.csv").is_file()
+
+
+def test_without_motions_from_home_the_carry_alone_is_exported(copy, monkeypatch):
+    def none(motion):
+        raise RobotError("home and the load touch", way_out="move home")
+
+    monkeypatch.setattr("comove.robots.plan_transfers", none)
+    asked = invoke("robot", "export", copy, "--transfers")
+    assert asked.exit_code == 2 and not (copy / "baxter.csv").exists()
+    result = invoke("robot", "export", copy)
+    assert result.exit_code == 0, text_of(result)
+    assert "the carry alone" in result.stderr and "home and the load touch" in result.stderr
+    assert (copy / "baxter.csv").is_file() and not (copy / "approach.csv").exists()
 
 
 def test_the_formats_that_the_help_names_are_those_there_are():

@@ -9,9 +9,15 @@ import numpy as np
 import pytest
 
 from comove.errors import ComoveError
-from comove.export import FORMATS, ExportError, check_export, export, parts_of
+from comove.export import FORMATS, ExportError, check_export, export, parts_of, usual_format
 from comove.export.parts import sampling_errors
 from comove.robots import verify_joints, write_joints
+
+
+def test_the_usual_format_is_one_that_the_robot_can_play(brief, monkeypatch):
+    assert usual_format(brief) is FORMATS["baxter-csv"]
+    monkeypatch.setattr("comove.export.tables.ARMS", {"left": ("another_joint",), "right": ()})
+    assert usual_format(brief) is FORMATS["csv"]
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -297,6 +297,21 @@ def test_what_lies_within_a_polygon_touches_it_wherever_the_hands_are():
         assert "obstacles[0]" in refused(scene_of(hands, hands, load=plate, obstacles=[disc])).message
 
 
+def test_messages_call_obstacles_by_their_names():
+    at_start = {**BOX, "center": [0.1, 0.5]}
+    assert "pillar (box)" in refused(bar_scene(obstacles=[{**at_start, "name": "pillar"}])).message
+    error = refused(bar_scene(obstacles=[{**BOX, "name": "shelf"}, DISC, {**DISC, "name": "shelf"}]))
+    assert error.key == "obstacles[2].name"
+    assert "already that of obstacles[0]" in error.message
+    assert refused(bar_scene(obstacles=[{**BOX, "name": "a\x1b[2J"}])).key == "obstacles[0].name"
+
+
+def test_a_name_counts_for_the_checksum_only_where_it_is_given():
+    plain, named = (quiet(bar_scene(obstacles=[box])) for box in (BOX, {**BOX, "name": "shelf"}))
+    assert "name" not in plain.file.obstacles[0].model_dump()
+    assert plain.sha256 != named.sha256
+
+
 def test_clearance_at_names_what_is_nearest():
     scene = quiet(bar_scene(obstacles=[BOX, {**DISC, "center": [0.5, 0.9]}]))
     nodes = scene.nodes_at("start")

@@ -120,7 +120,7 @@ def carried(tmp_path_factory):
     pytest.importorskip("pinocchio", reason="robots are not installed: pip install 'comove[robot]'")
     from comove.simulators import play, write_simulation
     from tests.robots.known_carry import baxter, known_carry
-    from tests.robots.test_files import write
+    from tests.robots.known_folder import write
 
     folder = write(tmp_path_factory.mktemp("carried") / "result")
     motion, joints = known_carry()

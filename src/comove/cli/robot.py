@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, sub_application, verb_of
 from comove.errors import ComoveError, InputError, OptionError, ResultError, RobotError
 
 if TYPE_CHECKING:
@@ -105,7 +105,12 @@ def solve(
     solution = found.solution
     with whole_folder(out, RESULT) as draft:
         summary = save_robot_result(
-            found, draft, wall_time_s=time_spent(), demonstration=movements, source=named
+            found,
+            draft,
+            wall_time_s=time_spent(),
+            demonstration=movements,
+            source=named,
+            command=command_words(),
         )
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
@@ -171,23 +176,37 @@ def simulate(
 @verb_of(group)
 def export(
     folder: Folder,
-    format: Annotated[str, typer.Option(help=f"One of: {', '.join(FORMATS)}.")] = "baxter-csv",
+    format: Annotated[
+        str | None,
+        typer.Option(help=f"One of: {', '.join(FORMATS)}; baxter-csv for a Baxter, else csv, unless given."),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Samples a second, 20 or more.")] = 100.0,
     transfers: Annotated[
-        bool, typer.Option(help="Also the ways from home to the grasp and from there home.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            help="Also the motions from home to the grasp and from there home; unless said, where there are any."
+        ),
+    ] = None,
 ) -> int:
     """Judge the motion in DIR anew and write it there in a format that robots play."""
     from comove.export import FORMATS as KINDS
-    from comove.export import check_export, export
+    from comove.export import check_export, export, usual_format
     from comove.robots import plan_transfers, verified_motion
 
-    o.require_one_of(format, FORMATS, "format")
+    if format is not None:
+        o.require_one_of(format, FORMATS, "format")
     motion = verified_motion(folder)
-    check_export(motion, folder, KINDS[format], rate=rate, transfers=transfers)
-    ways = plan_transfers(motion) if transfers else None
-    written = export(motion, folder, KINDS[format], rate=rate, transfers=ways)
-    print(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {KINDS[format].what}")
+    kind = usual_format(motion) if format is None else KINDS[format]
+    check_export(motion, folder, kind, rate=rate, transfers=transfers is not False)
+    planned = None
+    try:
+        planned = None if transfers is False else plan_transfers(motion)
+    except RobotError as error:
+        if transfers:
+            raise
+        print(f"warning: the carry alone is exported: {error}", file=sys.stderr)
+    written = export(motion, folder, kind, rate=rate, transfers=planned)
+    print(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
     for path in written:
         print(f"  {path}")
     return 0
@@ -262,6 +281,7 @@ def run(
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind
     from comove.results import RESULT
+    from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
     from comove.scenes import Scene
@@ -294,6 +314,7 @@ def run(
         )
         save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
         summary = write_robot_run(draft, record, report, executor.log, seed=seed, wall_time_s=time_spent())
+        write_inputs(draft, loaded, files=carrier.files, command=command_words())
     if json:
         print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
     else:

@@ -9,6 +9,7 @@ replaced by one from the present state on.
 from __future__ import annotations
 
 import time as clock
+import warnings
 from array import array
 from dataclasses import dataclass, field, replace
 
@@ -19,12 +20,12 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.group_poses import HandPoses, poses_at
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.execution.dynamic_window import DynamicWindow, WindowStart
 from comove.execution.observers import Known, Observer, going_on
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import matrices
-from comove.planning.arguments import movements_of
+from comove.planning.arguments import movements_of, warn_of_adaptation
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
 from comove.planning.search import Interruption
@@ -203,6 +204,11 @@ class Executor:
     OptionError
         If the plan is one for another scene.
 
+    Warns
+    -----
+    ComoveWarning
+        If the demonstration is magnified by more than 3 or leaves the workspace, as for `solve`.
+
     Attributes
     ----------
     time : present time [s]
@@ -223,6 +229,8 @@ class Executor:
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         self.demonstration = movements_of(demonstration, scene)
+        if self.demonstration is not None:  # once, and not for the rest of it that every plan follows
+            warn_of_adaptation(self.demonstration, scene)
         self.observer = Known(scene) if observer is None else observer
         self.log, self.n_steps = ExecutionLog(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
@@ -424,13 +432,14 @@ class Executor:
             later = expected.resumed(now, duration, starts, self.twists)
             # What is left, half of it unless nothing is to be tried afterwards.
             budget = max((deadline - clock.perf_counter()) / (1 + (longer != SETTINGS.longer[-1])), 1e-3)
-            found = solve(
-                later,
-                demonstration=self._left_of_it(now),
-                seed=self.seed + 7 * self.n_steps + k,
-                method=method,
-                budget=budget,
-            )
+            with warnings.catch_warnings(action="ignore", category=ComoveWarning):
+                found = solve(
+                    later,
+                    demonstration=self._left_of_it(now),
+                    seed=self.seed + 7 * self.n_steps + k,
+                    method=method,
+                    budget=budget,
+                )
             self.log.evaluations += found.evaluations
             self.log.generations += found.generations
             if found.motion is not None or (

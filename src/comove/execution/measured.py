@@ -110,13 +110,13 @@ class Observed(Observer):
             )
         if center.shape != (n_dims,) or not np.isfinite(center).all():
             raise OptionError(
-                f"the measurement of obstacles[{obstacle}] is {center.tolist()}",
+                f"the measurement of {self.scene.name_of(int(obstacle))} is {center.tolist()}",
                 way_out=f"give {n_dims} finite numbers",
             )
         if not is_number(time) or not time > self._when[obstacle]:
             raise OptionError(
-                f"the measurement of obstacles[{obstacle}] at {time!r} s does not come after the one at "
-                f"{self._when[obstacle]:g} s",
+                f"the measurement of {self.scene.name_of(int(obstacle))} at {time!r} s does not come after the one "
+                f"at {self._when[obstacle]:g} s",
                 way_out="pass on measurements in their order, each once",
             )
         self._take_in(np.array([obstacle]), np.pad(center, (0, 3 - n_dims))[None], float(time))

@@ -142,8 +142,9 @@ class Functions(Observer):
             if position is not None:
                 told = np.array([np.asarray(position(float(t)), dtype=float) for t in time])
                 if told.shape != (len(time), self.scene.n_dims) or not np.isfinite(told).all():
+                    given = np.asarray(position(float(time[0]))).tolist()
                     raise OptionError(
-                        f"the function of obstacles[{j}] gives {np.asarray(position(float(time[0]))).tolist()}",
+                        f"the function of {self.scene.name_of(j)} gives {given}",
                         way_out=f"give {self.scene.n_dims} finite numbers",
                     )
                 centers[:, j, : self.scene.n_dims] = told

@@ -1,7 +1,7 @@
 """Export of verified joint motions, as files and messages that robots play."""
 
 from comove.errors import ExportError, SendError
-from comove.export.formats import FORMATS, ExportFormat, check_export, export
+from comove.export.formats import FORMATS, ExportFormat, check_export, export, usual_format
 from comove.export.parts import JointSamples, MotionPart, MotionProvenance, parts_of
 from comove.export.ros1 import Ros1Client
 from comove.export.send import SendOutcome, Tolerances, TrajectoryClient, send
@@ -22,4 +22,5 @@ __all__ = [
     "export",
     "parts_of",
     "send",
+    "usual_format",
 ]

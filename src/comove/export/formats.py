@@ -79,10 +79,20 @@ MCAP = ExportFormat("mcap", "ROS 2 and Foxglove", ".mcap", write_mcap, require_r
 FORMATS = {format.name: format for format in (BAXTER_CSV, CSV, NPZ, ROSBAG1, ROSBAG2, MCAP)}
 
 
+def usual_format(motion: VerifiedJointMotion) -> ExportFormat:
+    """Return the format for a robot where none is given: that of Baxter's SDK for a Baxter, else CSV."""
+    (carry,) = parts_of(motion).values()
+    try:
+        BAXTER_CSV.require(carry)
+    except ExportError:
+        return CSV
+    return BAXTER_CSV
+
+
 def export(
     motion: VerifiedJointMotion,
     folder: str | Path,
-    format: ExportFormat = BAXTER_CSV,
+    format: ExportFormat | None = None,
     *,
     rate: float = SAMPLE_RATE,
     transfers: Transfers | None = None,
@@ -93,7 +103,7 @@ def export(
     ----------
     motion : motion sealed by the judge; no other is accepted
     folder : folder of the files, made if missing; files already in it are kept
-    format : one of `FORMATS`
+    format : one of `FORMATS`; `usual_format` unless given
     rate : samples per second [Hz], at least 20
     transfers : approach and release, written as files of their own
 
@@ -108,6 +118,7 @@ def export(
         already. Nothing is written then.
     """
     parts = parts_of(motion, transfers)
+    format = format or usual_format(motion)
     check_export(motion, folder, format, rate=rate, transfers=transfers is not None)
     for part in parts.values():
         format.require(part)
@@ -129,7 +140,7 @@ def export(
 def check_export(
     motion: VerifiedJointMotion,
     folder: str | Path,
-    format: ExportFormat = BAXTER_CSV,
+    format: ExportFormat | None = None,
     *,
     rate: float = SAMPLE_RATE,
     transfers: bool = False,
@@ -147,6 +158,7 @@ def check_export(
         As `export`.
     """
     (carry,) = parts_of(motion).values()
+    format = format or usual_format(motion)
     require_rate(motion, rate)
     format.require(carry)
     targets, sidecars = _paths(Path(folder), format, PARTS if transfers else (CARRY,))

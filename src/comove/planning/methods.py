@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.dmp import CoordinatedDMP
 from comove.planning.clock import wind
 from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import Space, SpaceSettings, configuration_space, span, way_length

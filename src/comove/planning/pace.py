@@ -9,7 +9,8 @@ from math import ceil, floor, log10
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.planning.solution import Solution
 from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP

@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.optimisers.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optimisers.method import Start

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import comove
+from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.objective import Cost
 from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost
@@ -62,6 +63,8 @@ class Solution:
     objective : objective that was minimised
     followed : distances of the hands from the demonstration, None if none was followed
     """
+
+    __repr__ = brief
 
     scene: Scene
     motion: VerifiedMotion | None

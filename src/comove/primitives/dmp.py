@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.brief import brief
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.primitives.arguments import (
     instants,
@@ -26,11 +27,12 @@ from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import ExponentialPhase, Phase
 from comove.primitives.rhythm import RhythmicBasis, estimated_period, rhythmic_basis
-from comove.primitives.variants import NO_WAY, Variant
+from comove.primitives.variants import APART, LARGE, NO_WAY, Variant, extent_of
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+N_SEEN = 51  # even instants at which the extent of a movement is measured
 VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")  # of a movement, (n_dims,) each
 
 
@@ -68,6 +70,8 @@ class DMP:
     learned : array, shape (n_dims,), displacement from start to goal for which the weights were learned [m]; by
         default the present displacement
     """
+
+    __repr__ = brief
 
     weights: Array
     start: Array
@@ -272,6 +276,12 @@ class DMP:
         ------
         OptionError
             If a vector has the wrong length or is not finite, or the duration is not positive.
+
+        Warns
+        -----
+        ComoveWarning
+            If the classic form, which divides by the recorded displacement, scales a dimension far beyond its
+            recorded range, because the recorded ends nearly coincide in it.
         """
         moved = replace(
             self,
@@ -283,6 +293,8 @@ class DMP:
         displaced = not np.array_equal(moved.goal - moved.start, self.goal - self.start)
         if self.variant is Variant.DMP_PLUS_PLUS and displaced:
             ratio = (self.duration / moved.duration) * moved.scaling() @ np.linalg.pinv(self.scaling())
+        if self.variant is Variant.CLASSIC and displaced:
+            _tell_blown_up(moved)
         return replace(
             moved,
             start_velocity=self._vector("start_velocity", start_velocity, ratio @ self.start_velocity),
@@ -430,8 +442,20 @@ class DMP:
         -------
         array, shape (n_dims, n_dims)
         """
-        extent = np.abs(self.learned).max() + np.abs(self.weights).max(initial=0.0)
+        scales = self.variant in (Variant.CLASSIC, Variant.DMP_PLUS_PLUS)
+        extent = extent_of(self._learned_path) if scales else 0.0
         return self.variant.scaling(self.learned, self.goal - self.start, extent)
+
+    @property
+    def extent(self) -> float:
+        """Return the greatest distance between two points of the movement, seen at 51 even instants [m]."""
+        return extent_of(self.at(np.linspace(0.0, self.duration, N_SEEN)).position)
+
+    @cached_property
+    def _learned_path(self) -> Array:
+        """Return the movement from zero to `learned`, at rest at both ends; array, shape (51, n_dims)."""
+        sampled = self.basis.sampled(N_SEEN)
+        return sampled[: self.weights.shape[1]].T @ self.weights.T + np.outer(sampled[-2], self.learned)
 
     def _vector(self, name: str, value: ArrayLike | None, default: Array) -> Array:
         return default if value is None else vector(name, value, self.n_dims)
@@ -448,6 +472,21 @@ def require_positions(dmp: object) -> None:
     if not isinstance(dmp, DMP):
         raise OptionError(
             f"a {type(dmp).__name__} is no DMP of positions", way_out="give a DMP, such as pose.translation"
+        )
+
+
+def _tell_blown_up(dmp: DMP) -> None:
+    """Warn of dimensions in which the classic form magnifies a movement whose recorded ends nearly coincide there."""
+    reach = np.ptp(dmp._learned_path, axis=0)
+    factor, learned = np.abs(np.diag(dmp.scaling())), np.abs(dmp.learned)
+    i = int(np.argmax(np.where(learned < APART * reach, factor, 0.0)))
+    if factor[i] > LARGE and learned[i] < APART * reach[i]:
+        warnings.warn(
+            f"the classic form magnifies the movement by {factor[i]:.2g} in dimension {i}, where its recorded ends "
+            f"are {learned[i]:.2g} apart and it spans {reach[i]:.2g}: it divides by that displacement; fit it with "
+            "variant = 'closed-form', which keeps the size",
+            ComoveWarning,
+            stacklevel=3,
         )
 
 

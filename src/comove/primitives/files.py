@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.brief import brief
 from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
-from comove.primitives.average import AveragedDMP
+from comove.primitives.averaging import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
 from comove.primitives.kinds import KINDS, Movement, kind_of, traced
@@ -86,6 +87,8 @@ class Primitive:
     provenance : origin of a learned primitive; None if it was made in another way
     notes : how it was made otherwise, in words
     """
+
+    __repr__ = brief
 
     name: str
     dmp: Movement

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.brief import brief
 from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.geometry import rotations
@@ -142,6 +143,8 @@ class PoseDMP:
     reference : array, shape (4,), the orientation at which `turning` is zero, w x y z
     axis : array, shape (3,), unit vector of the axis of rotation; None if the movement turns freely
     """
+
+    __repr__ = brief
 
     translation: DMP
     turning: DMP

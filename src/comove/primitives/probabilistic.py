@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.brief import brief
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
 from comove.primitives.alignment import NEVER, Alignment, aligned, one_recording, together
 from comove.primitives.arguments import (
@@ -78,6 +79,8 @@ class ProMP:
     n_recordings : number of recordings from which it was learned; 0 if it was made otherwise
     notes : how it was learned, in words
     """
+
+    __repr__ = brief
 
     mean_parameters: Array
     covariance: Array

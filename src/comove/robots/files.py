@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
@@ -73,6 +74,8 @@ class StoredJoints:
     scene : the scene read from scene.json
     """
 
+    __repr__ = brief
+
     folder: Path
     summary: Summary
     arrays: Arrays
@@ -122,7 +125,6 @@ def write_joints(
         **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
-        **({"meshes_in": str(motion.scene.folder.resolve())} if motion.scene.meshes else {}),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
         "motion_sha256": checksum(motion_arrays(motion)),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import sysconfig
 import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,9 +18,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
 from comove.geometry.rotations import matrices
 from comove.robots.description import (
+    BUNDLED,
     ArmDescription,
     Placement,
     RobotFile,
@@ -75,6 +78,8 @@ class Robot:
     sources : URDF texts of the models, with limits and prefixes filled in, and their placements
     """
 
+    __repr__ = brief
+
     description: RobotFile
     model: Any
     collision: Any
@@ -87,6 +92,13 @@ class Robot:
     relief: Array
     sha256: str
     sources: tuple[Source, ...]
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Return the files that the robot was read from, without what is installed with packages."""
+        installed = [BUNDLED, *(Path(sysconfig.get_paths()[kind]) for kind in ("purelib", "platlib"))]
+        read = dict.fromkeys(path for source in self.sources for path in source.files)
+        return tuple(path for path in read if not any(path.is_relative_to(place) for place in installed))
 
     @classmethod
     def load(cls, robot: str | Path, folder: Path | None = None) -> Robot:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
+from comove.brief import brief
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number
 from comove.ties import first_largest
@@ -39,6 +40,8 @@ class JointMotion:
     joint_names : names of the robot's moving joints, in its order
     position : array, shape (n_steps, n_joints), joint positions [rad, m for prismatic joints]
     """
+
+    __repr__ = brief
 
     time: Array
     joint_names: tuple[str, ...]

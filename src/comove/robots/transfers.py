@@ -16,6 +16,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
+from comove.brief import brief
 from comove.errors import OptionError, RobotError
 from comove.planning.seeds import minimum_jerk
 from comove.robots.free_space import Room, RoomSettings, way
@@ -72,6 +73,8 @@ class Transfers(Sealed):
     clearance_min : certified lower bound of the clearance on both [m], except of hands from the load on the straight
         parts
     """
+
+    __repr__ = brief
 
     __slots__ = ("approach", "carry", "clearance_min", "grip_time", "release")
     MAKER = "comove.robots.plan_transfers"

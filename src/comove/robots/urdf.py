@@ -55,6 +55,7 @@ class Source:
     srdf : text of the SRDF with the prefix, None where there is none
     mimics : joints that follow others, by name
     meshes : collision meshes as binary STL, by their names in the URDF
+    files : files of the description, the model, its SRDF and its collision meshes
     """
 
     urdf: str
@@ -63,6 +64,7 @@ class Source:
     srdf: str | None = None
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
     meshes: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    files: tuple[Path, ...] = field(default=(), repr=False)
 
 
 def package_folders(file: Path) -> list[str]:
@@ -138,13 +140,18 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
     for doubt in doubts(tree, source.prefix):
         warnings.warn(f"{path}: {doubt}", ComoveWarning, stacklevel=2)
     meshes: dict[str, bytes] = {}
+    files = [part for part in (file, path) if is_file(part)]
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         found = _mesh(mesh, path, file)
+        files.append(found)
         with errors_in(found):
             data = bytes_in(found, MAX_MESH_BYTES)
             meshes[_uri(found)] = _stl(data, found.suffix.lower())
         digest.update(data)
-    srdf = None if source.srdf is None else _srdf(resolve(source.srdf, file))
+    srdf = None
+    if source.srdf is not None:
+        files.append(resolve(source.srdf, file))
+        srdf = _srdf(files[-1])
     _prefix(source.prefix, tree, srdf)
     for part in (tree, srdf):
         digest.update(b"" if part is None else ET.tostring(part))
@@ -153,7 +160,8 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
             mesh.set("filename", _uri(_found(mesh.get("filename", ""), path, file)))
     mimics = {joint.get("name", ""): _mimic(mimic) for joint in joints for mimic in joint.findall("mimic")}
     told = None if srdf is None else ET.tostring(srdf, encoding="unicode")
-    return Source(ET.tostring(tree, encoding="unicode"), source.base, path, told, mimics, meshes)
+    text = ET.tostring(tree, encoding="unicode")
+    return Source(text, source.base, path, told, mimics, meshes, tuple(dict.fromkeys(files)))
 
 
 def for_pinocchio(source: Source, folder: Path) -> str:

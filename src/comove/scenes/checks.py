@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 from comove.constraints.distance import DistanceKeys, distance_tolerance
 from comove.constraints.upright import UprightKeys
 from comove.errors import ComoveWarning, near_name
-from comove.geometry.meshes import LARGE
-from comove.io.keys import HAND, UNTURNED, VECTOR, marked
+from comove.io.keys import HAND, LARGE, UNTURNED, VECTOR, marked
 from comove.io.messages import Flaw, KeyPath, counted, show
 from comove.io.yaml_reader import MAX_NAMES, near_files
 from comove.scenes.model import ROUNDING, BarLoad, FrameLoad, GraspPart, SceneFile
@@ -28,8 +27,10 @@ _UNFIT = {
 _AXES = {2: "planar, so write 2 numbers (x, y)", 3: "spatial, so write 3 numbers (x, y, z)"}
 
 
-def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
+def cross_checked(scene: SceneFile, folder: Path | None, *, is_stored: bool = False) -> list[Flaw]:
     """Return the contradictions in a scene file.
+
+    The demonstration of a stored scene is not looked for: its motion is there already.
 
     The later checks need vectors of equal length and known names, so they run only where the first find nothing.
     """
@@ -44,7 +45,7 @@ def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
         *_grasp_flaws(scene),
         *_constraint_flaws(scene),
         *_objective_flaws(scene),
-        *_file_flaws(scene, folder),
+        *_file_flaws(scene, folder, is_stored),
     ]
 
 
@@ -67,17 +68,23 @@ def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
 
 
 def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
-    first: dict[str, int] = {}
-    for i, name in enumerate(scene.names):
-        if first.setdefault(name, i) != i:
-            message = f"the name {show(name)} is already that of manipulators[{first[name]}]"
-            yield Flaw(("manipulators", i, "name"), message, "give each manipulator its own name")
-    if len(first) < len(scene.names):
+    repeated = list(_repeated_names("manipulator", scene.names))
+    yield from repeated
+    yield from _repeated_names("obstacle", [obstacle.name for obstacle in scene.obstacles])
+    if repeated:
         return
     for path, name in _named(scene):
-        if name not in first:
+        if name not in scene.names:
             known = scene.names[:MAX_NAMES]
             yield Flaw(path, f"there is no manipulator {show(name)}", near_name(name, known))
+
+
+def _repeated_names(what: str, names: Sequence[str | None]) -> Iterator[Flaw]:
+    first: dict[str, int] = {}
+    for i, name in enumerate(names):
+        if name is not None and first.setdefault(name, i) != i:
+            message = f"the name {show(name)} is already that of {what}s[{first[name]}]"
+            yield Flaw((f"{what}s", i, "name"), message, f"give each {what} its own name")
 
 
 def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
@@ -189,9 +196,9 @@ def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
     return math.dist(*(grasps[name] for name in pair)) if all(name in grasps for name in pair) else None
 
 
-def _file_flaws(scene: SceneFile, folder: Path | None) -> Iterator[Flaw]:
+def _file_flaws(scene: SceneFile, folder: Path | None, is_stored: bool) -> Iterator[Flaw]:
     named: list[tuple[KeyPath, object]] = [
-        (("demonstration",), scene.demonstration),
+        (("demonstration",), None if is_stored else scene.demonstration),
         (("load",), scene.load),
         *((("obstacles", i), obstacle) for i, obstacle in enumerate(scene.obstacles)),
     ]
@@ -252,8 +259,9 @@ def warn_of_what_is_odd(scene: SceneFile, file: str | Path | None) -> None:
     limit = scene.limits.speed
     for i, obstacle in enumerate(scene.obstacles):
         if limit is not None and obstacle.motion is not None and obstacle.motion.speed > limit * (1 + 1e-9):
+            key = obstacle.name or f"obstacles[{i}]"
             message = (
-                f"{place}obstacles[{i}].motion: up to {obstacle.motion.speed:.3g} m/s, faster than the hands may "
+                f"{place}{key}.motion: up to {obstacle.motion.speed:.3g} m/s, faster than the hands may "
                 f"move ({limit:g} m/s): they cannot get away from it"
             )
             warnings.warn(message, ComoveWarning, stacklevel=3)

@@ -95,9 +95,13 @@ class Workspace(Part):
 
 
 class _Obstacle(Sparse):
-    """An obstacle, which moves if it has a `motion`; obstacles without one keep their checksum."""
+    """An obstacle, which moves if it has a `motion`; messages call it by its `name`.
 
-    LATER = ("motion",)
+    Obstacles without either keep their checksum.
+    """
+
+    LATER = ("name", "motion")
+    name: Name | None = None
     motion: Motion | None = None
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.brief import brief
 from comove.constraints import (
     Constraint,
     DistanceConstraint,
@@ -26,6 +27,7 @@ from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
+from comove.io.folders import scene_folder
 from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, alternatives, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
@@ -79,6 +81,8 @@ class Scene:
     meshes : checksums of the meshes' files
     """
 
+    __repr__ = brief
+
     file: SceneFile
     folder: Path
     path: Path | None
@@ -113,7 +117,7 @@ class Scene:
             If the file cannot be read, breaks the contract or contradicts itself.
         """
         path = Path(path)
-        return _build(load_scene_file(path, changes), path.parent, path)
+        return _build(load_scene_file(path, changes), scene_folder(path), path)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], *, folder: str | Path | None = None) -> Scene:
@@ -489,7 +493,8 @@ class Scene:
             return "the border of the workspace"
         if obstacle >= len(self.file.obstacles):
             return "something that was seen"
-        return f"obstacles[{obstacle}] ({self.file.obstacles[obstacle].shape})"
+        found = self.file.obstacles[obstacle]
+        return f"{found.name or f'obstacles[{obstacle}]'} ({found.shape})"
 
     def nodes_at(self, end: str) -> Array:
         """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""

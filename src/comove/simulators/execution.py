@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.brief import brief
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
@@ -75,6 +76,8 @@ class Execution:
     steps_per_second : steps computed per second
     unstable : time at which the simulation broke down [s], None if it did not
     """
+
+    __repr__ = brief
 
     robot: Robot
     scene: Scene

@@ -26,6 +26,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.brief import brief
 from comove.reaction.twists import nodes_of
 from comove.results.sealed import ResultKind, Summary, finite
 from comove.robots.model import Robot
@@ -83,6 +84,8 @@ class OnlineRecord:
     arrived, unstable, interrupted : how it ended
     given_up : why the executor gave it up, in words; empty where it did not
     """
+
+    __repr__ = brief
 
     scene: Scene
     robot: Robot

@@ -123,8 +123,8 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
     links = range(geometry.ngeoms)
     names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
     obstacles = []
-    for i, obstacle in enumerate(scene.file.obstacles):
-        names.append(f"obstacles[{i}] ({obstacle.shape})")
+    for i in range(len(scene.file.obstacles)):
+        names.append(scene.name_of(i))
         obstacles.append(geometry.addGeometryObject(obstacle_object(scene, i, names[-1])))
     hands = _hand_joints(robot, scene, load)
     parts = []

@@ -121,7 +121,7 @@ def add_obstacles(spec: Any, scene: Scene) -> None:
         body, place = spec.worldbody, obstacle.center
         if obstacle.motion is not None:  # moved by who runs the simulation
             body, place = body.add_body(name=moving_body(i), pos=place, mocap=True), (0.0, 0.0, 0.0)
-        name = f"obstacles[{i}] ({obstacle.shape})"
+        name = scene.name_of(i)
         if obstacle.shape == "mesh":
             parts = _add_mesh(spec, body, scene.obstacles[scene.owners == i], name, place)
             for k, part in enumerate(parts):

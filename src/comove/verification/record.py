@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.brief import brief
 from comove.constraints import Course, RelativePoseConstraint, UprightConstraint
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
@@ -44,6 +45,8 @@ class Record:
     obstacles : array, shape (n_steps, n_obstacles, 3), true positions of the obstacles' centres [m]
     sagitta : array, shape (n_steps - 1, n_obstacles), largest distance of these from their chords [m]
     """
+
+    __repr__ = brief
 
     scene: Scene
     time: Array

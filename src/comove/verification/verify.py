@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.brief import brief
 from comove.coordination.coordinates import coordinates_for
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
@@ -86,6 +87,8 @@ class VerifiedMotion(Sealed):
     motion : CoordinatedMotion
     report : Report
     """
+
+    __repr__ = brief
 
     __slots__ = ("motion", "report")
     MAKER = "comove.verification.verify"

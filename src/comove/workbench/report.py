@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import html
+import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.results import filled_in, read_result
+from comove.results.inputs import command_again
 from comove.results.solution import SCENE, rebuild
 from comove.scenes.scene import Scene
 from comove.workbench.playback import playback_of_item
@@ -63,7 +65,7 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
         _figure(folder),
         "<h2>How it was made, and how to repeat it</h2>",
         _table(("what", ""), _origin(stored.summary)),
-        f"<pre>{html.escape(_commands(folder, stored.summary))}</pre>",
+        f"<pre>{html.escape(_commands(folder))}</pre>",
     ]
     return _page(f"{scene.name}: comove", parts), playback.holds
 
@@ -120,9 +122,7 @@ def _origin(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return [(key.replace("_", " "), str(summary[key])) for key in keys if summary.get(key) is not None]
 
 
-def _commands(folder: Path, summary: dict[str, Any]) -> str:
-    name = folder.name or "result"
-    return (
-        f"comove verify {name}/{SCENE} {name}\n"
-        f"comove solve {name}/{SCENE} --out again --method {summary.get('method')} --seed {summary.get('seed')}"
-    )
+def _commands(folder: Path) -> str:
+    name = shlex.quote(folder.resolve().name)
+    verify, again = f"comove verify {name}/{SCENE} {name}", command_again(folder, "../again")
+    return verify if again is None else f"{verify}\ncd {name}\n{again}"

@@ -471,7 +471,8 @@ class Session:
 
     def _save_scene(self, _: Any) -> None:
         path = target_in(self.shelf.folder, self.panels.controls["name"].value, ".yaml")
-        save_scene(self.history.now.contents, path, self.link.folder)
+        now = self.history.now
+        save_scene(now.contents, path, self.link.folder, now.taught)
         self.panels.saved.content = f"Saved: {plain_text(path.name)}"
 
     def _save_result(self, _: Any) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.scenes.scene import Scene
@@ -26,6 +27,8 @@ class Samples:
     manipulators : names of the manipulators
     nodes : array, shape (n_steps, n_nodes, 3), positions of the hands, then of the corners of the load [m]
     """
+
+    __repr__ = brief
 
     time: Array
     position: Array

@@ -29,7 +29,6 @@ from comove.geometry.rotations import matrices
 from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
-from comove.robots.carry import carry
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
@@ -39,6 +38,7 @@ from comove.robots.online.reference import Reference
 from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
+from comove.robots.solving import carry
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene

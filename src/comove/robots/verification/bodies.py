@@ -175,9 +175,9 @@ def bodies_of(
 def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
     """Add the scene's obstacles; returns the pairs with all links."""
     links, pairs = range(geometry.ngeoms), []
-    for i, obstacle in enumerate(scene.file.obstacles):
-        number = geometry.addGeometryObject(obstacle_object(scene, i, f"obstacles[{i}]"))
-        names.append(f"obstacles[{i}] ({obstacle.shape})")
+    for i in range(len(scene.file.obstacles)):
+        names.append(scene.name_of(i))
+        number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1]))
         pairs += [(link, number, SCENE) for link in links]
     return pairs
 
@@ -254,7 +254,8 @@ def links_inside(bodies: Bodies, joints: Array) -> list[str]:
         point = placed.oMg[k].act(_some_point(item.geometry))
         for mesh in solids.tolist():
             if holds(surfaces, mesh, *point):
-                found.append(f"{bodies.names[k]} begins inside obstacles[{surfaces.owner[mesh]}] (mesh)")
+                obstacle = bodies.names[robot.collision.ngeoms + int(surfaces.owner[mesh])]
+                found.append(f"{bodies.names[k]} begins inside {obstacle}")
     return found
 
 

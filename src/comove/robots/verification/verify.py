@@ -22,6 +22,7 @@ from functools import cache
 
 import numpy as np
 
+from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.robots.description import Uncertainty
@@ -97,6 +98,8 @@ class VerifiedJointMotion(Sealed):
     joints : JointMotion that passed the checks
     report : JointReport of the checks
     """
+
+    __repr__ = brief
 
     __slots__ = ("joints", "motion", "report", "robot")
     MAKER = "comove.robots.verify_joints"
