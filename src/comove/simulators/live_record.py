@@ -216,6 +216,8 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
 def _hold_error(record: OnlineRecord, hands: Array) -> float:
     """Return the largest error of the commanded hands on the load [m, rad]."""
     held = ~np.array(record.driven_off)
+    if not held.any():
+        return 0.0
     nodes, hands, grasp = np.array(record.nodes)[held, : hands.shape[1]], hands[held], record.scene.grasp
     off = np.linalg.norm(hands[..., :3, 3] - nodes, axis=-1).max()
     if grasp is None:
