@@ -188,11 +188,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
         for contact in record.contacts
     ]
-    reasons += [
-        f"{what} meet, by their exact bodies, {max(0.0, -m[name]):.2g} m deep"
-        for name, what in MET
-        if not m[name] > 0.0
-    ]
+    reasons += [f"{what} meet, by their exact bodies" for name, what in MET if not m[name] > 0.0]
     if record.given_up:
         reasons.append(record.given_up)
     if record.unstable:
