@@ -73,7 +73,7 @@ class Column:
     @property
     def label(self) -> str:
         """Return a name that tells columns of one name apart: `Left.Position.X`."""
-        if self.kind not in (Kind.POSITION, Kind.ORIENTATION):
+        if self.kind not in (Kind.POSITION, Kind.ORIENTATION) or not self.body or self.body in self.name:
             return self.name
         axis = self.axis.upper().removeprefix("Q") if self.axis in QUATERNION else self.axis.upper()
         return ".".join(filter(None, (self.body, self.kind.value.capitalize(), axis)))
@@ -116,7 +116,7 @@ class Body:
     @property
     def is_repeated(self) -> bool:
         """Return whether a coordinate stands in several columns, so that one has to be chosen."""
-        axes = [column.axis for column in self.moving]
+        axes = [column.axis for column in self.moving if column.axis]
         return len(set(axes)) < len(axes)
 
     @property
@@ -182,7 +182,7 @@ def spoken(columns: Iterable[Column]) -> list[str]:
     """Return the names of columns for messages, without their units; labels where names repeat."""
     columns = list(columns)
     names = [bare_name(column.name) for column in columns]
-    above = all(column.body and column.body not in column.name for column in columns)
+    above = all(column.label != column.name for column in columns)
     return [column.label for column in columns] if above or len(set(names)) < len(names) else names
 
 
