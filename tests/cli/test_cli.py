@@ -380,7 +380,10 @@ BAD_SCENES = {
         SCENE.replace("[0.5, 0.8]", "[0,5, 0,8]"),
         ["obstacles[1].center", "decimal points"],
     ),
-    "a bomb": ("a: &a [1]\nb: &b [*a, *a]\nc: [*b, *b]\n" + SCENE, ["anchor", "line 1"]),
+    "a bomb": (
+        "a0: &a0 [1]\n" + "".join(f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]\n" for i in range(1, 40)) + SCENE,
+        ["repeat more than 20000 values", "write the values out"],
+    ),
     "deep nesting": ("name: " + "[" * 3000 + "]" * 3000, ["64 levels"]),
     "the same name twice": (SCENE.replace("name: right", "name: left"), ["left", "own name"]),
     "one holder of a bar": (SCENE.replace(HANDS, ""), ["load"]),

@@ -104,7 +104,8 @@ def test_the_summary_names_robot_checksums_and_measures(folder):
     assert summary["scene_sha256"] == known_carry()[0].scene.sha256
     solution = json.loads((folder / "solution.json").read_text())
     assert summary["motion_sha256"] == solution["motion_sha256"]
-    assert {name: summary[name] for name in report.asdict()} == report.asdict()
+    measures = {name: finite(value) for name, value in report.asdict().items()}
+    assert {name: summary[name] for name in measures} == measures
     assert summary["where"]["velocity_ratio_max"][0] == "left_e1"
 
 
