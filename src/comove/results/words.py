@@ -29,6 +29,7 @@ _JOINTS: tuple[_Described, ...] = (
     ("joints from their limits", "joint_margin_min", "{:.3g} rad at least", 1.0),
     ("share of joint speeds", "velocity_ratio_max", "{:.3g} at most", 1.0),
     ("share of joint accelerations", "acceleration_ratio_max", "{:.3g} at most", 1.0),
+    ("share of joint jerks", "jerk_ratio_max", "{:.3g} at most", 1.0),
     ("share of torques", "torque_ratio_max", "{:.3g} at most", 1.0),
     ("hands on the load", "hand_error_max", "off by {:.2g} m at most", 1.0),
     ("hands' turn on the load", "hand_turn_max", "off by {:.2g} rad at most", 1.0),

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from comove.brief import brief
 from comove.robots.model import Robot
-from comove.robots.motion import JointMotion
+from comove.robots.motion import JointMotion, approach_shares
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, distances
 from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of
@@ -188,11 +188,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
         for contact in record.contacts
     ]
-    reasons += [
-        f"{what} meet, by their exact bodies, {max(0.0, -m[name]):.2g} m deep"
-        for name, what in MET
-        if not m[name] > 0.0
-    ]
+    reasons += [f"{what} meet, by their exact bodies" for name, what in MET if not m[name] > 0.0]
     if record.given_up:
         reasons.append(record.given_up)
     if record.unstable:
@@ -238,9 +234,11 @@ def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float
     bends, off = np.diff(rates, axis=0) / record.period, np.array(record.driven_off)
     went = off[1:] | off[:-1]  # where it was, not where it was commanded to
     rates, bends = rates[~went], bends[~(went[1:] | went[:-1])]
+    shares = np.abs(rates) / robot.velocity
+    soft = approach_shares(commanded[1:][~went], rates, robot.approach, robot.lower, robot.upper)
     margin = np.minimum(commanded - robot.lower, robot.upper - commanded).min()
     return (
-        float((np.abs(rates) / robot.velocity).max(initial=0.0)),
+        float(np.maximum(shares, soft).max(initial=0.0)),
         float((np.abs(bends) / robot.acceleration).max(initial=0.0)),
         float(margin),
     )
