@@ -499,7 +499,8 @@ class Executor:
         self.log.events.append(Event(self.time, what))
 
 
-def _rest(dmp: DMP, done: float, n_steps: int = 200) -> DMP:
+def _rest(dmp: DMP, done: float) -> DMP:
     """Return the rest of a movement after the fraction `done` of it."""
-    time = np.linspace(done, 1.0, n_steps) * dmp.duration
-    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))
+    n_basis = max(20, dmp.weights.shape[1])
+    time = np.linspace(done, 1.0, 10 * n_basis) * dmp.duration
+    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"), n_basis=n_basis)

@@ -89,7 +89,7 @@ def _unexpanded(root: ET.Element) -> str | None:
     """Return the first text of a xacro that is not expanded; None where there is none."""
     for element in root.iter():
         if "xacro" in element.tag:
-            return f"<{element.tag.rpartition('}')[2]}>"
+            return f"<{element.tag}>"
         for key, value in element.attrib.items():
             if any(mark in value for mark in UNEXPANDED):
                 return f'{key}="{value}"'
