@@ -121,18 +121,10 @@ def _load(
         found = movements[chosen_name(movements, manipulator or None, path)]
     else:
         if part is None and "dataset" not in reading:
-<<<<<<< HEAD
-            part = select_name(format.parts(path), None, path, format.part, asked)
-        parts = format.read(path, **{format.part: part}, **reading)
-        read = parts[select_name(parts, None, path, format.part, asked)]
-        several = {"": read} if isinstance(read, RecordedSamples) else read
-        found = several[chosen_name(several, manipulator, path, asked)]
-=======
             part = select_name(format.parts(path), None, path, format.part)
         parts = format.read(path, **{format.part: part}, **reading)
         read = parts[select_name(parts, None, path, format.part)]
         found = read if isinstance(read, RecordedSamples) else read[chosen_name(read, manipulator, path)]
->>>>>>> field-containers
     return found if unit is None or states else found.stating(unit)
 
 
