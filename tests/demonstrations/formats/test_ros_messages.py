@@ -58,10 +58,7 @@ def choices(path, topic=None):
     with pytest.raises(DemonstrationError) as caught:
         load(path, topic)
     names = re.findall(r"(?<!\w)/[\w:@+.]+", caught.value.way_out.partition("; run:")[0])
-<<<<<<< HEAD
-=======
     assert printed_options(caught.value) == {"topic": names[0]}
->>>>>>> field-containers
     return {name: load(path, name) for name in names}
 
 
