@@ -91,7 +91,17 @@ def test_the_order_is_that_of_the_design():
             "coordination",
             "verification",
         ),
-        *("optimisers", "planning", "results", "reaction", "execution", "robots", "simulators", "export"),
+        *(
+            "optimisers",
+            "planning",
+            "results",
+            "reaction",
+            "execution",
+            "robots",
+            "simulators",
+            "stored",
+            "export",
+        ),
         *("studies", "views", "workbench", "experiments", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()

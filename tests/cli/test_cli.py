@@ -414,7 +414,6 @@ BAD_DEMONSTRATIONS = {
     "an empty cell": ("time,x,y\n0,0,0\n1,,0\n2,2,0\n", ["3"]),
     "nan": ("time,x,y\n0,0,0\n1,nan,0\n2,2,0\n", ["nan"]),
     "a ragged row": ("time,x,y\n0,0,0\n1,1\n2,2,0\n", ["3"]),
-    "decimal commas": ("time;x;y\n0,0;0,0;0,0\n0,1;0,2;0,3\n", []),
     "decimal commas between commas": ("time,x,y\n0,0,0,0,0,0\n0,1,0,2,0,3\n", []),
     "another dimension": ("time,x,y,z\n0,0,0,0\n1,1,0,0\n2,2,0,0\n", ["3 dimensions", "the scene 2"]),
     "no header": ("0,0,0\n1,1,0\n2,2,0\n", []),

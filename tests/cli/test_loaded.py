@@ -7,12 +7,14 @@ import sys
 
 import pytest
 
+from comove.execution import Executor, Pace, write_run
 from comove.io.folders import whole_folder
 from comove.results import RESULT
+from comove.verification.record import verify_execution
 from comove.views import save_result
 from tests.robots.known_carry import known_carry
 from tests.robots.known_folder import write
-from tests.solved import EXAMPLES, solved
+from tests.solved import EXAMPLES, example, solved
 
 MAKERS = (
     "planning",
@@ -60,7 +62,18 @@ def joints(folder):
     return scene, folder
 
 
-@pytest.mark.parametrize(("made", "most"), [(hands, 90), (joints, 101)], ids=["hands", "joints"])
+def run(folder):
+    with whole_folder(folder, RESULT) as draft:
+        executor = Executor(example("wide"), seed=0, pace=Pace(period=0.02))
+        record = executor.run(30.0)
+        report = verify_execution(record)
+        write_run(draft, record, report, executor.log, seed=0, interrupted=False, wall_time_s=1.0)
+    return EXAMPLES / "wide.yaml", folder
+
+
+@pytest.mark.parametrize(
+    ("made", "most"), [(hands, 90), (run, 90), (joints, 112)], ids=["hands", "run", "joints"]
+)
 def test_the_verifier_loads_no_maker_of_motions(made, most, tmp_path):
     names = loaded("verify", *made(tmp_path / "result"))
     rooms = {name.removeprefix("comove.") for name in names}

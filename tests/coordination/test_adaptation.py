@@ -300,3 +300,15 @@ def test_a_magnified_path_of_poses_is_told():
         hands_of_poses(PoseDMP.fit(shown), scene())
     factor, said = magnification(DMP.fit(shown), np.zeros(3), np.array([0.4, 0, 0]), "it")
     assert factor == pytest.approx(2.5) and not said
+
+
+def test_hands_follow_poses_of_many_weights():
+    """A load that is shaken ten times on its way: none of it is lost on the way to the hands."""
+    t = np.linspace(0.0, 1.0, 2001)
+    rest = t**3 * (10 - 15 * t + 6 * t**2)
+    shake = np.sin(20 * np.pi * rest)
+    path = np.outer(rest, [0.8, 0, 0]) + np.outer(0.05 * shake, [0, 1.0, 0])
+    shown = Demonstration(20 * t, path, orientation=exponential(np.outer(0.3 * shake, [0, 0, 1.0])))
+    hands = hands_of_poses(PoseDMP.fit(shown, n_basis=80), scene())
+    found = heading(carried_to_hands(hands, scene(), T))
+    assert found == pytest.approx(0.3 * np.sin(20 * np.pi * REST), abs=0.02)

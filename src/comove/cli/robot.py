@@ -287,7 +287,8 @@ def run(
     from comove.scenes import Scene
     from comove.simulators import GRASPS, Perturbation
     from comove.simulators.live import run_live
-    from comove.simulators.live_record import judge_run, write_robot_run
+    from comove.simulators.live_record import judge_run
+    from comove.simulators.robot_runs import write_robot_run
     from comove.views import draw_joints, save
 
     o.require_one_of(grasp, tuple(GRASPS), "grasp")
@@ -297,7 +298,7 @@ def run(
         o.check_budget(budget)
     check_target(out, RESULT)
     loaded = Scene.load(scene)
-    carrier, _ = robot_named(robot, loaded, scene)
+    carrier, named = robot_named(robot, loaded, scene)
     with progress_bar():
         load_robot_kernels(SceneKind.of(loaded))
         executor = JointExecutor(loaded, carrier, seed=seed, settings=OnlineSettings(period=1.0 / rate))
@@ -313,7 +314,9 @@ def run(
             "" if not report.reasons else " (not as it should)"
         )
         save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
-        summary = write_robot_run(draft, record, report, executor.log, seed=seed, wall_time_s=time_spent())
+        summary = write_robot_run(
+            draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
+        )
         write_inputs(draft, loaded, files=carrier.files, command=command_words())
     if json:
         print((out / "robot_run.json").read_text(encoding="utf-8"), end="")

@@ -18,6 +18,7 @@ from comove.geometry.rotations import (
     quaternion_product,
     similarity,
 )
+from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP
 from comove.primitives.operations import settled
 from comove.primitives.poses import Pose, PoseDMP
@@ -196,7 +197,7 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: i
     Parameters
     ----------
     dmp : poses of the load; of the orientations, only the rotation since the start matters
-    n_steps, n_basis : samples between, and basis functions of the hands' movements
+    n_steps, n_basis : samples between, and least basis functions of the hands' movements
 
     Raises
     ------
@@ -243,6 +244,7 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: i
         turns = np.stack([np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)], axis=1)
     hands = middle[:, None] + np.einsum("tab,ib->tia", matrices(turns), away)[..., :n_dims]
     time = s * dmp.duration
+    n_basis = max(n_basis, min(MAX_BASIS, 2 * dmp.weights.shape[1]))
     return tuple(DMP.fit(Demonstration(time, hands[:, i]), n_basis=n_basis) for i in range(len(away)))
 
 

@@ -228,6 +228,12 @@ class Executor:
         plan: VerifiedMotion | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
+        if np.isfinite(scene.jerk_limit):
+            message = (
+                f"limits.jerk ({scene.jerk_limit:g} m/s^3) does not bind an execution, whose accelerations change from "
+                "step to step; speed, acceleration and clearance do"
+            )
+            warnings.warn(message, ComoveWarning, stacklevel=2)
         self.demonstration = movements_of(demonstration, scene)
         if self.demonstration is not None:  # once, and not for the rest of it that every plan follows
             warn_of_adaptation(self.demonstration, scene)
@@ -499,7 +505,8 @@ class Executor:
         self.log.events.append(Event(self.time, what))
 
 
-def _rest(dmp: DMP, done: float, n_steps: int = 200) -> DMP:
+def _rest(dmp: DMP, done: float) -> DMP:
     """Return the rest of a movement after the fraction `done` of it."""
-    time = np.linspace(done, 1.0, n_steps) * dmp.duration
-    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))
+    n_basis = max(20, dmp.weights.shape[1])
+    time = np.linspace(done, 1.0, 10 * n_basis) * dmp.duration
+    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"), n_basis=n_basis)

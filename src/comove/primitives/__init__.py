@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from comove.primitives.averaging import AveragedDMP as AveragedDMP, average as average
     from comove.primitives.basis import MotionBasis as MotionBasis, motion_basis as motion_basis
     from comove.primitives.coactivation import coactivated as coactivated
-    from comove.primitives.dmp import DMP as DMP
+    from comove.primitives.dmp import DMP as DMP, FitError as FitError
     from comove.primitives.estimation import EstimationSettings as EstimationSettings
     from comove.primitives.files import (
         Primitive as Primitive,
@@ -49,7 +49,7 @@ __all__, __getattr__, __dir__ = lazily(
         "primitives.averaging": ["AveragedDMP", "average"],
         "primitives.basis": ["MotionBasis", "motion_basis"],
         "primitives.coactivation": ["coactivated"],
-        "primitives.dmp": ["DMP"],
+        "primitives.dmp": ["DMP", "FitError"],
         "primitives.estimation": ["EstimationSettings"],
         "primitives.files": [
             "Primitive",

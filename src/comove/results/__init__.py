@@ -5,12 +5,11 @@ from typing import TYPE_CHECKING
 from comove._doors import lazily
 
 if TYPE_CHECKING:
+    from comove.results.reference import changes_to as changes_to, filled_in as filled_in
     from comove.results.sealed import ResultKind as ResultKind
     from comove.results.solution import (
         RESULT as RESULT,
         StoredResult as StoredResult,
-        changes_to as changes_to,
-        filled_in as filled_in,
         read_result as read_result,
         verify_result as verify_result,
     )
@@ -19,12 +18,11 @@ if TYPE_CHECKING:
 __all__, __getattr__, __dir__ = lazily(
     __name__,
     {
+        "results.reference": ["changes_to", "filled_in"],
         "results.sealed": ["ResultKind"],
         "results.solution": [
             "RESULT",
             "StoredResult",
-            "changes_to",
-            "filled_in",
             "read_result",
             "verify_result",
         ],

@@ -15,12 +15,13 @@ from comove.brief import brief
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.group_poses import poses_at
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import InputError, OptionError, ResultError, shortened
+from comove.errors import OptionError, ResultError, shortened
 from comove.io.entries import COUNT, MAPPING, NUMBER, TEXT, TEXTS, TRUTH, agrees, number, require_types
 from comove.io.folders import Contents
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
-from comove.results.sealed import Arrays, ResultKind, Summary, finite, read_json
+from comove.results.reference import SCENE
+from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, finite
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.trajectory import Trajectory
@@ -30,7 +31,6 @@ from comove.verification.verify import Report, Verdict, verify
 
 Array = NDArray[np.float64]
 
-SCENE = "scene.json"
 RESULT = Contents(
     what="result",
     marks=frozenset({"solution.json", "run.json", "robot_run.json"}),
@@ -52,13 +52,11 @@ RESULT = Contents(
 SAMPLES = ("time", "position", "velocity", "manipulators")
 MORE_SAMPLES = ("acceleration", "center", "quaternion")  # results of earlier versions lack them
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
-AGAIN = "solve the scene again"
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
 REBUILT_RATE = 1e-10  # likewise accelerations [m/s^2], relative to the largest where that is above 1 m/s^2
 SAME = 1e-6  # relative, by which measures may differ from those of the summary
 JERK = ("jerk_max", "jerk_squared")  # that a summary says of the motion whatever the scene asks
 SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
-SCENE_BYTES = 2**24  # of scene.json
 
 
 def _require_entries(summary: Summary, file: Path) -> None:
@@ -242,64 +240,6 @@ def _near(name: str, value: float) -> float:
 def _smooth(name: str, value: float) -> float:
     """Return by how much a measure may differ that takes differences of accelerations."""
     return SMOOTH * max(1e-3, abs(value))
-
-
-def filled_in(scene: Scene, stored: StoredResult) -> Scene:
-    """Return the scene with what it leaves open as the result has it: duration and limits, and one of its grasps.
-
-    Raises
-    ------
-    ResultError
-        If the result does not state them.
-    """
-    hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
-    if hasty or not scene.is_timed:
-        path = stored.folder / SCENE
-        try:
-            said = read_json(path, AGAIN, SCENE_BYTES)
-            limits = {
-                key: _positive(said["limits"][key]) for key, value in scene.file.limits if value is None
-            }
-            scene = scene.timed(_positive(said["duration"])).limited(**limits)
-        except (ValueError, TypeError, KeyError, ResultError) as error:
-            why = error.message if isinstance(error, ResultError) else str(error)
-            raise ResultError(
-                f"the scene leaves its duration open, and the result does not say it: {why}",
-                file=path,
-                way_out=AGAIN,
-            ) from error
-    solved = stored.summary.get("scene_sha256")
-    return next((choice for choice in scene.alternatives if choice.sha256 == solved), scene)
-
-
-def changes_to(scene: Scene, stored: StoredResult, file: Path) -> dict[str, float]:
-    """Return the changes of duration and limits by which a scene, read from `file`, becomes the one that was solved.
-
-    There are none if it is that scene, or if no such changes make it.
-    """
-    solved = stored.summary.get("scene_sha256")
-    if scene.sha256 == solved:
-        return {}
-    try:
-        found = read_json(stored.folder / SCENE, AGAIN, SCENE_BYTES)
-        limits = found.get("limits") or {}
-        limits = {
-            key: limits.get(key) for key, own in scene.file.limits if limits.get(key) not in (None, own)
-        }
-        changes: dict[str, Any] = {"limits": limits} if limits else {}
-        if found.get("duration") not in (None, scene.file.duration):
-            changes["duration"] = found["duration"]
-        if Scene.load(file, changes).sha256 != solved:
-            return {}
-    except (ValueError, TypeError, AttributeError, InputError):  # the folder is not trusted
-        return {}
-    return {key: value for key, value in changes.items() if key != "limits"} | limits
-
-
-def _positive(value: object) -> float:
-    if not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise ValueError(f"{value!r} is not a positive number")
-    return float(value)
 
 
 def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str]:

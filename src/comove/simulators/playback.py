@@ -116,6 +116,19 @@ def _contacts(
     return tuple(Contact((names[pairs[k].first], names[pairs[k].second]), *seen) for k, seen in found.items())
 
 
+def contacts_at(execution: Execution, stride: int = 1) -> tuple[Contact, ...]:
+    """Return the contacts of an execution by geometry alone, at every `stride`-th sample."""
+    steps = slice(None, None, stride)
+    return _contacts(
+        execution.robot,
+        execution.scene,
+        execution.load,
+        execution.time[steps],
+        execution.joints[steps],
+        execution.load_pose[steps],
+    )
+
+
 def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[str], list[int]]:
     """Build robot, obstacles and load with the pairs to be checked; returns also the names of all, and the numbers
     of the load's parts.

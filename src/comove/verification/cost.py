@@ -10,6 +10,7 @@ The obstacle term counts the obstacles that the payload or a hand is in: none, w
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 
@@ -20,10 +21,19 @@ N_STEPS = 201
 
 def unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
     """Compute the terms of goal, velocity and obstacles of a verified motion."""
-    position = motion.hands(np.linspace(0.0, 1.0, N_STEPS))[0]
-    away, moved = position - position[-1], np.diff(position, axis=0)
+    return unit_terms_of(motion.hands(np.linspace(0.0, 1.0, N_STEPS))[0])
+
+
+def unit_terms_of(position: NDArray[np.float64]) -> dict[str, float]:
+    """Compute the terms of a movement without contact from its samples.
+
+    Parameters
+    ----------
+    position : array, shape (n_steps, n_manipulators, n_dims), hands at even times [m]
+    """
+    n_steps, away, moved = len(position), position - position[-1], np.diff(position, axis=0)
     return {
-        "goal": float((away**2).sum() / N_STEPS),
-        "velocity": float((moved**2).sum() * (N_STEPS - 1) ** 2 / N_STEPS),
+        "goal": float((away**2).sum() / n_steps),
+        "velocity": float((moved**2).sum() * (n_steps - 1) ** 2 / n_steps),
         "obstacle": 0.0,
     }

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from comove.planning import Solution, carried_demonstration
 from comove.results import write_solution
 from comove.results.inputs import Words, write_inputs
-from comove.results.solution import SCENE
+from comove.results.reference import SCENE
 from comove.scenes.model import canonical
 from comove.views.motion import draw_motion, draw_progress
 from comove.views.robots import draw_joints

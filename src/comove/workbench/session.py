@@ -563,7 +563,8 @@ class Session:
         self.solved = message["id"] if kind in FINAL else self.solved
         first = self.history.at == 0 and self.held is None  # which includes the loading of kernels
         seconds = None if first else message.get("verified_after")
-        self.panels.say(verdict_words(kind, message["reasons"], seconds, message["verdict"]))
+        verdict, against = message["verdict"], message.get("against", ())
+        self.panels.say(verdict_words(kind, message["reasons"], seconds, verdict, against))
         self._measure(message)
 
     def _measure(self, message: Message) -> None:

@@ -384,7 +384,8 @@ class Worker:
 
     def _played(self, playback: Playback, asked: Message, kind: str, **further: Any) -> None:
         """Send what is to be played, with what is known of it."""
-        told = {key: getattr(playback, key) for key in ("recording", "verdict", "reasons", "rows", "proved")}
+        keys = ("recording", "verdict", "reasons", "rows", "proved", "against")
+        told = {key: getattr(playback, key) for key in keys}
         self._send(asked, kind, **told, **further)
 
     def _send(self, asked: Message, kind: str, **told: Any) -> None:

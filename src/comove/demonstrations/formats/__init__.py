@@ -118,10 +118,9 @@ def load(
             part = select_name(format.parts(path), None, path, format.part, asked)
         parts = format.read(path, **{format.part: part}, **reading)
         read = parts[select_name(parts, None, path, format.part, asked)]
-        if isinstance(read, RecordedSamples):
-            found = read
-        else:
-            found = read[chosen_name(read, manipulator, path, asked)]
+        if not isinstance(read, RecordedSamples):
+            read = read[chosen_name(read, manipulator, path, asked)]
+        found = read
     return found if unit is None or states else found.stating(unit)
 
 
