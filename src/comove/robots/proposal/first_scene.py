@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
+from comove.planning.clock import Budget
 from comove.planning.kernels import SceneKind
 from comove.robots.carry import RobotSolution, carry
 from comove.robots.carrying import RobotCarrier
@@ -49,8 +50,8 @@ class FirstSceneSettings:
     fewest, most : places in a row, forwards and upwards, that a carry over a rail needs and has at most
     rails : heights of the rail that are tried, as shares of what the load can be lifted by
     n_tried : scenes that are solved, of those that both hands reach
-    rounds : time to solve each, and to carry, in turn [s]: most that can be carried is solved in the first, and a
-        joint may be slow
+    rounds : work to solve each, as `Budget.work`, and time to carry [s], in turn: most that can be carried is solved
+        in the first, and a joint may be slow
     """
 
     n_cells: int = 11
@@ -218,16 +219,16 @@ def propose_scene(
         )
     reasons: list[str] = []
     tried = list(product(places, settings.rails))[: settings.n_tried]
-    for (budget, duration), (place, rail) in product(settings.rounds, tried):
+    for (work, duration), (place, rail) in product(settings.rounds, tried):
         data = place.data(named, rail, duration)
         try:
-            found = carry(Scene.from_dict(data), robot, seed=seed, budget=budget)
+            found = carry(Scene.from_dict(data), robot, seed=seed, budget=Budget(work=work))
         except SceneError as error:
             reasons.append(str(error))
             continue
         if found.verified:
             return SceneProposal(data, found)
-        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found in time")[:1]
+        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found")[:1]
     raise RobotError(
         f"none of {len(tried)} scenes that two hands of '{robot.name}' reach was solved: {reasons[-len(tried)]}",
         key="arms",
