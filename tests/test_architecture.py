@@ -12,7 +12,7 @@ import comove
 
 SOURCE = Path(comove.__file__).parent
 PLAN = Path(__file__).parents[1] / "docs" / "architecture.md"
-OUTSIDE = {"__init__.py", "__main__.py", "_version.py", "py.typed"}  # doors and name plate
+OUTSIDE = {"__init__.py", "__main__.py", "_doors.py", "_version.py", "py.typed"}  # doors and name plate
 
 pytestmark = pytest.mark.skipif(not PLAN.is_file(), reason="docs/architecture.md is not there")
 
@@ -58,7 +58,7 @@ def rooms_entered(nodes):
     return {
         name.split(".")[1]
         for name in imported(nodes)
-        if name.startswith("comove.") and name != "comove._version"
+        if name.startswith("comove.") and name not in ("comove._version", "comove._doors")
     }
 
 
@@ -91,7 +91,17 @@ def test_the_order_is_that_of_the_design():
             "coordination",
             "verification",
         ),
-        *("optimisers", "planning", "results", "reaction", "execution", "robots", "simulators", "export"),
+        *(
+            "optimisers",
+            "planning",
+            "results",
+            "reaction",
+            "execution",
+            "robots",
+            "simulators",
+            "stored",
+            "export",
+        ),
         *("studies", "views", "workbench", "experiments", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()
@@ -112,6 +122,31 @@ def test_the_judge_knows_no_maker(modules):
     for inside, room, nodes in modules.values():
         if room == "verification":
             assert not rooms_entered(nodes) & {"optimisers", "planning"}, inside
+
+
+def test_lazy_packages_show_type_checkers_what_they_load(modules):
+    """Each name is imported from the same module for type checkers and by `lazily`."""
+    found = 0
+    for inside, _, nodes in modules.values():
+        (homes,) = [ast.literal_eval(node.args[1]) for node in nodes if _loads_lazily(node)] or [None]
+        if homes is None:
+            continue
+        found += 1
+        shown = {
+            (node.module.removeprefix("comove."), alias.name, alias.asname)
+            for block in nodes
+            if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+            for node in block.body
+            for alias in node.names
+        }
+        assert shown == {(module, name, name) for module, names in homes.items() for name in names}, inside
+        submodules = {path.stem for path in (SOURCE / inside).parent.iterdir()}
+        assert not submodules & {name for names in homes.values() for name in names}, "a module would hide it"
+    assert found >= 5
+
+
+def _loads_lazily(node):
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "lazily" and len(node.args) == 2
 
 
 def test_the_judge_of_robots_knows_no_search(modules):

@@ -74,19 +74,6 @@ def test_merging_says_how_many_rows_and_where():
     assert "4 rows became 3" in note
 
 
-@pytest.mark.parametrize(("scale", "hinted"), [(1.0, False), (4.9, False), (5.1, True), (1000.0, True)])
-def test_movements_beyond_five_metres_look_like_millimetres(scale, hinted):
-    hint = cleaning.unit_hint(100.0 + scale * LINE)
-    assert hint == (f"the movement spans {scale:.4g} m: {cleaning.UNIT_HINTS['m']}" if hinted else "")
-
-
-def test_joints_beyond_two_turns_look_like_degrees_and_other_units_like_nothing():
-    degrees = 90.0 * LINE
-    assert cleaning.unit_hint(degrees, "rad") == f"the movement spans 90 rad: {cleaning.UNIT_HINTS['rad']}"
-    assert cleaning.unit_hint(np.radians(degrees), "rad") == ""
-    assert cleaning.unit_hint(degrees, "LASA unit") == ""
-
-
 def quaternions(seed, n_steps):
     turned = np.random.default_rng(seed).normal(size=(n_steps, 4))
     return turned / np.linalg.norm(turned, axis=1, keepdims=True)

@@ -66,7 +66,7 @@ def test_merging_is_noted_and_warned_of_once():
 
 
 def test_millimetres_are_hinted_at_once_and_not_again_by_what_is_derived():
-    with pytest.warns(ComoveWarning, match="looks like millimetres, divide by 1000") as caught:
+    with pytest.warns(ComoveWarning, match="looks like millimetres; give the unit") as caught:
         demo = reach(position=1000.0 * REACH)
     assert len(caught) == 1
     with warnings.catch_warnings():

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from comove.demonstrations import Demonstration
 from comove.execution import Executor
 from comove.planning import carried_demonstration
+from comove.primitives import DMP
 from comove.scenes import Scene, demonstration_of
 from comove.verification.record import verify_execution
 from tests.solved import EXAMPLES, example
@@ -66,3 +68,15 @@ def test_plans_among_what_moves_are_calm():
     report = verify_execution(executor.run(10.0), executor.blocker)
     assert not report.reasons
     assert report.acceleration_max < 0.5
+
+
+def test_what_is_left_of_a_movement_of_many_weights_is_all_there():
+    """A wave twenty times as quick as its way, which the usual number of weights cannot follow."""
+    scene, t = example("narrow"), np.linspace(0.0, 1.0, 2001)
+    way = t**3 * (10 - 15 * t + 6 * t**2)
+    wave = Demonstration(20 * t, np.stack([way, 0.1 * np.sin(40 * np.pi * way)], axis=1))
+    whole = DMP.fit(wave, n_basis=120)
+    left, _ = Executor(scene, demonstration=whole)._left_of_it(0.3 * scene.duration).values()
+    s = np.linspace(0.0, 1.0, 200)
+    rest = whole.at((0.3 + 0.7 * s) * whole.duration).position
+    assert np.linalg.norm(left.at(s * left.duration).position - rest, axis=1).max() < 0.01

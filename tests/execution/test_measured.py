@@ -84,7 +84,7 @@ def test_what_stands_needs_no_measurements():
     ("observation", "words"),
     [
         ((1, [0.5, 0.5], 1.0), "there is no obstacle 1"),
-        ((0, [0.5, float("nan")], 1.0), r"the measurement of obstacles\[0\] is \[0.5, nan\]"),
+        ((0, [0.5, float("nan")], 1.0), r"the measurement of .* is \[0.5, nan\]"),
         ((0, [0.5, 0.5, 0.5], 1.0), "give 2 finite numbers"),
         ((0, [0.5, 0.5], 0.2), "does not come after the one at 0.2 s"),
         ((0, [0.5, 0.5], float("nan")), "does not come after"),

@@ -178,7 +178,7 @@ def test_more_weights_than_samples_are_told(variant):
         assert np.abs(dmp.at(time).position - few.position).max() < 1e-6
         assert np.abs(dmp.rollout().position).max() < 1.6  # smooth in between
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.filterwarnings("error", message=".* samples for .* weights")
         DMP.fit(few, n_basis=telling - 2, variant=variant, **options)
 
 

@@ -69,9 +69,10 @@ def test_hands_of_five_joints_point_down_with_any_heading_and_nobody_is_told_tha
 
 
 @pytest.mark.parametrize("half", ["3.14159", "3.14160", "3.14158"])
-def test_right_angles_of_five_digits_are_whole(tmp_path, half):
+@pytest.mark.parametrize("rounded", [True, False])
+def test_right_angles_of_five_digits_are_as_written_unless_rounding_is_asked_for(tmp_path, half, rounded):
     """Half a turn of five digits leaves axes askew, for which five joints cannot make up: rounded, by 3e-6 rad; in an
-    SO-100's URDF it is two right angles that were cut.
+    SO-100's URDF it is two right angles that were cut. Other programs read what is written.
     """
     limit = '<limit lower="-2" upper="2" velocity="1" effort="9"/>'
     parts = [
@@ -79,13 +80,15 @@ def test_right_angles_of_five_digits_are_whole(tmp_path, half):
         f'<origin xyz="0 0 0.1" rpy="{rpy}"/><axis xyz="0 0 1"/>{limit}</joint>'
         for k, (before, rpy) in enumerate((("base", f"{half} 0 -1.5708"), ("l0", "1.5709 0.78540 0")))
     ]
-    description = {"models": [{"urdf": "arm.urdf"}], "arms": {"a": {"tip": "l1"}}}
-    with pytest.warns():
+    model = {"urdf": "arm.urdf"} | ({"round_right_angles": True} if rounded else {})
+    description = {"models": [model], "arms": {"a": {"tip": "l1"}}}
+    with pytest.warns() as caught:
         machine = Robot.load(written(tmp_path, {"arm.urdf": urdf("".join(parts))}, description))
+    said = [str(warning.message) for warning in caught if "round_right_angles" in str(warning.message)]
+    assert len(said) == (not rounded)  # two joints cannot make up for it
     first, second = (placement.rotation for placement in machine.model.jointPlacements[1:3])
-    np.testing.assert_allclose(
-        first, Rotation.from_euler("xyz", [180, 0, -90], degrees=True).as_matrix(), atol=1e-15
-    )
+    angles = [np.pi, 0, -np.pi / 2] if rounded else [float(half), 0, -1.5708]
+    np.testing.assert_allclose(first, Rotation.from_euler("xyz", angles).as_matrix(), atol=1e-15)
     np.testing.assert_allclose(
         second, Rotation.from_euler("xyz", [1.5709, 0.7854, 0]).as_matrix(), atol=1e-12
     )

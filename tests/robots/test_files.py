@@ -10,51 +10,26 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.errors import ResultError
+from comove.errors import ResultError, RobotError
 from comove.io import arrays as archives
-from comove.io.folders import whole_folder
-from comove.planning.objective import Cost
-from comove.planning.solution import Solution
-from comove.results import RESULT, write_solution
 from comove.results.sealed import checksum
 from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
-from comove.robots.files import JOINTS, read_joints, verify_stored, write_joints
+from comove.robots.files import JOINTS, read_joints, verified_motion, verify_stored
 from comove.scenes import Scene
-from comove.verification.verify import verify
+from comove.stored import Part, verify_folder
 from tests.cases import examples
-from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data, uncertain_baxter
+from tests.robots.known_carry import (
+    baxter,
+    hands_motion,
+    known_carry,
+    on_scene,
+    scene_data,
+    uncertain_baxter,
+)
+from tests.robots.known_folder import write, write_forged
 
 KEYS = {"time", "joint_names", "position", "velocity", "acceleration"}
-
-
-def solution_of(motion):
-    verdict = verify(motion)
-    return Solution(
-        scene=motion.scene,
-        motion=verdict.verified,
-        attempt=motion,
-        report=verdict.report,
-        reasons=verdict.reasons,
-        cost=Cost(0.0, 1.0, 0.0, 0.0),
-        method="comove",
-        seed=0,
-        evaluations=1,
-        generations=0,
-        time_to_first_verified_s=0.1,
-        solve_time_s=0.2,
-    )
-
-
-def write(folder, motion=None, joints=None):
-    """A result folder of the known movement, or of another one."""
-    known_motion, known = known_carry()
-    motion, joints = motion or known_motion, joints or known
-    verdict = verify_joints(baxter(), motion, joints)
-    with whole_folder(folder, RESULT) as draft:
-        write_solution(solution_of(motion), draft, wall_time_s=1.0)
-        write_joints(draft, joints, verdict, baxter(), motion)
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +104,8 @@ def test_the_summary_names_robot_checksums_and_measures(folder):
     assert summary["scene_sha256"] == known_carry()[0].scene.sha256
     solution = json.loads((folder / "solution.json").read_text())
     assert summary["motion_sha256"] == solution["motion_sha256"]
-    assert {name: summary[name] for name in report.asdict()} == report.asdict()
+    measures = {name: finite(value) for name, value in report.asdict().items()}
+    assert {name: summary[name] for name in measures} == measures
     assert summary["where"]["velocity_ratio_max"][0] == "left_e1"
 
 
@@ -393,7 +369,12 @@ def test_objects_are_never_unpickled(folder):
         verify_stored(folder)
 
 
-def test_a_robot_that_is_not_here_can_be_given(folder):
+def test_a_robot_that_is_not_here_can_be_given(tmp_path):
+    scene = Scene.from_dict({key: value for key, value in scene_data().items() if key != "robot"})
+    folder = write(tmp_path / "result", on_scene(known_carry()[0], scene))
+    assert verify_stored(folder).verified is not None, (
+        "its own scene names none, and robot.json a bundled one"
+    )
     edit_summary(folder, robot_file="/nowhere/robot.yaml")
     sign(folder)
     with pytest.raises(ResultError, match=r"robot\.json: robot_file: .*there is no robot"):
@@ -407,6 +388,27 @@ def test_a_robot_that_is_not_here_can_be_given(folder):
     assert any(
         "is not the robot that was judged" in reason for reason in verify_stored(folder, weaker).reasons
     )
+
+
+def test_what_robot_json_names_does_not_verify_the_joints_of_a_robot_that_the_scene_names(tmp_path):
+    """A forger's description with limits far beyond Baxter's would find nothing wrong with the joints."""
+    folder = write_forged(tmp_path / "result")
+    assert summary_of(folder)["verified"] is True
+    verdict = verify_stored(folder)
+    assert verdict.verified is None
+    assert any("left_e1 moves at" in reason for reason in verdict.reasons)
+    with pytest.raises(ResultError, match="its motion is not verified"):
+        verified_motion(folder)
+
+
+def test_beside_a_trusted_scene_without_a_robot_only_a_bundled_one_or_a_given_one_verifies(tmp_path):
+    scene = Scene.from_dict({key: value for key, value in scene_data(3.0).items() if key != "robot"})
+    folder = write_forged(tmp_path / "result", scene)
+    with pytest.raises(RobotError, match="neither the scene nor the command names a robot"):
+        verify_stored(folder, scene=scene)
+    assert verify_stored(folder, baxter(), scene=scene).verified is None
+    (own,) = (part for part in verify_folder(folder) if part.part is Part.JOINTS)
+    assert own.verified and any("that the folder names" in words for words in own.against)
 
 
 def test_a_folder_that_is_none_of_a_robot_is_told(tmp_path):

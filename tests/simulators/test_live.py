@@ -13,7 +13,8 @@ from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.scenes import Scene
 from comove.simulators.execution import Contact
 from comove.simulators.live import run_live
-from comove.simulators.live_record import ROBOT_RUN, judge_run, write_robot_run
+from comove.simulators.live_record import judge_run
+from comove.simulators.robot_runs import ROBOT_RUN, write_robot_run
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import EXAMPLES, robot
 

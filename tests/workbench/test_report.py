@@ -29,7 +29,13 @@ def test_a_report_of_a_result(solved):
     assert "verified" in done.stdout
     page = (solved / "report.html").read_text(encoding="utf-8")
     outside = page.replace(re.search(r'srcdoc="[^"]*"', page)[0], "")
-    for said in ("Verified", "clearance", "comove verify result/scene.json result", "data:image/png;base64,"):
+    for said in (
+        "Verified",
+        "clearance",
+        "comove verify result",
+        "the folder&#x27;s own scene",
+        "data:image/png;base64,",
+    ):
         assert said in outside
     assert not LOADS.findall(outside)
     assert len(page) < 5e6

@@ -10,7 +10,9 @@ import warnings
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass
 from functools import wraps
+from importlib import import_module
 from inspect import Parameter, Signature, signature
+from pathlib import Path
 from typing import Any, get_type_hints
 
 import typer
@@ -52,7 +54,8 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
         options, groups = _options_of(function)
 
         @wraps(function)
-        def command(**given: Any) -> None:
+        def command(*, context: typer.Context, **given: Any) -> None:
+            _running.append(context)
             warnings.showwarning = _tell_warning  # type: ignore[assignment]  # mypy wants parameters by name
             warnings.simplefilter("always", ComoveWarning)
             for name, kind in groups.items():
@@ -63,6 +66,7 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
                 code = _told(error)
             raise typer.Exit(code or VERIFIED)
 
+        options.insert(0, Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context))
         command.__signature__ = Signature(options)  # type: ignore[attr-defined]  # typing knows none of functions
         command.__annotations__ = {option.name: option.annotation for option in options}
         application.command(name)(command)
@@ -85,6 +89,31 @@ def _options_of(function: Any) -> tuple[list[Parameter], dict[str, Any]]:
 
 
 verb = verb_of(app)
+_running: list[typer.Context] = []
+
+
+def command_words(*without: str) -> list[str | Path]:
+    """Return the words after ``comove`` that repeat the running command.
+
+    They are its verb, its arguments and the options unlike their defaults; what was given as a path is a `Path`. The
+    folder of results, `--json` and the parameters named in `without` are left out.
+    """
+    context = _running[-1]
+    words: list[str | Path] = []
+    place: Any = context
+    while place.parent is not None:
+        words.insert(0, place.info_name)
+        place = place.parent
+    for parameter in context.command.params:
+        value = context.params.get(parameter.name or "")
+        if parameter.name in ("out", "json", *without) or value is None or value == parameter.default:
+            continue
+        is_flag = isinstance(value, bool)
+        if parameter.param_type_name == "option":
+            words.append(parameter.opts[0] if value or not is_flag else parameter.secondary_opts[0])
+        if not is_flag:
+            words += [value if isinstance(value, Path) else str(value)]
+    return words
 
 
 def since_process_start() -> float:
@@ -117,27 +146,18 @@ def options(
     """Several manipulators carry one load: coordinated movement primitives, verified in continuous time."""
 
 
-def whole_application() -> typer.Typer:
-    """Return the application with all its verbs."""
-    from comove.cli import (  # noqa: F401  registers verbs
-        bench,
-        demo,
-        explain,
-        generate,
-        learn,
-        library,
-        report,
-        reproduce,
-        robot,
-        robot_files,
-        run,
-        show,
-        solve,
-        sweep,
-        verify,
-        view,
-    )
+VERBS = (
+    *("bench", "demo", "explain", "generate", "learn", "library", "report", "reproduce", "robot"),
+    *("robot_files", "run", "show", "solve", "sweep", "verify", "view"),
+)
+"""Files of this folder that register verbs."""
 
+
+def whole_application(verb: str = "") -> typer.Typer:
+    """Return the application with all its verbs, or with `verb` alone where there is one of that name."""
+    own = [name for name in VERBS if name == verb or name.startswith(f"{verb}_")]
+    for name in own if verb in VERBS else VERBS:
+        import_module(f"comove.cli.{name}")
     return app
 
 
@@ -147,7 +167,7 @@ def main() -> None:
     _unwind_when_ended()
     try:
         try:
-            whole_application()()
+            whole_application(*sys.argv[1:2])()
         except SystemExit as leaving:
             code = leaving.code
         except BaseException as error:

@@ -44,7 +44,7 @@ def add(
     from comove.cli.texts import learned_text
     from comove.primitives import Library, learn, read_primitive
     from comove.primitives.files import renamed
-    from comove.primitives.recordings import read_recordings, require_metres
+    from comove.primitives.recordings import read_recordings, require_plausible
 
     library, primitives = Library(folder), []
     library.require_room()
@@ -54,8 +54,7 @@ def add(
             primitives.append(renamed(primitive, name or primitive.name))
             continue
         for recording in read_recordings(demo, **reading.arguments):
-            if reading.unit is None:
-                require_metres(recording.demonstration, demo)
+            require_plausible(recording.demonstration, demo)
             called, source = name or recording.name, recording.source
             primitives.append(
                 learn(recording.demonstration, name=called, source=source, **learning.arguments)

@@ -14,7 +14,7 @@ ONCE = "compiling, once after installation"
 
 def time_spent() -> float:
     """Return the time since this process began [s], without the time of compiling kernels."""
-    from comove.planning.compiling import IN_ALL
+    from comove.compiled.counting import IN_ALL
 
     return since_process_start() - IN_ALL.seconds
 
@@ -28,7 +28,7 @@ def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterat
     budget : length of the bar [s]; without it, a bar is shown only during compilation
     doing : text shown before the first call of the callback
     """
-    from comove.planning.compiling import IN_ALL, compiling
+    from comove.compiled.counting import IN_ALL, compiling
 
     shown = _Bar(budget, doing) if sys.stderr.isatty() else _Line()
     with compiling(shown.compiling, IN_ALL):

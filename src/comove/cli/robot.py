@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, sub_application, verb_of
 from comove.errors import ComoveError, InputError, OptionError, ResultError, RobotError
 
 if TYPE_CHECKING:
@@ -105,7 +105,12 @@ def solve(
     solution = found.solution
     with whole_folder(out, RESULT) as draft:
         summary = save_robot_result(
-            found, draft, wall_time_s=time_spent(), demonstration=movements, source=named
+            found,
+            draft,
+            wall_time_s=time_spent(),
+            demonstration=movements,
+            source=named,
+            command=command_words(),
         )
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
@@ -276,12 +281,14 @@ def run(
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind
     from comove.results import RESULT
+    from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
     from comove.scenes import Scene
     from comove.simulators import GRASPS, Perturbation
     from comove.simulators.live import run_live
-    from comove.simulators.live_record import judge_run, write_robot_run
+    from comove.simulators.live_record import judge_run
+    from comove.simulators.robot_runs import write_robot_run
     from comove.views import draw_joints, save
 
     o.require_one_of(grasp, tuple(GRASPS), "grasp")
@@ -291,7 +298,7 @@ def run(
         o.check_budget(budget)
     check_target(out, RESULT)
     loaded = Scene.load(scene)
-    carrier, _ = robot_named(robot, loaded, scene)
+    carrier, named = robot_named(robot, loaded, scene)
     with progress_bar():
         load_robot_kernels(SceneKind.of(loaded))
         executor = JointExecutor(loaded, carrier, seed=seed, settings=OnlineSettings(period=1.0 / rate))
@@ -307,7 +314,10 @@ def run(
             "" if not report.reasons else " (not as it should)"
         )
         save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
-        summary = write_robot_run(draft, record, report, executor.log, seed=seed, wall_time_s=time_spent())
+        summary = write_robot_run(
+            draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
+        )
+        write_inputs(draft, loaded, files=carrier.files, command=command_words())
     if json:
         print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
     else:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, verb
 from comove.errors import OptionError
 
 SHORTEST = 1e-4  # s, of control periods: ten times what the fastest controllers of arms take
@@ -49,6 +49,7 @@ def run(
     from comove.io.folders import check_target, whole_folder
     from comove.planning import Budget, SceneKind, load_kernels, solve
     from comove.results import RESULT
+    from comove.results.inputs import write_inputs
     from comove.scenes import Scene, demonstration_of
     from comove.verification.record import verify_execution
     from comove.views import animate_run, draw_run, save
@@ -94,6 +95,7 @@ def run(
             interrupted=interrupted,
             wall_time_s=time_spent(),
         )
+        write_inputs(draft, loaded, command=command_words())
     if json:
         print((out / "run.json").read_text(encoding="utf-8"), end="")
     else:

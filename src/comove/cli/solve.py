@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, verb
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
@@ -130,7 +130,9 @@ def solve(
 
     with whole_folder(out, RESULT) as draft:
         drawn = None if smooth and solution.followed is None else movements
-        summary = save_result(solution, draft, wall_time_s=time_spent(), demonstration=drawn)
+        summary = save_result(
+            solution, draft, wall_time_s=time_spent(), demonstration=drawn, command=command_words()
+        )
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:

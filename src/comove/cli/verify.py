@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
@@ -13,82 +13,104 @@ from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
-    from comove.robots import JointVerdict
-    from comove.scenes import Scene
+    from comove.stored import Verification
 
 
 @verb
 def verify(
-    scene: o.SceneFile,
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
+    things: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="[SCENE] DIR",
+            help="Result folder, and before it the scene file that you trust; without one the folder's own scene.",
+        ),
+    ],
     robot: Annotated[
         str | None,
         typer.Option(
-            help="The robot whose joint motion it is: a bundled one's name, or a description (YAML); what SCENE says "
-            "unless given."
+            help="The robot whose joint motion it is: a bundled one's name, or a description (YAML); what the scene "
+            "says unless given."
         ),
     ] = None,
     *,
     limits: o.SceneLimits,
 ) -> int:
-    """Judge a saved result anew, from the files alone."""
+    """Verify a saved result anew, from the files alone: a motion, joints, a run, a simulation."""
     from comove.cli.progress import progress_bar
-    from comove.cli.texts import in_rows, joints_text
-    from comove.results import changes_to, filled_in, read_result, verify_result
-    from comove.results.words import motion_rows
     from comove.scenes import Scene
+    from comove.stored import verify_folder
 
+    *scenes, folder = things
+    if len(scenes) > 1:
+        raise OptionError(
+            f"{len(things)} paths are given",
+            key="DIR",
+            way_out="name a scene and a folder, or a folder alone",
+        )
+    if limits.changes and not scenes:
+        raise OptionError(
+            "there is no scene that it could change",
+            key=f"--{next(iter(limits.changes.get('limits', limits.changes)))}",
+            way_out="name the scene before the folder, or leave it out",
+        )
     with progress_bar():
-        stored = read_result(folder)
-        loaded = filled_in(Scene.load(scene, limits.changes), stored)
-        verdict = verify_result(stored, loaded)
-        joints = _joints_verdict(folder, loaded, scene, robot)
-    reasons = (*verdict.reasons, *(joints.reasons if joints is not None else ()))
+        scene = Scene.load(scenes[0], limits.changes) if scenes else None
+        parts = verify_folder(folder, scene, robot)
+    _require_robot(parts, folder, robot)
+    reasons = dict.fromkeys(reason for part in parts for reason in part.reasons)
     if reasons:
         print(f"{folder}: rejected", file=sys.stderr)
-        for reason in dict.fromkeys(reasons):
+        for reason in reasons:
             print(f"  - {reason}", file=sys.stderr)
-        if changed := changes_to(loaded, stored, scene):
-            options = " ".join(f"--{key} {value}" for key, value in changed.items())
-            print(f"  it was solved with {options}: give that again", file=sys.stderr)
+        _say_against(parts, file=sys.stderr)
+        if scene is not None:
+            _say_changes(parts[0], folder, scenes[0])
         return NOT_VERIFIED
-    print(f"{folder}: verified")
-    rows = motion_rows({**verdict.report.asdict(), "duration": loaded.duration}, loaded)
-    print(*in_rows(rows), sep="\n")
-    if joints is not None and joints.verified is not None:
-        print(joints_text(joints.verified.robot.name, joints.report.asdict()))
-    elif loaded.file.robot is not None:
-        print("  the hands alone: the folder holds no motion of a robot's joints")
+    proved = any(part.is_proof for part in parts)
+    print(
+        f"{folder}: {'verified' if proved else 'as it should be, at samples: nothing is proved in between'}"
+    )
+    _say_against(parts)
+    _say_measures(parts)
     return VERIFIED
 
 
-def _joints_verdict(folder: Path, scene: Scene, file: Path, named: str | None) -> JointVerdict | None:
-    """Return the verdict on a robot's motion, None if the folder holds none.
+def _require_robot(parts: tuple[Verification, ...], folder: Path, robot: str | None) -> None:
+    """Refuse a robot for a folder in which none moves."""
+    if robot is not None and all(part.robot is None for part in parts):
+        raise OptionError(
+            "the folder holds no motion of a robot's joints",
+            file=folder,
+            key="--robot",
+            way_out="leave it out, or name the folder of a robot's motion",
+        )
 
-    The robot is the one that the command or the scene names. A folder may name only a bundled robot: a description of
-    its own choice could allow anything.
-    """
-    if not (folder / "robot.json").exists() and not (folder / "joints.npz").exists():
-        if named is not None:
-            raise OptionError(
-                "the folder holds no motion of a robot's joints",
-                file=folder,
-                key="--robot",
-                way_out="leave it out, or name the folder of `comove robot solve`",
-            )
-        return None
-    from comove.cli.robot import robot_named
-    from comove.errors import RobotError
-    from comove.robots import bundled_robots, read_joints, verify_stored
 
-    if named is None and scene.file.robot is None:
-        named = read_joints(folder).summary.get("robot_file")
-        if named not in bundled_robots():
-            raise RobotError(
-                "neither the scene nor the command names a robot, and the folder's is no bundled one",
-                file=file,
-                key="robot",
-                way_out="give its description by --robot FILE, once you have read it",
-            )
-    robot, _ = robot_named(named, scene, file)
-    return verify_stored(folder, robot, scene=scene)
+def _say_against(parts: tuple[Verification, ...], file: TextIO | None = None) -> None:
+    """Print what everything was verified against."""
+    first, *others = dict.fromkeys(words for part in parts for words in part.against)
+    print("\n".join([f"  against {first}", *(f"  {words}" for words in others)]), file=file)
+
+
+def _say_measures(parts: tuple[Verification, ...]) -> None:
+    """Print the measures of all parts, each once."""
+    from comove.cli.texts import in_rows
+
+    rows = dict.fromkeys(
+        (name, f"{words} (asked for: {asked})" if asked else words, "")
+        for part in parts
+        for name, words, asked in part.rows
+    )
+    print(*in_rows(rows), sep="\n")
+    if parts[0].scene.file.robot is not None and all(part.robot is None for part in parts):
+        print("  the hands alone: the folder holds no motion of a robot's joints")
+
+
+def _say_changes(part: Verification, folder: Path, scene: Path) -> None:
+    """Print the options by which the scene becomes the one that was solved, where there are such options."""
+    from comove.results import changes_to
+    from comove.results.reference import Result
+
+    if changed := changes_to(part.scene, Result(folder, part.summary), scene):
+        options = " ".join(f"--{key} {value}" for key, value in changed.items())
+        print(f"  it was solved with {options}: give that again", file=sys.stderr)

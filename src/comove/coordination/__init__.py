@@ -1,46 +1,62 @@
 """Coordinates that hold the constraints, and movements of several manipulators in them."""
 
-from comove.coordination.adaptation import modulate
-from comove.coordination.coordinates import (
-    Coordinates,
-    arms_coordinates,
-    load_coordinates,
-    projected_coordinates,
-)
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion, rollouts
-from comove.errors import ConstraintError
-from comove.primitives.cooperative import CooperativeDMP, CooperativeState
-from comove.primitives.projection import (
-    Constraint,
-    HandDistance,
-    Poses,
-    ProjectionSettings,
-    RelativePose,
-    SameHeight,
-    Separation,
-    Upright,
-    project,
-)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "Constraint",
-    "ConstraintError",
-    "CooperativeDMP",
-    "CooperativeState",
-    "CoordinatedDMP",
-    "CoordinatedMotion",
-    "Coordinates",
-    "HandDistance",
-    "Poses",
-    "ProjectionSettings",
-    "RelativePose",
-    "SameHeight",
-    "Separation",
-    "Upright",
-    "arms_coordinates",
-    "load_coordinates",
-    "modulate",
-    "project",
-    "projected_coordinates",
-    "rollouts",
-]
+from comove._doors import lazily
+
+if TYPE_CHECKING:
+    from comove.coordination.adaptation import modulate as modulate
+    from comove.coordination.coordinates import (
+        Coordinates as Coordinates,
+        arms_coordinates as arms_coordinates,
+        load_coordinates as load_coordinates,
+        projected_coordinates as projected_coordinates,
+    )
+    from comove.coordination.dmp import CoordinatedDMP as CoordinatedDMP
+    from comove.coordination.motion import CoordinatedMotion as CoordinatedMotion
+    from comove.errors import ConstraintError as ConstraintError
+    from comove.primitives.basis import rollouts as rollouts
+    from comove.primitives.cooperative import (
+        CooperativeDMP as CooperativeDMP,
+        CooperativeState as CooperativeState,
+    )
+    from comove.primitives.projection import (
+        Constraint as Constraint,
+        HandDistance as HandDistance,
+        Poses as Poses,
+        ProjectionSettings as ProjectionSettings,
+        RelativePose as RelativePose,
+        SameHeight as SameHeight,
+        Separation as Separation,
+        Upright as Upright,
+        project as project,
+    )
+
+__all__, __getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "coordination.adaptation": ["modulate"],
+        "coordination.coordinates": [
+            "Coordinates",
+            "arms_coordinates",
+            "load_coordinates",
+            "projected_coordinates",
+        ],
+        "coordination.dmp": ["CoordinatedDMP"],
+        "coordination.motion": ["CoordinatedMotion"],
+        "errors": ["ConstraintError"],
+        "primitives.basis": ["rollouts"],
+        "primitives.cooperative": ["CooperativeDMP", "CooperativeState"],
+        "primitives.projection": [
+            "Constraint",
+            "HandDistance",
+            "Poses",
+            "ProjectionSettings",
+            "RelativePose",
+            "SameHeight",
+            "Separation",
+            "Upright",
+            "project",
+        ],
+    },
+)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations.demonstration import Demonstration
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.geometry.rotations import (
     conjugate,
     matrices,
@@ -17,10 +18,12 @@ from comove.geometry.rotations import (
     quaternion_product,
     similarity,
 )
+from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP
+from comove.primitives.operations import settled
 from comove.primitives.poses import Pose, PoseDMP
 from comove.primitives.probabilistic import ProMP
-from comove.primitives.variants import Variant
+from comove.primitives.variants import LARGE, Variant, adaptation, scaled_share
 from comove.scenes.groups import RigidGroup
 from comove.scenes.scene import Scene
 
@@ -51,7 +54,7 @@ def carried_to_hands(dmp: DMP | Sequence[DMP], scene: Scene, s: Array) -> Array:
 def covariance_of_hands(promp: ProMP, scene: Scene, s: Array) -> Array:
     """Return the covariance of the hands' positions, of the movements that lead from the scene's start to its goal.
 
-    Covariances turn and scale with the movements, by the similarities of `modulate`. Hands that share one movement
+    Covariances turn and scale with the movements, by the matrices of `modulate`. Hands that share one movement
     vary each for itself; hands that were recorded together, together.
 
     Parameters
@@ -66,7 +69,7 @@ def covariance_of_hands(promp: ProMP, scene: Scene, s: Array) -> Array:
     mean = promp.mean
     between = promp.towards(start=mean.start, goal=mean.goal).covariance_at(s * promp.duration)
     turns = [
-        _similarity(own, start, goal)
+        adapting(own, goal - start)
         for own, start, goal in zip(movements_of_hands(promp, scene), scene.start, scene.goal, strict=True)
     ]
     covariance = np.zeros((len(s), n_hands * n_dims, n_hands * n_dims))
@@ -112,9 +115,9 @@ def movements_of_hands(promp: ProMP, scene: Scene) -> tuple[DMP, ...]:
 def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     """Carry a movement to another start and goal, by the similarity that maps its own ends to these.
 
-    The similarity is a rotation and a scale.
-
-    Where its own start and goal coincide there is no such map: then it is only shifted. The result starts at rest.
+    The similarity is a rotation and a scale. The nearer a movement's own ends are, as a share of its extent, the less
+    it is scaled and turned (`comove.primitives.variants`); where they nearly coincide, it is only shifted. The result
+    starts at rest, and meets both ends exactly.
 
     Parameters
     ----------
@@ -131,7 +134,8 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
             key="demonstration",
             way_out="give one that ends",
         )
-    wanted, turn = goal - start, _similarity(dmp, start, goal)
+    wanted = goal - start
+    turn = adapting(dmp, wanted)
     still = np.zeros_like(start)
     # The classic form scales along the axes and cannot be turned; for these ends the closed form is the same.
     classic = dmp.variant is Variant.CLASSIC
@@ -147,29 +151,63 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     )
 
 
-def _similarity(dmp: DMP, start: Array, goal: Array) -> Array:
-    """Return the rotation and scale that carry a movement's ends to others; array, shape (n_dims, n_dims)."""
-    own, wanted = dmp.goal - dmp.start, goal - start
-    closed = np.linalg.norm(own) <= 1e-9 * np.abs(dmp.shape_weights).max(initial=1e-300)
-    return np.eye(len(start)) if closed else similarity(own, wanted)
+def adapting(dmp: DMP, displacement: Array) -> Array:
+    """Return the matrix by which `modulate` scales and turns a movement; array, shape (n_dims, n_dims).
+
+    Parameters
+    ----------
+    displacement : array, shape (n_dims,), from the new start to the new goal [m]
+    """
+    return adaptation(dmp.goal - dmp.start, displacement, dmp.extent)
+
+
+def magnification(dmp: DMP, start: Array, goal: Array, of: str) -> tuple[float, str]:
+    """Return the scale by which a movement is magnified, and a sentence if it is above `LARGE`.
+
+    Parameters
+    ----------
+    start, goal : arrays, shape (n_dims,), ends to which it is adapted [m]
+    of : what moves, in words
+    """
+    factor = float(np.linalg.norm(adapting(dmp, goal - start), 2))
+    if factor <= LARGE:
+        return factor, ""
+    gap, way = np.linalg.norm(dmp.goal - dmp.start), np.linalg.norm(goal - start)
+    closed = ", or one that ends where it starts" if gap < 0.5 * dmp.extent else ""
+    return factor, (
+        f"the demonstration is magnified {factor:.3g} times for {of}, from {dmp.extent:.2g} m to "
+        f"{modulate(dmp, start, goal).extent:.2g} m, since its ends are {gap:.2g} m apart and those of the scene "
+        f"{way:.2g} m: give one with ends at least {rounded_up(float(way) / LARGE):g} m apart{closed}"
+    )
+
+
+def rounded_up(value: Array | float) -> Array:
+    """Return numbers rounded upwards to the third digit of the greatest of them."""
+    unit = 10.0 ** (np.floor(np.log10(max(np.abs(value).max(), 1e-12))) - 2)
+    return np.asarray(np.round(np.ceil(np.asarray(value) / unit) * unit, 12), dtype=np.float64)
 
 
 def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: int = 50) -> tuple[DMP, ...]:
     """Return the movements of all hands that carry the load as demonstrated, from the scene's start to its goal.
 
-    The path is carried to the load's start and goal by a similarity, as that of a single hand is (paper, III-B), and
-    the axes of rotation turn with it; then the rotation is adapted to the load's own start and goal. Rotations that
-    the load cannot perform, such as tilting where it stays upright, are left out.
+    The path is carried to the load's start and goal as that of a single hand is (`modulate`; paper, III-B), and the
+    axes of rotation turn with it; then the rotation is adapted to the load's own start and goal. Rotations that the
+    load cannot perform, such as tilting where it stays upright, are left out.
 
     Parameters
     ----------
     dmp : poses of the load; of the orientations, only the rotation since the start matters
-    n_steps, n_basis : samples between, and basis functions of the hands' movements
+    n_steps, n_basis : samples between, and least basis functions of the hands' movements
 
     Raises
     ------
     OptionError
         If a single body is not all that moves, or the movement has another dimension.
+
+    Warns
+    -----
+    ComoveWarning
+        If the path is magnified by more than 3.
     """
     if not scene.turns_as_one:
         raise OptionError(
@@ -185,23 +223,53 @@ def hands_of_poses(dmp: PoseDMP, scene: Scene, *, n_steps: int = 401, n_basis: i
         )
     group, n_dims = scene.groups[0], scene.n_dims
     start, goal = group.start.center[:n_dims], group.goal.center[:n_dims]
+    _, magnified = magnification(dmp.translation, start, goal, "the load")
+    if magnified:
+        warnings.warn(magnified, ComoveWarning, stacklevel=3)
     s = np.linspace(0.0, 1.0, n_steps)
     middle = modulate(dmp.translation, start, goal).at(s * dmp.duration).position
-    along, frame = dmp.goal.position - dmp.start.position, np.eye(3)
-    if n_dims == 3 and np.linalg.norm(along) > 0 and np.linalg.norm(goal - start) > 0:
-        frame = similarity(along, goal - start) * (np.linalg.norm(along) / np.linalg.norm(goal - start))
+    away = scene.nodes_at("start")[: len(scene.manipulators)] - group.start.center
+    frame = np.eye(3)
+    if n_dims == 3:
+        frame = _turned_with_path(dmp.translation, goal - start, float(np.linalg.norm(away, axis=1).max()))
     wanted = quaternion_of_rotation(frame.T @ _turned(group) @ frame)
     begin, end = dmp.start, dmp.goal
+    if dmp.turning.variant is Variant.CLASSIC:  # it scales every component, without bound, and does not turn
+        dmp = replace(dmp, turning=settled(dmp.turning))
     led = dmp.towards(start=begin, goal=Pose(end.position, quaternion_product(wanted, begin.orientation)))
     turns = quaternion_product(led.at(s * dmp.duration).orientation, conjugate(begin.orientation))
     turns[:, 1:] = turns[:, 1:] @ frame.T
     if group.orientation == "vertical":
         angle = np.unwrap(2 * np.arctan2(turns[:, 3], turns[:, 0]))
         turns = np.stack([np.cos(angle / 2), 0 * angle, 0 * angle, np.sin(angle / 2)], axis=1)
-    away = scene.nodes_at("start")[: len(scene.manipulators)] - group.start.center
     hands = middle[:, None] + np.einsum("tab,ib->tia", matrices(turns), away)[..., :n_dims]
     time = s * dmp.duration
+    n_basis = max(n_basis, min(MAX_BASIS, 2 * dmp.weights.shape[1]))
     return tuple(DMP.fit(Demonstration(time, hands[:, i]), n_basis=n_basis) for i in range(len(away)))
+
+
+def _turned_with_path(dmp: DMP, displacement: Array, reach: float) -> Array:
+    """Return the rotation by which the axes of rotation turn with a path; array, shape (3, 3).
+
+    It leads from the path's own direction to that of the adapted path, less so where the displacement is small beside
+    the load, and its direction that of noise.
+
+    Parameters
+    ----------
+    displacement : array, shape (3,), from the new start to the new goal [m]
+    reach : greatest distance of a hand from the centre of the load [m]
+    """
+    own, target = dmp.goal - dmp.start, displacement
+    if scaled_share(own, dmp.extent) < 1.0:
+        target = adapting(dmp, displacement) @ own
+    length, wanted = np.linalg.norm(own), np.linalg.norm(target)
+    share = scaled_share(displacement, reach)
+    if share < 1.0 and length > 0.0 and wanted > 0.0:
+        target = (1.0 - share) * own / length + share * target / wanted
+        wanted = np.linalg.norm(target)
+    if not (length > 0.0 and wanted > 0.0):
+        return np.eye(3)
+    return similarity(own, target) * (length / wanted)
 
 
 def _turned(group: RigidGroup) -> Array:

@@ -5,7 +5,7 @@ every instant once. Its `notes` report every change that was made.
 """
 
 from comove.demonstrations.demonstration import Demonstration, each, each_episode, segment
-from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag, write
+from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables, write
 from comove.demonstrations.formats.csv import write as write_csv
 from comove.demonstrations.formats.hdf5 import write_aloha, write_robomimic
 from comove.demonstrations.formats.lasa import names as lasa_names
@@ -13,7 +13,7 @@ from comove.demonstrations.formats.lerobot import write as write_lerobot
 from comove.demonstrations.formats.npz import write as write_npz
 from comove.demonstrations.formats.rosbag import write as write_rosbag
 
-read_csv = each(csv.read)
+read_csv = each(tables.read)
 read_npz = each(npz.read)
 read_rosbag = each(rosbag.read)
 read_hdf5 = each_episode(hdf5.read)

@@ -13,26 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.demonstrations.samples import AXES, IN_MEMORY, Origin, fault
-from comove.errors import DemonstrationError, OptionError, near_name
+from comove.errors import DemonstrationError
 
-LENGTHS = {"m": 1.0, "dm": 0.1, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "km": 1e3, "in": 0.0254, "ft": 0.3048}
-"""Metres of each unit."""
-TIMES = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
-"""Seconds of each unit."""
 MAX_DIMS = 64
 LARGEST = 1e12
 """Numbers beyond this are no measurement, and their squares overflow."""
 SHORTEST = 1e-6
 """Recordings below this duration have no velocity to speak of [s]."""
-UNIT_EXTENTS = {"m": 5.0, "rad": 4.0 * np.pi}
-"""A movement of a hand or a joint with a larger extent than this was probably recorded in another unit."""
-UNIT_HINTS = {
-    "m": "looks like millimetres, divide by 1000",
-    "rad": "looks like degrees, convert it with numpy.radians",
-}
-"""What a movement in this unit looks like when its numbers are too large."""
-IN_ANY_CASE = f"in metres, as was said, though it {UNIT_HINTS['m']}"
-"""Noted where somebody insists: then nothing is warned of."""
 NORM_TOLERANCE = 1e-3
 """Quaternions whose norm is off by more than this are no rounding, but a mistake."""
 _NORM_ROUNDING = 8.0 * np.finfo(np.float64).eps
@@ -171,29 +158,6 @@ def merge_repeated_stamps(
         f"position: {len(time)} rows became {len(first)}"
     )
     return time[first], mean, note
-
-
-def metres(unit: str, file: object = None) -> float:
-    """Return the length of a unit in metres.
-
-    Raises
-    ------
-    OptionError
-        If the unit is unknown.
-    """
-    if unit not in LENGTHS:
-        raise OptionError(
-            f"the unit {unit!r} is not known", file=file, key="unit", way_out=near_name(unit, LENGTHS)
-        )
-    return LENGTHS[unit]
-
-
-def unit_hint(position: NDArray[np.float64], unit: str = "m") -> str:
-    """Return a hint if `position`, in `unit`, looks like millimetres or degrees, else ""."""
-    extent = np.ptp(position, axis=0).max()
-    if extent <= UNIT_EXTENTS.get(unit, np.inf):
-        return ""
-    return f"the movement spans {extent:.4g} {unit}: {UNIT_HINTS[unit]}"
 
 
 def _numbers(values: ArrayLike, name: str, origin: Origin) -> NDArray[np.float64]:

@@ -7,15 +7,16 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import wraps
-from typing import TYPE_CHECKING, ParamSpec, Self
+from typing import TYPE_CHECKING, Any, ParamSpec, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations import cleaning, formats, resampling
-from comove.demonstrations.formats import csv, lasa, npz, tables
+from comove.demonstrations import cleaning, formats, plausibility, resampling
+from comove.demonstrations.formats import lasa, npz, tables
 from comove.demonstrations.samples import IN_MEMORY, RecordedSamples
 from comove.demonstrations.segmentation import Segmentation, movements
+from comove.demonstrations.units import base_unit, in_base_unit
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.ties import first_largest
 
@@ -39,9 +40,10 @@ class Demonstration(RecordedSamples):
     position : array, shape (n_steps, n_dims), [m]; 1 to 64 dimensions
     name : name of the movement in messages
     notes : reports of the processing so far, in words; cleaning appends to them
-    unit : unit of `position`; only "m" is checked for numbers that look like millimetres, only "rad" for degrees
+    unit : unit of `position`; "m" is checked for numbers that look like millimetres, "rad" for degrees
     orientation : array, shape (n_steps, 4), unit quaternions w x y z; None if none was recorded
     axes : names of the coordinates, such as those of joints; () if they are x, y, z or have no names
+    stated : what is known for certain, so that it is not questioned: "time", that it is in seconds, and "unit"
     origin : names of the places of the samples in their file, for errors; forgotten after the checks
 
     All arrays are read-only copies.
@@ -54,7 +56,8 @@ class Demonstration(RecordedSamples):
     Warns
     -----
     ComoveWarning
-        If positions were merged, or look like millimetres or degrees.
+        If positions were merged, or something looks wrong: units of time or position, time without samples, jumps, or
+        that nothing moves (`comove.demonstrations.plausibility`).
     """
 
     def __post_init__(self) -> None:
@@ -69,16 +72,17 @@ class Demonstration(RecordedSamples):
         if orientation is not None:
             orientation = cleaning.merge_repeated_orientations(time, orientation)
         time, position, merged = cleaning.merge_repeated_stamps(time, position)
-        told = any(hint in note for note in self.notes for hint in cleaning.UNIT_HINTS.values())
-        hint = "" if told else cleaning.unit_hint(position, self.unit)
-        notes = (*self.notes, *filter(None, (shifted, merged, flipped, hint)))
+        stated = frozenset(self.stated)
+        found = plausibility.doubts(time, position, self.unit, orientation, stated=stated, origin=origin)
+        doubts = [doubt for doubt in found if not any(doubt.mark in note for note in self.notes)]
+        notes = (*self.notes, *filter(None, (shifted, merged, flipped)), *(doubt.message for doubt in doubts))
         for name, array in (("time", time), ("position", position), ("orientation", orientation)):
             if array is not None:
                 array.setflags(write=False)
             object.__setattr__(self, name, array)
-        for name, value in (("axes", axes), ("notes", notes), ("origin", IN_MEMORY)):
+        for name, value in (("axes", axes), ("notes", notes), ("stated", stated), ("origin", IN_MEMORY)):
             object.__setattr__(self, name, value)
-        _warn(self.name, merged, hint, stacklevel=4)
+        _warn(self.name, merged, *map(str, doubts), stacklevel=4)
 
     @classmethod
     def of(cls, samples: RecordedSamples) -> Self:
@@ -167,27 +171,13 @@ class Demonstration(RecordedSamples):
         _warn(self.name, note, stacklevel=3)
         return self._changed(self.time, position, orientation, note)
 
-    def in_metres(self, unit: str | None) -> Demonstration:
-        """Return the movement with its positions, given in `unit`, converted to metres; unchanged if `unit` is None.
-
-        Raises
-        ------
-        OptionError
-            If the unit is unknown, or the recording states another one.
-        """
-        if unit is None:
+    def in_base_unit(self) -> Demonstration:
+        """Return the movement in metres, or in radians of joints; other units stay."""
+        base = base_unit(self.unit)
+        if base == self.unit:
             return self
-        factor = cleaning.metres(unit)
-        if self.unit not in ("m", unit):
-            raise OptionError(
-                f"the recording says that it is in {self.unit}", key="unit", way_out="leave the unit out"
-            )
-        others = tuple(note for note in self.notes if cleaning.UNIT_HINTS["m"] not in note)
-        if unit == "m":
-            hint = cleaning.unit_hint(self.position, "m")
-            return replace(self, notes=(*others, cleaning.IN_ANY_CASE)) if hint else self
-        notes = (*others, f"converted from {unit} to m")
-        return replace(self, position=factor * self.position, unit="m", notes=notes)
+        notes = (*self.notes, f"converted from {self.unit} to {base}")
+        return replace(self, position=in_base_unit(self.unit) * self.position, unit=base, notes=notes)
 
     def cleaned(self) -> Demonstration:
         """Return the movement between the pauses, without its noise; notes report the processing.
@@ -251,43 +241,37 @@ class Demonstration(RecordedSamples):
         time: str | None = None,
         rate: float | None = None,
         clean: bool = False,
+        **options: Any,
     ) -> Demonstration:
         """Read one movement from a file or folder of any kind that `comove.demonstrations` supports.
 
-        The suffix determines the kind: .csv, .npz, .hdf5 or .h5 (robomimic, ALOHA), .bag (ROS 1), .mcap or .db3 (ROS
-        2); a folder with `meta/info.json` is a LeRobot dataset, one with `metadata.yaml` a rosbag2.
+        The suffix determines the kind: .npz; .hdf5 or .h5 (robomimic, ALOHA); .bag (ROS 1); .mcap or .db3 (ROS 2);
+        text tables have .csv, .tsv, .txt or others. A folder with `meta/info.json` is a LeRobot dataset, one with
+        `metadata.yaml` a rosbag2. Lengths are converted to metres, and angles of joints to radians.
 
         Parameters
         ----------
         path : file or folder
-        manipulator : name of the manipulator, if several were recorded together
+        manipulator : name of the manipulator or body, if several were recorded together
         episode : name or number of the recording, if the file holds several
         topic : topic of a bag
-        unit : unit of lengths, such as "mm"; by default the file's, or metres
-        columns, delimiter, time, rate : options for text tables of other programs, see `formats.tables.read`
+        unit : unit of positions ("mm") or of joints ("deg"), if the file states none; by default metres and radians
+        columns, delimiter, time, rate : see `formats.tables.read`
         clean : whether to return the movement between the pauses, without noise (see `cleaned`)
+        options : options of a single format, such as `dataset` of HDF5 files; see its `read`
 
         Raises
         ------
         DemonstrationError
-            If it cannot be read, or holds several movements and the name is missing or unknown; lists the names.
+            If it cannot be read, an option does not belong to the kind of file, or it holds several movements and the
+            name is missing or unknown; lists the names.
+        OptionError
+            If the unit contradicts the one that the file states.
         """
-        if columns is delimiter is time is rate is None:
-            samples = formats.load(path, manipulator, episode=episode, topic=topic)
-            with warnings.catch_warnings():
-                if unit is not None:  # which says what the numbers look like
-                    warnings.filterwarnings("ignore", f".*{cleaning.UNIT_HINTS['m']}", ComoveWarning)
-                recording = cls.of(samples)
-            recording = recording.in_metres(unit)
-        else:
-            if not (manipulator is episode is topic is None):
-                raise OptionError(
-                    "a text table holds one movement",
-                    key="columns",
-                    way_out="choose it by its columns, and leave manipulator, episode and topic out",
-                )
-            samples = tables.read(path, columns=columns, delimiter=delimiter, time=time, rate=rate, unit=unit)
-            recording = cls.of(samples).in_metres(samples.unit)
+        choices = {"episode": episode, "topic": topic, "rate": rate} | options
+        layout = {"columns": columns, "delimiter": delimiter, "time": time}
+        samples = formats.load(path, manipulator, unit=unit, options=choices | layout)
+        recording = cls.of(samples).in_base_unit()
         return recording.cleaned() if clean else recording
 
     @classmethod
@@ -308,24 +292,28 @@ class Demonstration(RecordedSamples):
             If it cannot be read.
         """
         found = formats.load_recordings(path)
-        return tuple({name: cls.of(samples) for name, samples in recording.items()} for recording in found)
+        return tuple(
+            {name: cls.of(samples).in_base_unit() for name, samples in recording.items()}
+            for recording in found
+        )
 
     @classmethod
     def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
-        """Read one movement from a CSV file; if it holds several, `manipulator` selects one.
+        """Read one movement from a text table; if it holds several, `manipulator` selects one.
 
         Raises
         ------
         DemonstrationError
-            If the file is not in the format of `comove.demonstrations.formats.csv`, or holds several manipulators
-            and the name is missing or unknown.
+            If it cannot be read, or holds several manipulators and the name is missing or unknown.
         """
-        return cls.of(formats.select(csv.read(path), manipulator, path))
+        return cls.of(
+            formats.select(tables.read(path, manipulator=manipulator), manipulator, path)
+        ).in_base_unit()
 
     @classmethod
     def from_npz(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
         """Read one movement from an NPZ file, as `from_csv` does."""
-        return cls.of(formats.select(npz.read(path), manipulator, path))
+        return cls.of(formats.select(npz.read(path), manipulator, path)).in_base_unit()
 
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:

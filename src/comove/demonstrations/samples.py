@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import DemonstrationError, listed, near_name
+from comove.demonstrations.units import is_angle, is_length, require_unit
+from comove.errors import DemonstrationError, OptionError, listed, near_name
 
 
 def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
@@ -29,6 +32,22 @@ def decoding(file: object, what: str, broken: tuple[type[Exception], ...], way_o
     except broken as error:
         reason = " ".join(f"{type(error).__name__}: {error}".split())[:160]
         raise fault(file, None, f"it is no whole {what} ({reason})", way_out) from error
+
+
+def learn_command(path: object, **options: Any) -> str:
+    """Return the command that learns from a recording with some options of reading it.
+
+    >>> learn_command("my hand.csv", columns=["X", "Y"], rate=100, clean=None)
+    "comove learn 'my hand.csv' --columns X,Y --rate 100 --out 'my hand.json'"
+    """
+    words = ["comove", "learn", str(path)]
+    for key, value in options.items():
+        if value is None or value is False:
+            continue
+        words.append(f"--{key.replace('_', '-')}")
+        if value is not True:
+            words.append(",".join(map(str, value)) if isinstance(value, list | tuple) else f"{value}")
+    return shlex.join([*words, "--out", f"{Path(str(path)).stem}.json"])
 
 
 AXES = ("x", "y", "z")
@@ -59,6 +78,8 @@ class Origin:
 
 
 IN_MEMORY = Origin()
+TIME, UNIT = "time", "unit"
+"""What a recording may state: that time is in seconds, and the unit of its positions or joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +88,8 @@ class RecordedSamples:
 
     Attributes
     ----------
+    stated : what the file or the user states, so that it is not questioned: `TIME`, that time is in
+        seconds, and `UNIT`
     origin : names of the places of its samples in the file
     """
 
@@ -77,7 +100,34 @@ class RecordedSamples:
     unit: str = "m"
     orientation: NDArray[np.float64] | None = field(default=None, kw_only=True)
     axes: tuple[str, ...] = field(default=(), kw_only=True)
+    stated: frozenset[str] = field(default=frozenset(), kw_only=True)
     origin: Origin = field(default=IN_MEMORY, kw_only=True, repr=False)
+
+    @property
+    def is_joints(self) -> bool:
+        """Return whether the coordinates are those of joints, which no hand can follow as a path."""
+        return is_angle(self.unit) or (bool(self.axes) and not is_length(self.unit))
+
+    def stating(self, unit: str) -> Self:
+        """Return the movement with the unit of its positions, or joints, that a user states.
+
+        Raises
+        ------
+        OptionError
+            If the unit is unknown, the recording states another one, or positions x, y, z were angles.
+        """
+        unit = require_unit(unit, self.origin.file)
+        if unit != self.unit and (UNIT in self.stated or self.unit not in ("m", "rad")):
+            raise OptionError(
+                f"the recording says that it is in {self.unit}", key="unit", way_out="leave the unit out"
+            )
+        if is_angle(unit) and not self.is_joints:
+            raise OptionError(
+                f"its positions are no angles, as {unit} would be",
+                key="unit",
+                way_out="give a length, such as mm",
+            )
+        return replace(self, unit=unit, stated=self.stated | {UNIT})
 
     @property
     def n_steps(self) -> int:
@@ -124,6 +174,10 @@ class Format:
     marker : file by which a folder of this kind is recognised
     part : what a file may hold several of, "episode" or "topic"; empty if it holds one recording
     parts : function of a path that returns the names of its parts; a mapping adds a word about each
+    bodies : function of a path, and of the same options as `read`, that returns the names of the manipulators without
+        reading their numbers; None if there is no cheaper way than to read them
+    options : further options of `Demonstration.load` that `read` takes as keyword arguments, such as `rate`;
+        others are refused
     write : function of a path and movements (`RecordedSamples`, or several of them by manipulator) that writes a file
     """
 
@@ -133,16 +187,25 @@ class Format:
     marker: str = ""
     part: str = ""
     parts: Callable[[Any], Iterable[str]] = lambda path: ()
+    bodies: Callable[..., Iterable[str]] | None = None
+    options: frozenset[str] = frozenset()
     write: Callable[..., None] | None = None
 
 
-def select_name(names: Iterable[str], name: str | None, file: object, what: str) -> str:
+def select_name(
+    names: Iterable[str],
+    name: str | None,
+    file: object,
+    what: str,
+    options: Mapping[str, Any] | None = None,
+) -> str:
     """Return `name` if it is one of `names`, or the only one that exists.
 
     Parameters
     ----------
     names : the existing names; texts among the values of a mapping describe them in messages
     what : kind of thing that is chosen: the key in messages
+    options : options of reading so far, for the command that a message shows
 
     Raises
     ------
@@ -160,6 +223,8 @@ def select_name(names: Iterable[str], name: str | None, file: object, what: str)
     else:
         message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
         way_out += f"known: {listed(known, 20)}"
+    if options is not None and words:
+        way_out += f"; run: {learn_command(file, **{**options, what: next(iter(words))})}"
     raise fault(file, what, message, way_out)
 
 

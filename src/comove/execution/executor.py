@@ -9,6 +9,7 @@ replaced by one from the present state on.
 from __future__ import annotations
 
 import time as clock
+import warnings
 from array import array
 from dataclasses import dataclass, field, replace
 
@@ -19,12 +20,12 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.group_poses import HandPoses, poses_at
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.execution.dynamic_window import DynamicWindow, WindowStart
 from comove.execution.observers import Known, Observer, going_on
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import matrices
-from comove.planning.arguments import movements_of
+from comove.planning.arguments import movements_of, warn_of_adaptation
 from comove.planning.clock import Budget
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
@@ -204,6 +205,11 @@ class Executor:
     OptionError
         If the plan is one for another scene.
 
+    Warns
+    -----
+    ComoveWarning
+        If the demonstration is magnified by more than 3 or leaves the workspace, as for `solve`.
+
     Attributes
     ----------
     time : present time [s]
@@ -223,7 +229,15 @@ class Executor:
         plan: VerifiedMotion | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
+        if np.isfinite(scene.jerk_limit):
+            message = (
+                f"limits.jerk ({scene.jerk_limit:g} m/s^3) does not bind an execution, whose accelerations change from "
+                "step to step; speed, acceleration and clearance do"
+            )
+            warnings.warn(message, ComoveWarning, stacklevel=2)
         self.demonstration = movements_of(demonstration, scene)
+        if self.demonstration is not None:  # once, and not for the rest of it that every plan follows
+            warn_of_adaptation(self.demonstration, scene)
         self.observer = Known(scene) if observer is None else observer
         self.log, self.n_steps = ExecutionLog(), 0
         self.poses, self.goal = poses_of(scene, "start"), poses_of(scene, "goal")
@@ -425,13 +439,14 @@ class Executor:
             later = expected.resumed(now, duration, starts, self.twists)
             # What is left, half of it unless nothing is to be tried afterwards.
             budget = Budget(work=left / (1 + (longer != SETTINGS.longer[-1])))
-            found = solve(
-                later,
-                demonstration=self._left_of_it(now),
-                seed=self.seed + 7 * self.n_steps + k,
-                method=method,
-                budget=budget,
-            )
+            with warnings.catch_warnings(action="ignore", category=ComoveWarning):
+                found = solve(
+                    later,
+                    demonstration=self._left_of_it(now),
+                    seed=self.seed + 7 * self.n_steps + k,
+                    method=method,
+                    budget=budget,
+                )
             left -= found.work
             self.log.evaluations += found.evaluations
             self.log.generations += found.generations
@@ -492,7 +507,8 @@ class Executor:
         self.log.events.append(Event(self.time, what))
 
 
-def _rest(dmp: DMP, done: float, n_steps: int = 200) -> DMP:
+def _rest(dmp: DMP, done: float) -> DMP:
     """Return the rest of a movement after the fraction `done` of it."""
-    time = np.linspace(done, 1.0, n_steps) * dmp.duration
-    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"))
+    n_basis = max(20, dmp.weights.shape[1])
+    time = np.linspace(done, 1.0, 10 * n_basis) * dmp.duration
+    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"), n_basis=n_basis)

@@ -1,16 +1,8 @@
-"""The files of an execution: `run.npz` and `run.json`.
-
-`run.npz` holds, at every control period, `time` (n_steps,) [s], `position` (n_steps, n_manipulators, n_dims) [m], and
-`obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles; it also holds the
-poses from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
-(n_steps, n_groups, 4), w x y z, of the rigid groups. `scene.json` is the scene that was executed, so that the folder
-can be judged anew and played without other files.
-"""
+"""The writing of an execution into its files, `run.npz` and `run.json`, which `comove.results.runs` verifies."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,31 +10,13 @@ import numpy as np
 
 from comove._version import __version__
 from comove.coordination.coordinates import load_coordinates
-from comove.errors import ResultError
 from comove.execution.executor import ExecutionLog
 from comove.planning.objective import Objective
-from comove.results.sealed import ResultKind, Summary, finite
-from comove.results.solution import SCENE
+from comove.results.reference import SCENE
+from comove.results.runs import RUN
+from comove.results.sealed import Summary, finite
 from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
 from comove.verification.record import ExecutionReport, Record
-
-RUN = ResultKind(
-    summary="run.json",
-    arrays="run.npz",
-    checksum="motion_sha256",
-    made_by="comove run SCENE --out DIR",
-    hint="run it again",
-    required=("time", "position", "obstacle_center", "center", "quaternion"),
-    unsealed=(
-        "time_to_first_verified_s",
-        "wall_time_s",
-        "planning_s_median",
-        "evading_s_median",
-        "control_s_median",
-        "control_s_p999",
-    ),
-)
 
 
 def write_run(
@@ -92,58 +66,6 @@ def write_run(
         "scene_sha256": record.scene.sha256,
     }
     return RUN.write(folder, summary, arrays)
-
-
-@dataclass(frozen=True, eq=False)
-class StoredRun:
-    """Contents of the folder of an execution.
-
-    Attributes
-    ----------
-    folder : path of the folder
-    summary : the contents of run.json
-    record : what happened
-    """
-
-    folder: Path
-    summary: Summary
-    record: Record
-
-
-def read_run(folder: str | Path, scene: Scene) -> StoredRun:
-    """Read the record of an execution.
-
-    Parameters
-    ----------
-    scene : the scene that was executed, as `scene.json` in the folder holds it
-
-    Raises
-    ------
-    ResultError
-        If a file is missing, incomplete, unreadable or edited, or the scene is another one.
-    """
-    folder = Path(folder)
-    summary, arrays = RUN.read(folder, whole=True)
-    if summary.get("scene_sha256") != scene.sha256:
-        raise ResultError("it is not the scene that was executed", file=folder / SCENE, way_out=RUN.hint)
-    time, n = arrays["time"], len(arrays["time"])
-    shapes = {
-        "obstacle_center": (n, len(scene.motions), scene.n_dims),
-        "center": (n, len(scene.groups), 3),
-        "quaternion": (n, len(scene.groups), 4),
-    }
-    for name, shape in shapes.items():
-        if arrays[name].shape != shape or n < 2:
-            raise ResultError(
-                f"it has the shape {arrays[name].shape}",
-                file=folder / RUN.arrays,
-                key=name,
-                way_out=RUN.hint,
-            )
-    obstacles = np.pad(arrays["obstacle_center"], ((0, 0), (0, 0), (0, 3 - scene.n_dims)))
-    sagitta = scene.obstacle_sagittas(time)
-    record = Record(scene, time, arrays["center"], arrays["quaternion"], obstacles, sagitta)
-    return StoredRun(folder, summary, record)
 
 
 def _cost(record: Record) -> dict[str, Any]:

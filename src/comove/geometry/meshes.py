@@ -15,11 +15,11 @@ from comove.errors import ComoveWarning, MeshError, SceneError
 from comove.geometry.convex_decomposition import SETTINGS, ConvexDecomposition, decompose
 from comove.geometry.topology import Parts, solids_and_sheets
 from comove.geometry.triangles import FORMATS, read_bytes, triangles_of
+from comove.io.keys import LARGE
 
 Array = NDArray[np.float64]
 
 MAX_FACES = 50_000
-LARGE = 50.0  # m, wider than this is probably written in millimetres
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ Triangles are stored in trees of boxes, one for each mesh, so that far ones are 
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,9 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.geometry.cells import AXES, RAY, side_of
 from comove.geometry.simplices import has_last_before, nearest_of_simplex
-from comove.geometry.topology import Parts
+
+if TYPE_CHECKING:
+    from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -19,6 +19,11 @@ from comove.io import drafts
 ROOM = 100_000
 """What must be free on a disk before anything is begun whose result goes there [bytes]."""
 _MEGABYTE = 2**20
+_POINTERS = {
+    b"version https://git-lfs.github.com/spec/": ("Git LFS", "git lfs pull"),
+    b"/annex/objects/": ("git-annex", "git annex get ."),
+}
+"""How files begin that stand for others, the tool that wrote them, and its command that fetches the others."""
 
 
 def existing_file(
@@ -34,6 +39,8 @@ def existing_file(
     path = Path(path)
     with telling(path, error=error):
         if not path.exists():
+            if path.is_symlink():
+                require_content(path, error)
             raise error(
                 "there is no such file", file=path, way_out=f"check the path (relative to {Path.cwd()})"
             )
@@ -48,7 +55,35 @@ def existing_file(
             file=path,
             way_out=way_out,
         )
+    require_content(path, error)
     return path
+
+
+def require_content(path: Path, error: type[InputError] = DemonstrationError) -> None:
+    """Raise if a file is only the pointer that Git LFS or git-annex leaves, or the page that a browser saved.
+
+    Raises
+    ------
+    error
+        The message names the command that fetches the file.
+    """
+    with telling(path, error=error):
+        if path.is_symlink() and not path.exists():
+            head = b"/annex/objects/" if "annex/objects" in os.readlink(path) else b""
+        else:
+            with open(path, "rb") as file:
+                head = file.read(512).lstrip()
+    for start, (tool, command) in _POINTERS.items():
+        if head.startswith(start):
+            raise error(
+                f"it is a pointer of {tool}, not the file itself",
+                file=path,
+                way_out=f"run in its folder: {command}",
+            )
+    if head[:15].lower().startswith((b"<!doctype html", b"<html")):
+        raise error(
+            "it is a page of a web site, not the file itself", file=path, way_out="download the raw file"
+        )
 
 
 @contextlib.contextmanager

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from comove.errors import InputError, ResultError
 from comove.io import drafts
 from comove.io.files import refusal, require_room, telling
 
+FOLDER, LIST = "inputs", "inputs.json"
+"""Where a folder keeps what it was made from, and the list of that, whose files belong to the folder."""
 ROOM = 2_000_000
 """What must be free on a disk before anything is begun that is written as a folder [bytes]."""
 
@@ -107,6 +111,23 @@ def _resolved(folder: str | Path, error: type[InputError]) -> Path:
         raise error(f"it cannot be written: {why}", file=folder, way_out=way_out) from failure
 
 
+def listed_inputs(folder: Path) -> dict[str, Any]:
+    """Return the contents of a folder's list of inputs; empty where there is none that can be read."""
+    try:
+        found = json.loads((folder / LIST).read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def scene_folder(path: Path) -> Path:
+    """Return the folder to which paths in a scene file are relative: its own, or that of a result's copies."""
+    place = listed_inputs(path.parent).get("scene") if path.name == "scene.json" else None
+    if not isinstance(place, str) or Path(place).parts[:1] != (FOLDER,) or ".." in Path(place).parts:
+        return path.parent
+    return path.parent / Path(place).parent
+
+
 def _require_only(folder: Path, contents: Contents) -> None:
     """Refuse a folder that cannot be replaced as a whole without loss."""
     what, names = contents.what, {entry.name for entry in folder.iterdir()}
@@ -130,7 +151,9 @@ def _require_only(folder: Path, contents: Contents) -> None:
 
 def _other_file(folder: Path, names: set[str], contents: Contents) -> str | None:
     """Return the first file in a folder that does not belong to its kind; None where there is none."""
-    known = contents.names | {str(parent) for name in contents.names for parent in Path(name).parents}
+    inputs = listed_inputs(folder).get("files")
+    own = contents.names | ({LIST, *inputs} if contents.marks and isinstance(inputs, dict) else set())
+    known = own | {str(parent) for name in own for parent in Path(name).parents}
     others = names - known  # and only if there are none, which need not be looked through, those below
     others = others or {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - known
     return min(others, default=None)

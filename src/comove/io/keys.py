@@ -26,6 +26,7 @@ from comove.io.messages import KeyPath, counted, show
 MAX_NAME = 100
 SMALLEST, LARGEST = 1e-9, 1e9
 """What numbers must lie between, in SI units: beyond, rounding or overflow make the results wrong."""
+LARGE = 50.0  # m, wider than this is probably written in millimetres
 QUATERNION_TOLERANCE = 1e-3
 UNTURNED = (1.0, 0.0, 0.0, 0.0)
 SCALES, VECTOR, HAND = "grows with lengths", "has the scene's dimension", "names a hand"

@@ -2,28 +2,41 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.adaptation import carried_to_hands, hands_of_poses, movements_of_hands
+from comove.coordination.adaptation import (
+    carried_to_hands,
+    hands_of_poses,
+    magnification,
+    movements_of_hands,
+    rounded_up,
+)
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError, near_name
+from comove.errors import ComoveWarning, OptionError, near_name
 from comove.planning.clock import Budget
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
 from comove.primitives.dmp import DMP
+from comove.primitives.operations import scale
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
+from comove.primitives.variants import scaled_share
 from comove.scenes import fitted
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
 OBSTACLES = ("constraint", "cost")
+OUTSIDE = 0.01
+"""Share of the workspace's longest side by which an adapted demonstration may leave it without a warning."""
+SCALES = tuple(m * 10.0**-k for k in range(1, 5) for m in (5, 2, 1))
+"""Scales of a demonstration that are tried, to name one that keeps it in the workspace."""
 
 
 def check_options(
@@ -127,6 +140,56 @@ def movements_of(demonstration: object, scene: Scene) -> tuple[DMP, ...] | None:
             way_out=f"give one for each of {', '.join(names)}",
         )
     return tuple(map(_movement, each))
+
+
+def warn_of_adaptation(movements: Sequence[DMP], scene: Scene, *, stacklevel: int = 2) -> None:
+    """Warn if the demonstration is magnified much, or leaves the workspace, at the scene's ends.
+
+    Parameters
+    ----------
+    movements : movement of every manipulator, in their order
+    stacklevel : as for `warnings.warn`, from this function's caller on
+
+    Warns
+    -----
+    ComoveWarning
+        Names the manipulator, the size or the distance outside, and what to change.
+    """
+    hands = carried_demonstration(movements, scene)[..., : scene.n_dims]
+    each = zip(movements, scene.start, scene.goal, scene.manipulators, strict=True)
+    magnified = [magnification(own, start, goal, f"'{name}'") for own, start, goal, name in each]
+    said = [max(magnified)[1], _outside(movements, scene, hands)]
+    if any(said):
+        warnings.warn("; ".join(filter(None, said)), ComoveWarning, stacklevel=stacklevel + 1)
+
+
+def _outside(movements: Sequence[DMP], scene: Scene, hands: Array) -> str:
+    """Say by how much hands leave the workspace, if by more than `OUTSIDE`, and what would hold them."""
+    far = _beyond(hands, scene)
+    k, i, _ = map(int, np.unravel_index(int(np.argmax(far)), far.shape))
+    allowed = OUTSIDE * float((scene.upper - scene.lower).max())
+    if far[k, i].max() <= allowed:
+        return ""
+    where = (
+        f"the demonstration, adapted to the ends of '{scene.manipulators[i]}', leaves the workspace by "
+        f"{far[k, i].max():.2g} m at {k / (len(hands) - 1):.0%} of its duration"
+    )
+    own, way = movements[i], np.linalg.norm(scene.goal[i] - scene.start[i])
+    gap = np.linalg.norm(own.goal - own.start)
+    share = scaled_share(own.goal - own.start, own.extent)
+    if share == 0.0 or (1.0 - share) * gap >= share * way:  # its own size tells most
+        for factor in SCALES:
+            smaller = carried_demonstration([scale(own, factor) for own in movements], scene)
+            if _beyond(smaller[..., : scene.n_dims], scene).max() <= allowed:
+                return f"{where}: scale it by {factor:g}"
+    lower = np.minimum(scene.lower, -rounded_up(-hands.min(axis=(0, 1))))
+    upper = np.maximum(scene.upper, rounded_up(hands.max(axis=(0, 1))))
+    return f"{where}: a workspace from {lower.tolist()} to {upper.tolist()} holds it"
+
+
+def _beyond(hands: Array, scene: Scene) -> Array:
+    """Return how far hands are outside of the workspace along each axis [m]; shape of `hands`."""
+    return np.maximum(np.maximum(scene.lower - hands, hands - scene.upper), 0.0)
 
 
 def _movement(demonstration: object) -> DMP:

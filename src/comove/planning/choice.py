@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.dmp import CoordinatedDMP
 from comove.errors import OptionError
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives.paper import PaperCost

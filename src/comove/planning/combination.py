@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.adaptation import modulate
 from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import CMAES, Parameters
 from comove.planning.arguments import check_options
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
@@ -34,6 +35,7 @@ from comove.planning.search import OutOfTime, Schedule, Search, stricter
 from comove.planning.solution import ProgressCallback
 from comove.primitives import DMP, LinearPhase, Variant, motion_basis
 from comove.primitives.operations import refitted
+from comove.primitives.variants import adaptation
 from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
@@ -192,6 +194,7 @@ class _Span:
     common : movement with zero shape weights between the common ends
     weights : array, shape (n_movements, n_dims, n_basis), shape weights of the movements between the common ends
     turns : array, shape (n_manipulators, n_dims, n_dims), matrices that transfer the weights to each hand
+    hands : movement of every hand with zero shape weights
     ways : array, shape (N_STEPS, n_manipulators, n_dims), positions of the hands with zero shape weights [m]
     """
 
@@ -200,6 +203,7 @@ class _Span:
     common: DMP
     weights: Array
     turns: Array
+    hands: tuple[DMP, ...]
     ways: Array
 
     @classmethod
@@ -211,17 +215,19 @@ class _Span:
             for dmp in movements.values()
         ]
         common = replace(carried[0], weights=np.zeros_like(carried[0].weights), duration=scene.duration)
-        unit = replace(common, weights=np.eye(scene.n_dims, N_BASIS))
-        hands = [modulate(unit, *ends) for ends in zip(scene.start, scene.goal, strict=True)]
+        # One size for all combinations, so that what transfers them does not depend on the coefficients.
+        extent = float(np.mean([dmp.extent for dmp in carried]))
+        way = common.goal - common.start
+        hands = tuple(modulate(common, *ends) for ends in zip(scene.start, scene.goal, strict=True))
         s = np.linspace(0.0, 1.0, N_STEPS)
-        still = [replace(hand, weights=common.weights) for hand in hands]
         return cls(
             scene,
             coordinates,
             common,
             np.stack([dmp.weights for dmp in carried]),
-            np.stack([hand.weights[:, : scene.n_dims] for hand in hands]),
-            np.stack([hand.at(s * hand.duration).position for hand in still], axis=1),
+            np.stack([adaptation(way, hand.goal - hand.start, extent) for hand in hands]),
+            hands,
+            np.stack([hand.at(s * hand.duration).position for hand in hands], axis=1),
         )
 
     def configurations(self, coefficients: Array) -> Array:
@@ -250,7 +256,11 @@ class _Span:
     def motion(self, dmp: DMP) -> CoordinatedMotion:
         """Return the motion of a primitive that is transferred to every hand."""
         basis = motion_basis(N_BASIS, "velocity")
-        return CoordinatedDMP.from_demonstration(dmp, self.scene, self.coordinates, basis).rollout()
+        each = [
+            replace(hand, weights=turn @ dmp.weights)
+            for hand, turn in zip(self.hands, self.turns, strict=True)
+        ]
+        return CoordinatedDMP.from_demonstration(each, self.scene, self.coordinates, basis).rollout()
 
     def begin(self, restart: int, best: int, rng: np.random.Generator) -> Array:
         """Return initial coefficients: the best movement alone, then the straight way, then random ones."""

@@ -7,18 +7,16 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import AbstractContextManager, contextmanager
 from typing import Any
 
-from numba.core import event
-from numba.core.dispatcher import LiftedCode
-
+from comove.compiled import counting
+from comove.compiled.counting import IN_ALL, Compiled, KernelCallback
 from comove.planning.clock import now
 from comove.processes import ALONE, n_processors
 
-PACKAGE = "comove."
-KernelCallback = Callable[[str], None]
+__all__ = ["IN_ALL", "Compiled", "compiling", "meanwhile"]
+
 CALL = """
 import importlib, json, sys
 module, function, arguments = sys.argv[1:]
@@ -26,71 +24,11 @@ getattr(importlib.import_module(module), function)(**json.loads(arguments))
 """
 
 
-@dataclass
-class Compiled:
-    """Counts what has been compiled so far.
-
-    Attributes
-    ----------
-    kernels : number of kernels
-    seconds : time that it took [s]
-    """
-
-    kernels: int = 0
-    seconds: float = 0.0
-
-
-IN_ALL = Compiled()  # what commands have watched in this process
-
-
-class _Listener(event.Listener):
-    """A listener that counts and reports compiled kernels; the compilation of one may include that of others."""
-
-    def __init__(self, compiled: Compiled, tell: KernelCallback | None):
-        self.compiled, self.tell = compiled, tell
-        self._depth, self._begun = 0, 0.0
-
-    def on_start(self, event: event.Event) -> None:
-        if not _counts(event):
-            return
-        if self._depth == 0:
-            self._begun = now()
-        self._depth += 1
-        function = event.data["dispatcher"].py_func
-        if not function.__module__.startswith(PACKAGE):
-            return  # what Numba makes for our kernels
-        self.compiled.kernels += 1
-        if self.tell is not None:
-            self.tell(f"{function.__module__.removeprefix(PACKAGE)}.{function.__name__}")
-
-    def on_end(self, event: event.Event) -> None:
-        if not _counts(event):
-            return
-        self._depth -= 1
-        if self._depth == 0:
-            self.compiled.seconds += now() - self._begun
-            if self.tell is not None:
-                self.tell("")
-
-
-def _counts(event: event.Event) -> bool:
-    """Return whether an event counts; code lifted out of a kernel, never cached and fast, does not."""
-    return not isinstance(event.data["dispatcher"], LiftedCode)
-
-
-@contextmanager
-def compiling(tell: KernelCallback | None = None, compiled: Compiled | None = None) -> Iterator[Compiled]:
-    """Count the kernels that are compiled in this context; kernels loaded from the cache do not count.
-
-    Parameters
-    ----------
-    tell : function that is called with the name of every kernel when its compilation begins, and with "" when all
-        compilation has ended
-    compiled : counters to add to, which the context yields; new ones unless given
-    """
-    compiled = Compiled() if compiled is None else compiled
-    with event.install_listener("numba:compile", _Listener(compiled, tell)):
-        yield compiled
+def compiling(
+    tell: KernelCallback | None = None, compiled: Compiled | None = None
+) -> AbstractContextManager[Compiled]:
+    """Count the kernels that are compiled in a context, as `comove.compiled.counting`, by the clock of budgets."""
+    return counting.compiling(tell, compiled, now)
 
 
 @contextmanager

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from comove.constraints import Constraint
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import Minimiser, minimise
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.dmp import CoordinatedDMP
 from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import Space, SpaceSettings, configuration_space, span, way_length
@@ -44,7 +44,7 @@ from comove.planning.spacetime import (
     spacetime,
     targets_in_time,
 )
-from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.basis import MotionBasis
 from comove.scenes.scene import Scene
 from comove.ties import first_least
 from comove.verification.verify import Report
@@ -218,7 +218,10 @@ class Comove(Method):
         """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
         scene = search.scene
         planning = load_coordinates(scene)
-        space, ends = configuration_space(scene, planning, self.settings.space, search.clock), planning.boundary()
+        space, ends = (
+            configuration_space(scene, planning, self.settings.space, search.clock),
+            planning.boundary(),
+        )
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
@@ -336,7 +339,7 @@ class Comove(Method):
         """
         hopeful, doubted = None, 0
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
-            basis = motion_basis(n_basis, "velocity")
+            basis = search.basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
             value = search.evaluate_best(dmp, weights, self.settings.n_asked)
             sound = search.objective.feasible(value._replace(possible=np.ones(len(weights), dtype=bool)))
@@ -391,7 +394,7 @@ class Comove(Method):
 
     def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
         """Optimise motions while the load grows to its full size; return True once one is verified and polished."""
-        basis = motion_basis(self.n_basis_growing, "acceleration")
+        basis = search.basis(self.n_basis_growing, "acceleration")
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
             search.stage = f"growing the load, restart {restart}"
@@ -409,7 +412,7 @@ class Comove(Method):
                 motion = dmp.rollout()
                 verdict = search.judge(motion)
                 if verdict.verified or not search.hard:
-                    self._polish(search, self._refined(dmp))
+                    self._polish(search, self._refined(search, dmp))
                     return True
                 value = search.evaluate(objective, dmp, dmp.weights[None])
                 if value.clearance[0] < -self.settings.hopeless:
@@ -418,10 +421,10 @@ class Comove(Method):
                 dmp = improve(search, objective, dmp, self.settings.repairing)
         return False
 
-    def _refined(self, dmp: CoordinatedDMP) -> CoordinatedDMP:
+    def _refined(self, search: Search, dmp: CoordinatedDMP) -> CoordinatedDMP:
         """Return the same movement in the finer basis in which it is polished."""
         q = dmp.rollouts(dmp.weights[None], N_STEPS)[0].T
-        finer = replace(dmp, basis=motion_basis(self.n_basis, "velocity"))
+        finer = replace(dmp, basis=search.basis(self.n_basis, "velocity"))
         return finer.fitted(np.linspace(0.0, 1.0, N_STEPS), q)
 
 

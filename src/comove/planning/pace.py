@@ -9,24 +9,23 @@ from math import ceil, floor, log10
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.planning.solution import Solution
 from comove.primitives.basis import motion_basis
 from comove.primitives.dmp import DMP
-from comove.scenes.model import MAX_DURATION, MIN_DURATION
+from comove.scenes.model import DEFAULT_LIMITS, MAX_DURATION, MIN_DURATION
 from comove.scenes.scene import Scene
 from comove.verification.bounds import largest_rates
 
-# m/s, m/s^2 and m/s^3, of hands, where a scene has none.
-LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
+LIMITS = DEFAULT_LIMITS
 NONE = dict.fromkeys(LIMITS, 1e6)  # limits so high that they have no effect
 ROUNDING = 1e-9  # relative difference of bounds between two computations
 
 
 def with_limits(scene: Scene, limits: Mapping[str, float] = LIMITS) -> Scene:
     """Return the scene with `LIMITS`, or other values, in place of the limits that it leaves out."""
-    given = scene.file.limits
-    return scene.limited(**{key: value for key, value in limits.items() if getattr(given, key) is None})
+    return scene.with_limits(limits)
 
 
 def in_least_time(motion: CoordinatedMotion, scene: Scene, least: float = 0.0) -> CoordinatedMotion:

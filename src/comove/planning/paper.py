@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.optimisers.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optimisers.method import Start
@@ -34,7 +35,6 @@ from comove.planning.method import Method
 from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
-from comove.primitives.basis import motion_basis
 from comove.primitives.phase import Phase
 from comove.scenes.scene import Scene
 
@@ -131,7 +131,7 @@ class Paper(Method):
 
     def _initial(self, search: Search, attempt: int) -> CoordinatedDMP | None:
         """Return a movement whose middle navigates the environment (paper, Fig. 3), given to every arm; or None."""
-        basis = motion_basis(self.n_basis, "acceleration", self.phase)
+        basis = search.basis(self.n_basis, "acceleration", self.phase)
         coordinates = load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
         restart = attempt if search.taught is None else 0  # always from the demonstration

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, arms_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.dmp import CoordinatedDMP
 from comove.errors import OptionError
 from comove.optimisers.printed import PrintedCCMAES as Algorithm
 from comove.planning.method import Method

@@ -13,7 +13,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import CMAES, DiagonalCovariance, Parameters
 from comove.planning.clock import A_SECOND, MOST, WORK, Budget, clock_until, now, wind
 from comove.planning.compiling import Compiled
@@ -25,7 +26,9 @@ from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
+from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP
+from comove.primitives.phase import LinearPhase, Phase
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
@@ -200,6 +203,17 @@ class Search:
     _handed: list[tuple[CoordinatedMotion, CoordinatedMotion]] = field(
         default_factory=list, init=False, repr=False
     )
+
+    def basis(self, n_basis: int, metric: Metric, phase: Phase | None = None) -> MotionBasis:
+        """Return the basis of the motions that are searched.
+
+        Where the scene limits the jerk it is that in the metric of jerk, whose accelerations do not jump at the ends,
+        unless another phase than the linear one is asked for.
+        """
+        limited = np.isfinite((self.asked or self.scene).jerk_limit)
+        if limited and phase in (None, LinearPhase()):
+            return motion_basis(n_basis, "jerk")
+        return motion_basis(n_basis, metric, phase)
 
     @property
     def scene(self) -> Scene:

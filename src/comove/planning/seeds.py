@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.dmp import CoordinatedDMP
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS
 from comove.planning.planner import along

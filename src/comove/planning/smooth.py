@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.planning.convex.costs import Anchored, JerkCost, PaperSquares, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise

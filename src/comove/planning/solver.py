@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
-from comove.planning.arguments import carried_demonstration, check_options, listed, movements_of
+from comove.planning.arguments import (
+    carried_demonstration,
+    check_options,
+    listed,
+    movements_of,
+    warn_of_adaptation,
+)
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
@@ -112,6 +118,12 @@ def solve(
     ------
     OptionError
         If an argument is out of range.
+
+    Warns
+    -----
+    ComoveWarning
+        If the demonstration, adapted to the scene's start and goal, is magnified by more than 3 or leaves the
+        workspace.
     """
     aim = None if callable(objective) else objective
     check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
@@ -134,6 +146,8 @@ def solve(
             key="objective",
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
+    if taught is not None and (isinstance(aim, PaperCost) or (isinstance(aim, LeastJerk) and aim.pull(True))):
+        warn_of_adaptation(taught, scene)
     return _told(
         Problem(
             scene,

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property, reduce
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,11 +27,16 @@ from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import ExponentialPhase, Phase
 from comove.primitives.rhythm import RhythmicBasis, estimated_period, rhythmic_basis
-from comove.primitives.variants import NO_WAY, Variant
+from comove.primitives.variants import APART, LARGE, NO_WAY, Variant, extent_of
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
+FAR = 0.05  # distance of a fit from its recording beyond which it is warned of, as a share of the extent
+ROTATION_VECTOR = "rotation vector"
+NEGLIGIBLE = {"m": 1e-3, "rad": 1e-2, ROTATION_VECTOR: 1e-2}  # distances of a fit that never count, by unit
+N_TRIED = 2000  # samples with which options are tried that bring a fit nearer
+N_SEEN = 51  # even instants at which the extent of a movement is measured
 VECTORS = ("start", "goal", "start_velocity", "goal_velocity", "learned")  # of a movement, (n_dims,) each
 
 
@@ -52,6 +57,27 @@ class Recording(Protocol):
     @property
     def start_velocity(self) -> Array:
         """Return the velocity at the first sample, shape (n_dims,), [m/s]."""
+
+
+@dataclass(frozen=True)
+class FitError:
+    """Holds how far a movement is from a recording, over its samples.
+
+    Attributes
+    ----------
+    rms, largest : root-mean-square and largest distance, in the recording's unit
+    time : when the distance is largest, from the recording's first sample on [s]
+    """
+
+    rms: float
+    largest: float
+    time: float
+
+    @classmethod
+    def of(cls, distances: Array, time: Array) -> FitError:
+        """Measure distances, shape (n_steps,), at times [s]."""
+        i = int(np.argmax(distances))
+        return cls(float(np.sqrt((distances**2).mean())), float(distances[i]), float(time[i] - time[0]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +172,9 @@ class DMP:
         Warns
         -----
         ComoveWarning
-            If the variant cannot learn a dimension, because the recorded ends coincide in it, or there are more
-            weights than samples to determine them.
+            If the variant cannot learn a dimension, because the recorded ends coincide in it, there are more weights
+            than samples to determine them, or the fit is farther from the recording than a twentieth of its extent
+            (`fit_error` measures it); names the distance, the time, and what brings it nearer.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         variant = Variant.named(variant)
@@ -170,7 +197,9 @@ class DMP:
             if not at_rest:
                 raise OptionError("a rhythmic movement has no end", key="at_rest", way_out="leave it out")
             _tell_few(len(time), n_basis, 0)
-            return cls._fit_cycle(time, position, n_basis, period)
+            cycle = cls._fit_cycle(time, position, n_basis, period)
+            _tell_far(cycle, demonstration, at_rest)
+            return cycle
         if period is not None:
             raise OptionError(f"period = {period!r} of a movement that ends", way_out="leave it out")
         _tell_few(len(time), n_basis, 2)
@@ -188,6 +217,9 @@ class DMP:
         if variant is Variant.CLASSIC:
             untaught = _untaught(dmp, position)[:, None]
             fitted = replace(fitted, weights=np.where(untaught, 0.0, fitted.weights))
+            if untaught.any():  # which was told
+                return fitted
+        _tell_far(fitted, demonstration, at_rest)
         return fitted
 
     def shaped(self, time: Array, position: Array) -> DMP:
@@ -205,6 +237,32 @@ class DMP:
             return shape[0], position[block] - boundary[0] @ values
 
         return replace(self, weights=_least_squares(design, len(time)).T)
+
+    def fit_error(self, recording: Recording) -> FitError:
+        """Measure how far the movement is from a recording, such as the one to which it was fitted.
+
+        Parameters
+        ----------
+        recording : its first sample is at the movement's start
+        """
+        return FitError.of(self.distances_from(recording.time, recording.position), recording.time)
+
+    def distances_from(self, time: Array, position: Array, block_size: int = 20_000) -> Array:
+        """Return the distances from positions; array, shape (n_steps,).
+
+        Parameters
+        ----------
+        time : array, shape (n_steps,), of which the first is that of the movement's start [s]
+        position : array, shape (n_steps, n_dims)
+        block_size : positions that are compared at a time, so that long recordings need no more memory
+        """
+        blocks = [slice(first, first + block_size) for first in range(0, len(time), block_size)]
+        return np.concatenate(
+            [
+                np.linalg.norm(self.at(time[block] - time[0]).position - position[block], axis=1)
+                for block in blocks
+            ]
+        )
 
     @classmethod
     def _fit_cycle(cls, time: Array, position: Array, n_basis: int, period: float | None) -> DMP:
@@ -275,6 +333,12 @@ class DMP:
         ------
         OptionError
             If a vector has the wrong length or is not finite, or the duration is not positive.
+
+        Warns
+        -----
+        ComoveWarning
+            If the classic form, which divides by the recorded displacement, scales a dimension far beyond its
+            recorded range, because the recorded ends nearly coincide in it.
         """
         moved = replace(
             self,
@@ -286,6 +350,8 @@ class DMP:
         displaced = not np.array_equal(moved.goal - moved.start, self.goal - self.start)
         if self.variant is Variant.DMP_PLUS_PLUS and displaced:
             ratio = (self.duration / moved.duration) * moved.scaling() @ np.linalg.pinv(self.scaling())
+        if self.variant is Variant.CLASSIC and displaced:
+            _tell_blown_up(moved)
         return replace(
             moved,
             start_velocity=self._vector("start_velocity", start_velocity, ratio @ self.start_velocity),
@@ -433,8 +499,20 @@ class DMP:
         -------
         array, shape (n_dims, n_dims)
         """
-        extent = np.abs(self.learned).max() + np.abs(self.weights).max(initial=0.0)
+        scales = self.variant in (Variant.CLASSIC, Variant.DMP_PLUS_PLUS)
+        extent = extent_of(self._learned_path) if scales else 0.0
         return self.variant.scaling(self.learned, self.goal - self.start, extent)
+
+    @property
+    def extent(self) -> float:
+        """Return the greatest distance between two points of the movement, seen at 51 even instants [m]."""
+        return extent_of(self.at(np.linspace(0.0, self.duration, N_SEEN)).position)
+
+    @cached_property
+    def _learned_path(self) -> Array:
+        """Return the movement from zero to `learned`, at rest at both ends; array, shape (51, n_dims)."""
+        sampled = self.basis.sampled(N_SEEN)
+        return sampled[: self.weights.shape[1]].T @ self.weights.T + np.outer(sampled[-2], self.learned)
 
     def _vector(self, name: str, value: ArrayLike | None, default: Array) -> Array:
         return default if value is None else vector(name, value, self.n_dims)
@@ -451,6 +529,21 @@ def require_positions(dmp: object) -> None:
     if not isinstance(dmp, DMP):
         raise OptionError(
             f"a {type(dmp).__name__} is no DMP of positions", way_out="give a DMP, such as pose.translation"
+        )
+
+
+def _tell_blown_up(dmp: DMP) -> None:
+    """Warn of dimensions in which the classic form magnifies a movement whose recorded ends nearly coincide there."""
+    reach = np.ptp(dmp._learned_path, axis=0)
+    factor, learned = np.abs(np.diag(dmp.scaling())), np.abs(dmp.learned)
+    i = int(np.argmax(np.where(learned < APART * reach, factor, 0.0)))
+    if factor[i] > LARGE and learned[i] < APART * reach[i]:
+        warnings.warn(
+            f"the classic form magnifies the movement by {factor[i]:.2g} in dimension {i}, where its recorded ends "
+            f"are {learned[i]:.2g} apart and it spans {reach[i]:.2g}: it divides by that displacement; fit it with "
+            "variant = 'closed-form', which keeps the size",
+            ComoveWarning,
+            stacklevel=3,
         )
 
 
@@ -492,6 +585,51 @@ def _tell_few(n_steps: int, n_basis: int, n_ends: int) -> None:
             ComoveWarning,
             stacklevel=3,
         )
+
+
+def _tell_far(dmp: DMP, recording: Recording, at_rest: bool) -> None:
+    """Warn of a fit that is far from its recording, with what brings it nearer."""
+    error, extent = (
+        dmp.fit_error(recording),
+        extent_of(recording.position[:: len(recording.time) // N_SEEN + 1]),
+    )
+    unit = getattr(recording, "unit", "m")
+    allowed = max(FAR * extent, NEGLIGIBLE.get(unit, 0.0))
+    if error.largest <= allowed:
+        return
+    what, unit = ("rotation", "rad") if unit == ROTATION_VECTOR else ("movement", unit)
+    warnings.warn(
+        f"the fit of the {what} is off by up to {error.largest:.2g} {unit}, {error.largest / extent:.0%} of its "
+        f"extent, at {error.time:.3g} s: {_nearer(dmp, recording, at_rest, allowed)}",
+        ComoveWarning,
+        stacklevel=3,
+    )
+
+
+def _nearer(dmp: DMP, recording: Recording, at_rest: bool, allowed: float) -> str:
+    """Say which options bring a fit within a distance from its recording."""
+    every = slice(None, None, len(recording.time) // N_TRIED + 1)
+    time, position = recording.time[every] - recording.time[0], recording.position[every]
+
+    def fits(**options: Any) -> bool:
+        wanted = replace(dmp, **options)
+        if wanted.variant is Variant.RHYTHMIC:
+            wanted = DMP._fit_cycle(time, position, wanted.weights.shape[1], dmp.duration)
+        else:
+            wanted = wanted.shaped(time, position)
+        return float(wanted.distances_from(time, position).max()) < 0.8 * allowed
+
+    n_basis, most = dmp.weights.shape[1], min(MAX_BASIS, len(recording.time) - 2)
+    rests = at_rest and dmp.variant is not Variant.RHYTHMIC and hasattr(recording, "goal_velocity")
+    if rests and fits(goal_velocity=_goal_velocity(recording)):
+        return "give at_rest=False, since the recording ends in motion"
+    while n_basis < most:
+        n_basis = min(2 * n_basis, most)
+        if fits(weights=np.zeros((dmp.n_dims, n_basis))):
+            return f"give n_basis={n_basis}"
+    if dmp.variant is Variant.RHYTHMIC:
+        return "its cycles differ; cut out some that are alike, or give the period"
+    return f"no n_basis up to {most} follows it; smooth the recording, or cut it into parts"
 
 
 def _least_squares(design: Callable[[slice], tuple[Array, Array]], n_steps: int, block: int = 4000) -> Array:

@@ -21,9 +21,8 @@ from comove._version import __version__
 from comove.brief import brief
 from comove.demonstrations import Demonstration
 from comove.errors import LibraryError, OptionError, near_name, shortened
-from comove.geometry.rotations import conjugate, quaternion_product
 from comove.io.files import existing_file, telling, whole_file
-from comove.primitives.average import AveragedDMP
+from comove.primitives.averaging import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
 from comove.primitives.kinds import KINDS, Movement, kind_of, traced
@@ -32,7 +31,6 @@ from comove.primitives.pose_distributions import PoseProMP, PoseRecordings
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP, Recordings
 from comove.primitives.variants import Variant
-from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]
 
@@ -157,8 +155,11 @@ def learn(
     options: dict[str, Any] = {"n_basis": n_basis, "variant": variant, "phase": phase, "at_rest": at_rest}
     dmp = PoseDMP.fit(demonstration, **options) if poses else DMP.fit(demonstration, period=period, **options)
     measures: dict[str, Any] = {}
-    for what, error in _errors(dmp, demonstration).items():
-        measures |= {f"{what}_rms": float(np.sqrt((error**2).mean())), f"{what}_max": float(error.max())}
+    errors = dmp.fit_error(demonstration)
+    for what, error in zip(
+        ("error", "turn"), errors if isinstance(errors, tuple) else (errors,), strict=False
+    ):
+        measures |= {f"{what}_rms": error.rms, f"{what}_max": error.largest}
     provenance = Provenance(
         source=source,
         recording=demonstration.name,
@@ -206,22 +207,6 @@ def learn_distribution(
     unit = getattr(next(iter(first.values())) if isinstance(first, Mapping) else first, "unit", "m")
     notes = (*found.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
     return Primitive(name, found, unit, notes=notes)
-
-
-def _errors(dmp: DMP | PoseDMP, demonstration: Demonstration, block_size: int = 20_000) -> dict[str, Array]:
-    """Compute the distances from the recording at its samples, and angles for poses; arrays, shape (n_steps,).
-
-    `block_size` samples are compared at a time, so that long recordings need no more memory.
-    """
-    error, turn = np.zeros((2, demonstration.n_steps))
-    for first in range(0, demonstration.n_steps, block_size):
-        block = slice(first, first + block_size)
-        played = dmp.at(demonstration.time[block])
-        error[block] = np.linalg.norm(played.position - demonstration.position[block], axis=1)
-        if isinstance(played, PoseTrajectory) and demonstration.orientation is not None:
-            between = quaternion_product(played.orientation, conjugate(demonstration.orientation[block]))
-            turn[block] = 2 * np.arctan2(np.linalg.norm(between[:, 1:], axis=1), np.abs(between[:, 0]))
-    return {"error": error, "turn": turn} if isinstance(dmp, PoseDMP) else {"error": error}
 
 
 def checksum(demonstration: Demonstration) -> str:

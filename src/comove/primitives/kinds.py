@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.primitives.average import AveragedDMP
+from comove.primitives.averaging import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP, VECTORS
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase

@@ -32,6 +32,7 @@ from comove.primitives.dmp import DMP
 from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
+from comove.primitives.variants import APART
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
@@ -346,13 +347,15 @@ def _point(name: str, value: ArrayLike) -> Array:
 
 
 def _way(wanted: dict[str, Array], primitives: Sequence[Primitive]) -> float:
-    """Return the length by which the distances of the ends are divided."""
+    """Return the length by which the distances of the ends are divided: a displacement, or a share of the extent
+    where the ends are nearer, of which the length is that of noise.
+    """
+    movements = [p.positions for p in primitives]
     if len(wanted) == 2:
         way = float(np.linalg.norm(wanted["goal"] - wanted["start"]))
-        if way > 0:
-            return way
-    ways = [float(np.linalg.norm(p.positions.goal - p.positions.start)) for p in primitives]
-    return float(np.median(ways)) or 1.0
+    else:
+        way = float(np.median([np.linalg.norm(dmp.goal - dmp.start) for dmp in movements]))
+    return max(way, APART * float(np.median([dmp.extent for dmp in movements]))) or 1.0
 
 
 def _is_ours(name: str) -> bool:

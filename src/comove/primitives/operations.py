@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
-from comove.primitives.average import mixed
+from comove.primitives.averaging import mixed
 from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP, VECTORS, require_positions
 from comove.primitives.forcing import N_INTERVALS

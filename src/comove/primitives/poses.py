@@ -30,7 +30,7 @@ from comove.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.geometry import rotations
 from comove.primitives.arguments import numbers, require_steps, vector
-from comove.primitives.dmp import DMP, Recording
+from comove.primitives.dmp import DMP, ROTATION_VECTOR, FitError, Recording
 from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.primitives.phase import Phase
@@ -204,7 +204,8 @@ class PoseDMP:
         Warns
         -----
         ComoveWarning
-            If turning about `axis` leaves out more than a hundredth of a radian.
+            If turning about `axis` leaves out more than a hundredth of a radian, or as for `DMP.fit`, of the position
+            and of the rotation.
         """
         if Variant.named(variant) is Variant.RHYTHMIC:
             raise OptionError("variant = 'rhythmic' of poses", way_out="use a variant that ends")
@@ -245,8 +246,31 @@ class PoseDMP:
                     stacklevel=2,
                 )
         fit = partial(DMP.fit, n_basis=n_basis, variant=variant, phase=phase, at_rest=at_rest)
-        turned = Demonstration(demonstration.time, turning, unit="rotation vector")
+        turned = Demonstration(demonstration.time, turning, unit=ROTATION_VECTOR)
         return cls(fit(demonstration), fit(turned), reference, about)
+
+    def fit_error(self, recording: PoseRecording, block_size: int = 20_000) -> tuple[FitError, FitError]:
+        """Measure how far the movement is from a recording, in position and in orientation [rad].
+
+        Parameters
+        ----------
+        recording : its first sample is at the movement's start
+        block_size : samples that are compared at a time, so that long recordings need no more memory
+
+        Raises
+        ------
+        DemonstrationError
+            If the recording holds no orientations.
+        """
+        if recording.orientation is None:
+            raise DemonstrationError("the recording holds no orientations", way_out="give one that does")
+        time, turn = recording.time, np.zeros(len(recording.time))
+        for first in range(0, len(time), block_size):
+            block = slice(first, first + block_size)
+            played = self._orientation(self.turning.at(time[block] - time[0]).position)
+            between = rotations.quaternion_product(played, rotations.conjugate(recording.orientation[block]))
+            turn[block] = 2 * np.arctan2(np.linalg.norm(between[:, 1:], axis=1), np.abs(between[:, 0]))
+        return self.translation.fit_error(recording), FitError.of(turn, time)
 
     @property
     def n_dims(self) -> int:

@@ -33,7 +33,7 @@ from comove.primitives.arguments import (
     vector,
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
-from comove.primitives.dmp import DMP, Recording
+from comove.primitives.dmp import DMP, FAR, Recording
 from comove.primitives.estimation import (
     N_ENDS,
     USUAL,
@@ -176,7 +176,8 @@ class ProMP:
         -----
         ComoveWarning
             If the recordings are so few that the taper cannot be chosen by leaving one out, or one has fewer samples
-            than a coordinate has weights.
+            than a coordinate has weights, or its fit is off by more than a twentieth of the movement's extent in a
+            coordinate; names the distance and what brings it nearer.
         """
         require_count("n_basis", n_basis, most=MAX_BASIS)
         phase = ExponentialPhase() if phase is None else phase
@@ -191,6 +192,7 @@ class ProMP:
         parameters = np.stack([theta for theta, _ in found])
         n_columns, n_features = parameters.shape[1:]
         extent = max(float(np.ptp(y, axis=0).max()) for y in positions)
+        _tell_far_fit(basis, shares, positions, FAR * extent)
         noise = np.sqrt(np.mean([error**2 for _, error in found], axis=0) + (settings.noise * extent) ** 2)
         n_seen = N_SEEN * n_features
         even = np.linspace(0.0, 1.0, n_seen)
@@ -575,6 +577,32 @@ class ProMP:
             mean_parameters=parameters.reshape(self.mean_parameters.shape),
             covariance=0.5 * (covariance + covariance.T),
         )
+
+
+def _tell_far_fit(basis: MotionBasis, shares: list[Array], positions: list[Array], allowed: float) -> None:
+    """Warn of the recording whose fit is farthest off, with a number of weights that brings all of them nearer."""
+
+    def off(basis: MotionBasis) -> Array:
+        fits = [
+            features(basis, s)[0] @ (solver(basis, s) @ y) for s, y in zip(shares, positions, strict=True)
+        ]
+        return np.array([np.abs(fit - y).max() for fit, y in zip(fits, positions, strict=True)])
+
+    found, n_basis, way_out = off(basis), basis.n_basis, "smooth the recordings, or cut them into parts"
+    worst = int(np.argmax(found))
+    if found[worst] <= allowed:
+        return
+    while n_basis < MAX_BASIS:
+        n_basis = min(2 * n_basis, MAX_BASIS)
+        if off(motion_basis(n_basis, phase=basis.phase)).max() < allowed:
+            way_out = f"give n_basis={n_basis}"
+            break
+    warnings.warn(
+        f"the fit of recording {worst} is off by up to {found[worst]:.2g} in a coordinate, "
+        f"{FAR * found[worst] / allowed:.0%} of the movement's extent: {way_out}",
+        ComoveWarning,
+        stacklevel=3,
+    )
 
 
 def covariance_of(name: str, value: ArrayLike, n: int) -> Array:

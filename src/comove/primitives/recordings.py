@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from comove.demonstrations import Demonstration
-from comove.demonstrations.cleaning import unit_hint
 from comove.demonstrations.formats import is_format, lasa
+from comove.demonstrations.plausibility import doubts
 from comove.errors import ComoveError, DemonstrationError
 from comove.primitives.files import Primitive, checksum
 
@@ -167,21 +167,18 @@ def recording_of(primitive: Primitive) -> Demonstration | None:
     return None
 
 
-def require_metres(recording: Demonstration, named: str) -> None:
-    """Refuse a recording whose numbers do not look like metres, for commands that were not told its unit.
+def require_plausible(recording: Demonstration, named: str) -> None:
+    """Refuse a recording whose numbers do not look like the units that they are read in, unless these were stated.
 
     Raises
     ------
     DemonstrationError
-        The message says what the numbers look like.
+        The message says what the numbers look like, and the option that states the unit.
     """
-    if hint := unit_hint(recording.position, recording.unit):
-        raise DemonstrationError(
-            hint.partition(",")[0],
-            file=named,
-            key="--unit",
-            way_out="give --unit mm, or --unit m if it is right",
-        )
+    found = doubts(recording.time, recording.position, recording.unit, stated=recording.stated)
+    for doubt in found:
+        if doubt.is_unit:
+            raise DemonstrationError(doubt.message, file=named, key=doubt.key, way_out=doubt.way_out)
 
 
 def name_from(text: str) -> str:

@@ -1,23 +1,31 @@
 """Results in folders, which are written as a whole, sealed by checksums, and can be verified anew."""
 
-from comove.results.sealed import ResultKind
-from comove.results.solution import (
-    RESULT,
-    StoredResult,
-    changes_to,
-    filled_in,
-    read_result,
-    verify_result,
-    write_solution,
-)
+from typing import TYPE_CHECKING
 
-__all__ = [
-    "RESULT",
-    "ResultKind",
-    "StoredResult",
-    "changes_to",
-    "filled_in",
-    "read_result",
-    "verify_result",
-    "write_solution",
-]
+from comove._doors import lazily
+
+if TYPE_CHECKING:
+    from comove.results.reference import changes_to as changes_to, filled_in as filled_in
+    from comove.results.sealed import ResultKind as ResultKind
+    from comove.results.solution import (
+        RESULT as RESULT,
+        StoredResult as StoredResult,
+        read_result as read_result,
+        verify_result as verify_result,
+    )
+    from comove.results.writing import write_solution as write_solution
+
+__all__, __getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "results.reference": ["changes_to", "filled_in"],
+        "results.sealed": ["ResultKind"],
+        "results.solution": [
+            "RESULT",
+            "StoredResult",
+            "read_result",
+            "verify_result",
+        ],
+        "results.writing": ["write_solution"],
+    },
+)

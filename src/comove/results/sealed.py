@@ -28,6 +28,7 @@ Arrays = dict[str, NDArray[Any]]
 Summary = dict[str, Any]
 
 SEAL = "summary_sha256"
+AGAIN = "solve the scene again"
 
 
 def checksum(arrays: Mapping[str, Any]) -> str:

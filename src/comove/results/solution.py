@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, get_args
@@ -12,30 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
-from comove._version import __version__
 from comove.brief import brief
 from comove.coordination.coordinates import COORDINATES, coordinates_for
 from comove.coordination.group_poses import poses_at
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import InputError, OptionError, ResultError, shortened
+from comove.errors import OptionError, ResultError, shortened
 from comove.io.entries import COUNT, MAPPING, NUMBER, TEXT, TEXTS, TRUTH, agrees, number, require_types
 from comove.io.folders import Contents
-from comove.planning.objective import Objective
-from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
-from comove.planning.objectives.own import name_of
-from comove.planning.solution import Solution
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
-from comove.results.sealed import Arrays, ResultKind, Summary, finite, read_json
+from comove.results.reference import SCENE
+from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, finite
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.trajectory import Trajectory
+from comove.verification.cost import WEIGHTS, unit_terms
 from comove.verification.smoothness import smoothness
 from comove.verification.verify import Report, Verdict, verify
 
 Array = NDArray[np.float64]
 
-SCENE = "scene.json"
 RESULT = Contents(
     what="result",
     marks=frozenset({"solution.json", "run.json", "robot_run.json"}),
@@ -54,26 +49,20 @@ RESULT = Contents(
         ]
     ),
 )
-TERMS = ("goal", "velocity", "obstacle", "resemblance")
-RECOMPUTED = TERMS[:3]  # the last one is measured against a movement that is not in the folder
-USUAL = PaperCost()
-NAMES = {kind: name for name, kind in OBJECTIVES.items()}
 SAMPLES = ("time", "position", "velocity", "manipulators")
 MORE_SAMPLES = ("acceleration", "center", "quaternion")  # results of earlier versions lack them
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
-AGAIN = "solve the scene again"
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
 REBUILT_RATE = 1e-10  # likewise accelerations [m/s^2], relative to the largest where that is above 1 m/s^2
 SAME = 1e-6  # relative, by which measures may differ from those of the summary
 JERK = ("jerk_max", "jerk_squared")  # that a summary says of the motion whatever the scene asks
 SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
-SCENE_BYTES = 2**24  # of scene.json
 
 
 def _require_entries(summary: Summary, file: Path) -> None:
     """Refuse a summary with missing entries, or entries of another type."""
     require_types(summary, _TYPES, file)
-    require_types(summary["cost_terms"], dict.fromkeys(TERMS, NUMBER), file, "cost_terms.")
+    require_types(summary["cost_terms"], dict.fromkeys(WEIGHTS, NUMBER), file, "cost_terms.")
     require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
     for key in ("smoothness", "demonstration"):
         require_types(summary.get(key) or {}, {}, file, f"{key}.", others=NUMBER.or_nothing)
@@ -129,11 +118,6 @@ class StoredResult:
         comove.show(self)
 
 
-def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summary:
-    """Write `solution.npz` and `solution.json` into an existing folder, and return the summary."""
-    return SOLUTION.write(folder, _summary_of(solution, wall_time_s), motion_arrays(solution.attempt))
-
-
 def motion_arrays(motion: CoordinatedMotion) -> Arrays:
     """Return the samples of a motion, and the arrays from which its curve is rebuilt exactly.
 
@@ -162,63 +146,10 @@ def motion_arrays(motion: CoordinatedMotion) -> Arrays:
     }
 
 
-def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
-    """Return the contents of solution.json."""
-    report, cost = solution.report, solution.cost
-    terms = {name: getattr(cost, name) for name in TERMS}
-    return {
-        "verified": solution.verified,
-        "interrupted": solution.interrupted,
-        "reasons": list(solution.reasons),
-        "scene": solution.scene.name,
-        "duration": solution.scene.duration,
-        "method": solution.method,
-        "seed": solution.seed,
-        "version": __version__,
-        "cost": cost.total,
-        "cost_terms": terms,
-        "cost_weights": _weights_of(terms, solution.attempt),
-        **{name: finite(value) for name, value in report.asdict().items()},
-        "objective": _said_of(solution.objective),
-        "demonstration": None if solution.followed is None else vars(solution.followed),
-        **_smoothness_of(solution.attempt),
-        "evaluations": solution.evaluations,
-        "generations": solution.generations,
-        **({"log": dict(solution.log)} if solution.log else {}),
-        "time_to_first_verified_s": solution.time_to_first_verified_s,
-        "wall_time_s": wall_time_s,
-        "scene_sha256": solution.scene.sha256,
-    }
-
-
-def _smoothness_of(motion: CoordinatedMotion) -> dict[str, Any]:
+def smoothness_of(motion: CoordinatedMotion) -> dict[str, Any]:
     """Return the summary's measures of the smoothness of a motion."""
     measures = {name: finite(value) for name, value in vars(smoothness(motion)).items()}
     return {name: measures.pop(name) for name in JERK} | {"smoothness": measures}
-
-
-def _said_of(objective: object) -> dict[str, Any]:
-    """Return the summary's description of the objective."""
-    if not isinstance(objective, OwnFunctions):
-        return {"type": NAMES[type(objective)], **vars(objective)}
-    function = None if objective.function is None else name_of(objective.function)
-    return {"type": "own", "function": function, "constraints": [name_of(c) for c in objective.constraints]}
-
-
-def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[str, float]:
-    """Compute the weights of those terms of J that follow from the motion; the usual weight where a term is 0."""
-    weights = {}
-    for name, unit in _unit_terms(motion).items():
-        usual = getattr(USUAL, name)
-        weight = terms[name] / unit if unit > 0 else usual
-        weights[name] = usual if abs(weight - usual) <= SAME * usual else float(f"{weight:.12g}")
-    return weights
-
-
-def _unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
-    """Compute the terms of J that follow from the motion alone, each with weight 1."""
-    cost = Objective(motion.scene, motion.coordinates, PaperCost(1.0, 1.0, 1.0)).cost(motion)
-    return {name: getattr(cost, name) for name in RECOMPUTED}
 
 
 def read_result(folder: str | Path) -> StoredResult:
@@ -311,64 +242,6 @@ def _smooth(name: str, value: float) -> float:
     return SMOOTH * max(1e-3, abs(value))
 
 
-def filled_in(scene: Scene, stored: StoredResult) -> Scene:
-    """Return the scene with what it leaves open as the result has it: duration and limits, and one of its grasps.
-
-    Raises
-    ------
-    ResultError
-        If the result does not state them.
-    """
-    hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
-    if hasty or not scene.is_timed:
-        path = stored.folder / SCENE
-        try:
-            said = read_json(path, AGAIN, SCENE_BYTES)
-            limits = {
-                key: _positive(said["limits"][key]) for key, value in scene.file.limits if value is None
-            }
-            scene = scene.timed(_positive(said["duration"])).limited(**limits)
-        except (ValueError, TypeError, KeyError, ResultError) as error:
-            why = error.message if isinstance(error, ResultError) else str(error)
-            raise ResultError(
-                f"the scene leaves its duration open, and the result does not say it: {why}",
-                file=path,
-                way_out=AGAIN,
-            ) from error
-    solved = stored.summary.get("scene_sha256")
-    return next((choice for choice in scene.alternatives if choice.sha256 == solved), scene)
-
-
-def changes_to(scene: Scene, stored: StoredResult, file: Path) -> dict[str, float]:
-    """Return the changes of duration and limits by which a scene, read from `file`, becomes the one that was solved.
-
-    There are none if it is that scene, or if no such changes make it.
-    """
-    solved = stored.summary.get("scene_sha256")
-    if scene.sha256 == solved:
-        return {}
-    try:
-        found = read_json(stored.folder / SCENE, AGAIN, SCENE_BYTES)
-        limits = found.get("limits") or {}
-        limits = {
-            key: limits.get(key) for key, own in scene.file.limits if limits.get(key) not in (None, own)
-        }
-        changes: dict[str, Any] = {"limits": limits} if limits else {}
-        if found.get("duration") not in (None, scene.file.duration):
-            changes["duration"] = found["duration"]
-        if Scene.load(file, changes).sha256 != solved:
-            return {}
-    except (ValueError, TypeError, AttributeError, InputError):  # the folder is not trusted
-        return {}
-    return {key: value for key, value in changes.items() if key != "limits"} | limits
-
-
-def _positive(value: object) -> float:
-    if not isinstance(value, (int, float)) or not 0 < value < math.inf:
-        raise ValueError(f"{value!r} is not a positive number")
-    return float(value)
-
-
 def _edited_samples(stored: StoredResult, motion: CoordinatedMotion) -> list[str]:
     """List the samples that are not on the rebuilt curve, in words."""
     expected, reasons = motion_arrays(motion), []
@@ -402,7 +275,7 @@ def _apart(name: str, found: Array, right: Array) -> Array:
 
 def _edited_smoothness(summary: Summary, motion: CoordinatedMotion) -> list[str]:
     """List the measures of smoothness that are not those of the motion; results of earlier versions state none."""
-    stated, right = summary.get("smoothness"), _smoothness_of(motion)
+    stated, right = summary.get("smoothness"), smoothness_of(motion)
     if stated is None:
         return []
     measures = right.pop("smoothness")
@@ -420,12 +293,12 @@ def _edited_cost(summary: Summary, motion: CoordinatedMotion) -> list[str]:
     file, terms, weights = (
         SOLUTION.summary,
         summary.get("cost_terms"),
-        summary.get("cost_weights", vars(USUAL)),
+        summary.get("cost_weights", WEIGHTS),
     )
     if not isinstance(terms, dict) or not isinstance(weights, dict):
         return [f"{file} says nothing of the terms of J, or of their weights"]
-    reasons, total, units = [], 0.0, _unit_terms(motion)
-    for name in TERMS:
+    reasons, total, units = [], 0.0, unit_terms(motion)
+    for name in WEIGHTS:
         stated, weight = number(terms.get(name)), number(weights.get(name, 0.0))
         if stated is None or weight is None or min(stated, weight) < 0:
             reasons.append(f"{file} says {shortened(str(terms.get(name)))} of the cost's term '{name}'")

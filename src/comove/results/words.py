@@ -29,12 +29,25 @@ _JOINTS: tuple[_Described, ...] = (
     ("joints from their limits", "joint_margin_min", "{:.3g} rad at least", 1.0),
     ("share of joint speeds", "velocity_ratio_max", "{:.3g} at most", 1.0),
     ("share of joint accelerations", "acceleration_ratio_max", "{:.3g} at most", 1.0),
+    ("share of joint jerks", "jerk_ratio_max", "{:.3g} at most", 1.0),
     ("share of torques", "torque_ratio_max", "{:.3g} at most", 1.0),
     ("hands on the load", "hand_error_max", "off by {:.2g} m at most", 1.0),
     ("hands' turn on the load", "hand_turn_max", "off by {:.2g} rad at most", 1.0),
     ("links from obstacles", "clearance_scene", "{:.4g} mm at least", 1e3),
     ("links from the load", "clearance_load", "{:.4g} mm at least", 1e3),
     ("links from each other", "clearance_self", "{:.4g} mm at least", 1e3),
+)
+_ROBOT_RUN: tuple[_Described, ...] = (
+    ("links from obstacles", "clearance_scene", "{:.1f} mm at samples", 1e3),
+    ("load from obstacles", "clearance_carried", "{:.1f} mm at samples", 1e3),
+    ("links from each other", "clearance_self", "{:.1f} mm at samples", 1e3),
+    ("hands on the load", "hold_error_max", "{:.2g} m or rad, commanded", 1.0),
+    ("hands' distance", "distance_error_max", "{:.2g} mm off in the simulator", 1e3),
+    ("end error", "end_error", "{:.2g} mm", 1e3),
+    ("share of speed", "velocity_ratio_max", "{:.3g}", 1.0),
+    ("share of acceleration", "acceleration_ratio_max", "{:.3g}", 1.0),
+    ("servos behind", "lag_max", "{:.2g} rad at most", 1.0),
+    ("took", "duration_s", "{:.2f} s", 1.0),
 )
 _SIMULATION: tuple[_Described, ...] = (
     ("load from its goal", "end_error", "{:.3g} mm", 1e3),
@@ -62,7 +75,10 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
             "acceleration": _limit(limits.acceleration, "m/s^2"),
             "jerk": _limit(limits.jerk, "m/s^3"),
         }
-    return [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+    rows = [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+    if asked.get("jerk") and not any(name == "jerk" for name, *_ in rows):
+        rows.append(("jerk", "not measured: executions are not bound by it", asked["jerk"]))
+    return rows
 
 
 def joint_rows(report: Mapping[str, Any]) -> list[Row]:
@@ -81,6 +97,24 @@ def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
     if simulator := summary.get("simulator"):
         rows.insert(0, ("simulated by", str(simulator), ""))
     return rows
+
+
+def run_rows(measures: Mapping[str, Any]) -> list[Row]:
+    """Return the measures of a robot's online run, as `motion_rows`; distances are sampled."""
+    return _rows(_ROBOT_RUN, measures)
+
+
+def limits_row(scene: Scene) -> list[str]:
+    """Return in one line which limits of the hands a scene sets; empty where it sets none."""
+    limits = scene.file.limits
+    said = [
+        _limit(limits.speed, "m/s"),
+        _limit(limits.acceleration, "m/s^2"),
+        _limit(limits.jerk, "m/s^3"),
+        f"{1e3 * scene.clearance:.4g} mm of clearance" if scene.clearance else "",
+    ]
+    told = ", ".join(limit for limit in said if limit)
+    return [f"limits of {told}"] if told else ["no limits of speed, acceleration or jerk"]
 
 
 def _rows(described: tuple[_Described, ...], measures: Mapping[str, Any]) -> list[Row]:

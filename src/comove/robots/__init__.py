@@ -1,5 +1,8 @@
 """Robots that carry loads: descriptions and models, planning with arms, verification of joint motions, transfers."""
 
+from typing import TYPE_CHECKING
+
+from comove._doors import lazily
 from comove.errors import ExtraError
 
 try:
@@ -7,35 +10,44 @@ try:
 except ImportError as error:  # the extra is not installed
     raise ExtraError("a robot", "robot") from error
 
-from comove.robots.carry import RobotSolution, carry, robot_method
-from comove.robots.carrying import RobotCarrier
-from comove.robots.description import bundled_robots, find_description
-from comove.robots.files import StoredJoints, read_joints, verified_motion, verify_stored, write_joints
-from comove.robots.model import Arm, Robot
-from comove.robots.motion import JointCommand, JointMotion
-from comove.robots.transfers import Transfers, plan_transfers
-from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
+if TYPE_CHECKING:
+    from comove.robots.carrying import RobotCarrier as RobotCarrier
+    from comove.robots.description import (
+        bundled_robots as bundled_robots,
+        find_description as find_description,
+    )
+    from comove.robots.files import (
+        StoredJoints as StoredJoints,
+        read_joints as read_joints,
+        verified_motion as verified_motion,
+        verify_stored as verify_stored,
+        write_joints as write_joints,
+    )
+    from comove.robots.model import Arm as Arm, Robot as Robot
+    from comove.robots.motion import JointCommand as JointCommand, JointMotion as JointMotion
+    from comove.robots.solving import (
+        RobotSolution as RobotSolution,
+        carry as carry,
+        robot_method as robot_method,
+    )
+    from comove.robots.transfers import Transfers as Transfers, plan_transfers as plan_transfers
+    from comove.robots.verification.verify import (
+        JointReport as JointReport,
+        JointVerdict as JointVerdict,
+        VerifiedJointMotion as VerifiedJointMotion,
+        verify_joints as verify_joints,
+    )
 
-__all__ = [
-    "Arm",
-    "JointCommand",
-    "JointMotion",
-    "JointReport",
-    "JointVerdict",
-    "Robot",
-    "RobotCarrier",
-    "RobotSolution",
-    "StoredJoints",
-    "Transfers",
-    "VerifiedJointMotion",
-    "bundled_robots",
-    "carry",
-    "find_description",
-    "plan_transfers",
-    "read_joints",
-    "robot_method",
-    "verified_motion",
-    "verify_joints",
-    "verify_stored",
-    "write_joints",
-]
+__all__, __getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "robots.carrying": ["RobotCarrier"],
+        "robots.description": ["bundled_robots", "find_description"],
+        "robots.files": ["StoredJoints", "read_joints", "verified_motion", "verify_stored", "write_joints"],
+        "robots.model": ["Arm", "Robot"],
+        "robots.motion": ["JointCommand", "JointMotion"],
+        "robots.solving": ["RobotSolution", "carry", "robot_method"],
+        "robots.transfers": ["Transfers", "plan_transfers"],
+        "robots.verification.verify": ["JointReport", "JointVerdict", "VerifiedJointMotion", "verify_joints"],
+    },
+)

@@ -4,13 +4,15 @@
 name: two_arms
 models:                        # one or several, each on its own base; prefix: before all names of a model
   - {urdf: arm.urdf, srdf: arm.srdf, prefix: left_, base: {position: [0, 0.4, 0]}}
-  - {urdf: arm.urdf, srdf: arm.srdf, prefix: right_, base: {position: [0, -0.4, 0]}}
+  - {urdf: arm.urdf, srdf: arm.srdf, prefix: right_, base: {position: [0, -0.4, 0]}, round_right_angles: true}
 arms:                          # by the name of the manipulator in a scene
   left: {tip: left_hand, tool: {position: [0, 0, 0.1]}, home: [0, -0.8, 0, -2.4, 0, 1.6, 0.8]}
-  right: {tip: right_hand, fingers: [right_finger]}
+  right: {tip: right_hand, home_state: ready, fingers: [right_finger]}
 posture: {right_finger: 0.02}  # rad or m, of joints that do not move; nearest to 0 where not named
-limits: {left_joint1: {lower: -2, upper: 2, velocity: 1.5, acceleration: 4, effort: 50}}
-acceleration: 5.0              # rad/s^2, of joints that `limits` does not name
+states: [open]                 # group states of the SRDF, for joints that neither move nor are in `posture`
+poses: {right_cart: {position: [0, -0.1, 0]}}       # of floating and planar joints, which do not move
+limits: {left_joint1: {lower: -2, upper: 2, velocity: 1.5, acceleration: 4, jerk: 200, effort: 50}}
+acceleration: 5.0              # rad/s^2, of joints for which neither `limits` nor the URDF states one
 springs: {left_joint2: 0.4}    # share of the arm's own weight that springs hold at a joint
 servo: {stiffness: [2000, 2000, 2000, 2000, 1500, 1500, 400]}   # N m/rad, of a simulator's motors, by joint
 uncertainty: {position: 0.002, rotation_deg: 0.1}   # [m, deg] tolerance of the place of each base
@@ -20,8 +22,8 @@ uncertainty: {position: 0.002, rotation_deg: 0.1}   # [m, deg] tolerance of the 
 placed at the hand's pose in the scene: z is the direction of approach, and fingers open along y. The joints between
 base and tip move, except those in `posture`. `home` has one value for each joint that moves, from the base to the
 tip (the middle of its limits unless given); redundant joints are drawn towards it. `limits` replace those of the
-URDF, key by key.  Paths are
-relative to the description, or ``package://NAME/...``.
+URDF, key by key; `soft_lower`, `soft_upper` and `k_position` those of its ``<safety_controller>``
+(`comove.robots.joint_limits`). Paths are relative to the description, or ``package://NAME/...``.
 """
 
 from __future__ import annotations
@@ -44,6 +46,7 @@ from comove.io.keys import (
     Positive,
     Quaternion,
     Sizes,
+    Sparse,
     Vector,
     Wrong,
     as_tuple,
@@ -51,6 +54,7 @@ from comove.io.keys import (
 )
 from comove.io.messages import Contract, explained, scene_error, show
 from comove.io.yaml_reader import read_yaml
+from comove.robots.formats import require_description
 
 BUNDLED = Path(__file__).parent / "descriptions"
 
@@ -77,36 +81,51 @@ def _prefix(prefix: str) -> str:
     return prefix
 
 
-class ModelSource(Part):
+class ModelSource(Sparse):
     """A URDF and the pose of its base in the scene; `prefix` is put before every name in it."""
+
+    LATER = ("round_right_angles",)
 
     urdf: str
     srdf: str | None = None
     """File that lists the pairs of links that need not be kept apart."""
     base: Placement = Placement()
     prefix: Annotated[str, AfterValidator(_prefix)] = ""
+    round_right_angles: bool | None = None
+    """Whether angles of joints that are right angles but for rounding become right angles."""
 
 
-class ArmDescription(Part):
+class ArmDescription(Sparse):
     """An arm: its last frame, the grasp frame in that frame (z along the approach), and the joint values at home [rad
     or m].
     """
 
+    LATER = ("home_state",)
+
     tip: str
     tool: Placement = Placement()
     home: Vector | None = None
+    home_state: str | None = None
+    """Group state of the SRDF that has the values of the joints at home, unless `home` is given."""
     fingers: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
     """Joints that close on the load; `posture` holds their values while it is carried."""
 
 
-class JointLimits(Part):
+class JointLimits(Sparse):
     """Limits of a joint that replace those of the URDF [rad or m, s, N m or N]."""
+
+    LATER = ("jerk", "soft_lower", "soft_upper", "k_position")
 
     lower: Number | None = None
     upper: Number | None = None
     velocity: Positive | None = None
     acceleration: Positive | None = None
     effort: Positive | None = None
+    jerk: Positive | None = None
+    soft_lower: Number | None = None
+    soft_upper: Number | None = None
+    k_position: Positive | None = None
+    """Gain by which velocities are bounded near the soft limits [1/s]; see `comove.robots.joint_limits`."""
 
 
 class Servo(Part):
@@ -122,14 +141,20 @@ class Uncertainty(Part):
     rotation_deg: NotNegative = 0.0
 
 
-class RobotFile(Part):
+class RobotFile(Sparse):
     """A robot description as written in its file."""
+
+    LATER = ("poses", "states")
 
     name: Name
     models: Annotated[tuple[ModelSource, ...], BeforeValidator(as_tuple), at_least(1, "model")]
     arms: dict[Name, ArmDescription]
     posture: dict[str, Number] = Field(default={})
     """Values of joints that do not move [rad or m]; joints that are not named stay nearest to 0."""
+    poses: dict[str, Placement] | None = None
+    """Poses of floating and planar joints, which do not move; where the URDF has them unless named."""
+    states: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] | None = None
+    """Group states of the SRDFs whose values joints that do not move take, unless `posture` names them."""
     acceleration: Positive = 5.0
     limits: dict[str, JointLimits] = Field(default={})
     springs: dict[str, Annotated[float, Field(ge=0, le=1)]] = Field(default={})
@@ -194,6 +219,7 @@ def load_description(path: Path) -> RobotFile:
     RobotError
         If there are errors; the message names file, key, line, value and way out of the first three.
     """
+    require_description(path)
     try:
         data, lines = read_yaml(path)
         try:

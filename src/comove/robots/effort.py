@@ -21,7 +21,15 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import Extreme, JointMotion, largest_acceleration, largest_velocity, subdivided
+from comove.robots.motion import (
+    Extreme,
+    JointMotion,
+    largest_acceleration,
+    largest_approach,
+    largest_jerk,
+    largest_velocity,
+    subdivided,
+)
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -62,6 +70,19 @@ def largest_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PP
     return _largest_share(robot, time, torques(robot, model, curve(time), curve(time, 1), curve(time, 2)))
 
 
+def still_torque(robot: Robot, arms: tuple[Arm, ...], masses: Array, curve: PPoly) -> Extreme:
+    """Compute the largest share of its effort limit that a joint uses where the robot holds still along a motion.
+
+    Arguments as in `largest_torque`.
+    """
+    time = _sampling(curve.x)
+    position = curve(time)
+    still = np.zeros_like(position)
+    return Extreme.largest(
+        np.abs(torques(robot, loaded_model(robot, arms, masses), position, still, still)) / robot.effort, time
+    )
+
+
 def shortest_duration(robot: Robot, joints: JointMotion, arms: tuple[Arm, ...], masses: Array) -> float:
     """Compute the least duration in which a motion, stretched or shortened evenly, keeps its limits [s].
 
@@ -76,9 +97,12 @@ def shortest_duration(robot: Robot, joints: JointMotion, arms: tuple[Arm, ...], 
     speed = largest_velocity(curve, robot.velocity).value
     if speed < 1e-12:
         return 0.0
+    approach = largest_approach(curve, robot.approach, robot.lower, robot.upper).value
+    jerk = largest_jerk(curve, robot.jerk).value
     pace = min(
-        1.0 / speed,
+        1.0 / max(speed, approach),
         1.0 / np.sqrt(largest_acceleration(curve, robot.acceleration).value),
+        1.0 / np.cbrt(jerk) if jerk > 0.0 else np.inf,
         _pace_of_torques(robot, joints, loaded_model(robot, arms, masses)),
     )
     if pace == 0.0:

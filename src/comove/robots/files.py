@@ -8,7 +8,6 @@ scene itself, so that the folder can be judged anew and played without other fil
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,21 +19,14 @@ from numpy.typing import NDArray
 from comove._version import __version__
 from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import ComoveWarning, InputError, ResultError, RobotError, shortened
+from comove.errors import InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
 from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, require_types
-from comove.results.sealed import Arrays, ResultKind, Summary, checksum, finite, read_json
-from comove.results.solution import (
-    AGAIN,
-    SCENE,
-    SCENE_BYTES,
-    StoredResult,
-    motion_arrays,
-    read_result,
-    rebuild,
-    verify_result,
-)
-from comove.robots.description import bundled_robots
+from comove.io.folders import listed_inputs, scene_folder
+from comove.results.reference import SCENE, Reference, own_scene, reference_of
+from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, checksum, finite, read_json
+from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
+from comove.robots.description import bundled_robots, find_description, is_file
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints
@@ -120,12 +112,11 @@ def write_joints(
         "verified": verdict.verified is not None,
         "reasons": list(verdict.reasons),
         "robot": robot.name,
-        "robot_file": _source(robot, motion.scene, source),
+        "robot_file": source_of(robot, motion.scene, source),
         "version": __version__,
         **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
-        **({"meshes_in": str(motion.scene.folder.resolve())} if motion.scene.meshes else {}),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
         "motion_sha256": checksum(motion_arrays(motion)),
@@ -144,7 +135,7 @@ def joint_arrays(joints: JointMotion) -> Arrays:
     }
 
 
-def _source(robot: Robot, scene: Scene, source: str | Path | None) -> str | None:
+def source_of(robot: Robot, scene: Scene, source: str | Path | None) -> str | None:
     """Return the name of a bundled description, or else its absolute path; None where it is unknown."""
     named = source if source is not None else robot.name
     if str(named) in bundled_robots():
@@ -163,36 +154,119 @@ def read_joints(folder: str | Path) -> StoredJoints:
         If a file is missing, incomplete or unreadable.
     """
     folder = Path(folder)
-
-    def read() -> StoredJoints:
-        summary, arrays = JOINTS.read(folder)
-        meshes = summary.get("meshes_in")
-        scene = _read_scene(folder / SCENE, Path(meshes) if isinstance(meshes, str) else None)
-        return StoredJoints(folder, summary, arrays, scene)
-
-    return steadily(folder, read)
+    return steadily(folder, lambda: StoredJoints(folder, *JOINTS.read(folder), own_scene(folder)))
 
 
-def _read_scene(path: Path, folder: Path | None) -> Scene:
-    """Return the scene of a file, whose meshes are in a folder where it has any."""
-    data = read_json(path, AGAIN, SCENE_BYTES)
+@dataclass(frozen=True)
+class RobotSource:
+    """The description of the robot that a stored joint motion is verified for, and who names it.
+
+    Attributes
+    ----------
+    robot : the robot
+    file : name of the bundled description, or path
+    named_by : who names it, in words
+    is_own : whether nothing but the folder names it, and it is no bundled one: it could allow anything
+    """
+
+    robot: Robot
+    file: str
+    named_by: str
+    is_own: bool
+
+    def __str__(self) -> str:
+        return f"the robot '{self.robot.name}' that {self.named_by} names ({self.file})"
+
+
+def robot_of(
+    folder: Path,
+    reference: Reference,
+    named: str | Path | None = None,
+    kind: ResultKind = JOINTS,
+) -> RobotSource:
+    """Return the robot that the joint motion in a folder is verified for.
+
+    It is the one that the caller names, else the one of the scene. `robot.json` is asked last: beside a trusted scene
+    that names no robot it may name a bundled one alone, as a description of its own choice could allow anything.
+
+    Parameters
+    ----------
+    reference : the scene that the motion is verified against
+    named : name or path of a trusted description
+    kind : the kind of the folder's result, whose summary may name a robot
+
+    Raises
+    ------
+    RobotError
+        If there is no such robot, or nobody names one that may be trusted.
+    """
+    if named is not None:
+        return _loaded(named, "you", None)
+    wanted, own = reference.scene.file.robot, reference.is_own
+    where = scene_folder(reference.file) if own else reference.scene.folder
+    if wanted is not None and (not own or wanted in bundled_robots() or is_file(where / wanted)):
+        return _loaded(wanted, "the folder's own scene" if own else "the scene", where, own)
+    source = read_json(folder / kind.summary, kind.hint).get("robot_file")
+    if not isinstance(source, str) or not source:
+        raise ResultError(
+            "it does not say where the robot's description is",
+            file=folder / kind.summary,
+            key="robot_file",
+            way_out="name the robot: comove verify DIR --robot NAME",
+        )
+    if not own and source not in bundled_robots():
+        raise RobotError(
+            "neither the scene nor the command names a robot, and the folder's is no bundled one",
+            file=reference.file,
+            key="robot",
+            way_out="give its description by --robot FILE, once you have read it",
+        )
     try:
-        with warnings.catch_warnings():  # what there is to warn of was said when it was solved
-            warnings.simplefilter("ignore", ComoveWarning)
-            return Scene.from_dict(data, folder=folder)
-    except InputError as error:
-        raise ResultError(str(error), file=path, way_out=AGAIN) from error
+        return _loaded(_kept(folder, source) or source, "the folder", None, own)
+    except RobotError as error:
+        raise ResultError(
+            f"the robot that it names cannot be read ({error.message})",
+            file=folder / kind.summary,
+            key="robot_file",
+            way_out=f"put '{source}' back, or name the robot: comove verify DIR --robot FILE",
+        ) from error
 
 
-def verified_motion(folder: str | Path) -> VerifiedJointMotion:
+def _kept(folder: Path, source: str) -> Path | None:
+    """Return the copy of a description that a result folder keeps; None where it keeps none."""
+    files = listed_inputs(folder).get("files")
+    for place, told in files.items() if isinstance(files, dict) else ():
+        if isinstance(told, dict) and told.get("from") == source and is_file(folder / place):
+            return folder / place
+    return None
+
+
+def _loaded(named: str | Path, named_by: str, folder: Path | None, own: bool = False) -> RobotSource:
+    bundled = str(named) in bundled_robots()
+    path = find_description(named, folder)
+    return RobotSource(Robot.load(path), str(named) if bundled else str(path), named_by, own and not bundled)
+
+
+def verified_motion(
+    folder: str | Path, *, scene: Scene | None = None, robot: str | Path | None = None
+) -> VerifiedJointMotion:
     """Return the joint motion of a result folder, after verifying it anew.
+
+    Parameters
+    ----------
+    scene
+        A trusted scene; the folder's own unless given.
+    robot
+        Name or path of a trusted description; what `robot_of` says unless given.
 
     Raises
     ------
     ResultError
         If it is not verified, or was edited, or as `verify_stored`.
     """
-    verdict = verify_stored(folder)
+    folder = Path(folder)
+    reference = reference_of(folder, scene).for_result(read_result(folder))
+    verdict = verify_stored(folder, robot_of(folder, reference, robot).robot, scene=reference.scene)
     if verdict.verified is None:
         more = f" (and {len(verdict.reasons) - 1} more)" if len(verdict.reasons) > 1 else ""
         raise ResultError(
@@ -214,9 +288,9 @@ def verify_stored(
     Parameters
     ----------
     robot
-        The robot; the one that `robot.json` names unless given.
+        The robot; the one that `robot_of` finds unless given.
     scene
-        Scene on which the motion is judged; `scene.json` unless given.
+        Scene on which the motion is judged; the folder's own unless given.
 
     Raises
     ------
@@ -224,8 +298,9 @@ def verify_stored(
         If the folder is missing, incomplete or unreadable, or there is no such robot.
     """
     stored, solution = steadily(Path(folder), lambda: (read_joints(folder), read_result(folder)))
-    robot = robot_in(stored) if robot is None else robot
-    scene = stored.scene if scene is None else scene
+    reference = reference_of(stored.folder, scene)
+    robot = robot_of(stored.folder, reference).robot if robot is None else robot
+    scene = reference.scene
     hands = verify_result(solution, scene)
     edits = [*hands.reasons, *_edited_checksums(stored, solution, robot)]
     edits += _other_assumptions(stored.summary, robot)
@@ -260,33 +335,6 @@ def _near(name: str, value: float) -> float:
 
 
 _NOTHING = JointVerdict(None, JointReport(), ())
-
-
-def robot_in(stored: StoredJoints) -> Robot:
-    """Return the robot that a result folder names.
-
-    Raises
-    ------
-    ResultError
-        If it names none, or one that cannot be read.
-    """
-    source = stored.summary.get("robot_file")
-    if not isinstance(source, str) or not source:
-        raise ResultError(
-            "it does not say where the robot's description is",
-            file=stored.folder / JOINTS.summary,
-            key="robot_file",
-            way_out="name the robot",
-        )
-    try:
-        return Robot.load(source)
-    except RobotError as error:
-        raise ResultError(
-            f"the robot that it names cannot be read ({error.message})",
-            file=stored.folder / JOINTS.summary,
-            key="robot_file",
-            way_out=f"put '{source}' back, or solve the scene again",
-        ) from error
 
 
 def _other_assumptions(summary: Mapping[str, Any], robot: Robot) -> list[str]:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import sysconfig
 import tempfile
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from graphlib import TopologicalSorter
@@ -21,6 +22,7 @@ from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
 from comove.geometry.rotations import matrices
 from comove.robots.description import (
+    BUNDLED,
     ArmDescription,
     Placement,
     RobotFile,
@@ -28,13 +30,19 @@ from comove.robots.description import (
     find_description,
     load_description,
 )
+from comove.robots.joint_limits import FurtherLimits
+from comove.robots.masses import with_guessed_masses
+from comove.robots.srdf import GroupState, Srdf
 from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
 Array = NDArray[np.float64]
 
 OF_JOINT = " (joint)"  # after the name of a frame that a link has, too
 LARGEST_BODY = 50.0  # m, radius of a collision body
+FREEDOMS = 6  # of a hand's pose
 LARGEST_LIMIT = 1e6  # rad, m, s, N m or N
+# rad and m, of a joint of an arm: no arm turns twice either way, nor slides so far
+LARGEST_TURN, LARGEST_STROKE = 4.0 * np.pi, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +77,11 @@ class Robot:
     model : pinocchio.Model of the moving joints; all others are locked
     collision : pinocchio.GeometryModel with the pairs that can collide
     arms : the arms, in the order of the description
-    lower, upper : position limits, arrays, shape (n_joints,) [rad, m for prismatic joints]
+    lower, upper : position limits, soft ones included, arrays, shape (n_joints,) [rad, m for prismatic joints]
     velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad/s, rad/s^2, N m]
+    jerk : likewise, infinite where none is stated [rad/s^3]
+    approach : array, shape (n_joints,), least time constant with which a joint approaches its position limits: q + \
+        approach q' stays within them [s]; 0 where none is stated
     relief : array, shape (n_joints,), share of the torque due to the robot's own weight that springs hold
     sha256 : checksum of the description, the models and their collision meshes
     sources : URDF texts of the models, with limits and prefixes filled in, and their placements
@@ -87,9 +98,18 @@ class Robot:
     velocity: Array
     acceleration: Array
     effort: Array
+    jerk: Array
+    approach: Array
     relief: Array
     sha256: str
     sources: tuple[Source, ...]
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Return the files that the robot was read from, without what is installed with packages."""
+        installed = [BUNDLED, *(Path(sysconfig.get_paths()[kind]) for kind in ("purelib", "platlib"))]
+        read = dict.fromkeys(path for source in self.sources for path in source.files)
+        return tuple(path for path in read if not any(path.is_relative_to(place) for place in installed))
 
     @classmethod
     def load(cls, robot: str | Path, folder: Path | None = None) -> Robot:
@@ -171,28 +191,36 @@ class Robot:
 def assembled(description: RobotFile, file: Path) -> Robot:
     """Return the robot of a description; paths in it are relative to `file`, which errors name."""
     digest = hashlib.sha256(description.model_dump_json().encode())
-    sources = tuple(read_source(source, description.limits, file, digest) for source in description.models)
+    sources = tuple(read_source(source, description, file, digest) for source in description.models)
     with errors_in(file):
-        model, collision = _joined(sources)
+        _check_poses(description, [name for source in sources for name in source.free])
+        sources, model, collision = _joined(sources)
+        further = {name: limits for source in sources for name, limits in source.limits.items()}
+        _apply_soft_limits(model, further)
         for key in ("posture", "limits", "springs"):
             _require_known(getattr(description, key), list(model.names)[1:], key)
         chains = _chains(description, model)
         mimics = {name: mimic for source in sources for name, mimic in source.mimics.items()}
-        description = _with_posture(description, model, mimics, chains)
-        robot = _reduced(description, model, collision, chains, sources, digest.hexdigest())
+        states = [state for source in sources for state in source.srdf.states]
+        description = _with_posture(description, model, mimics, chains, states)
+        robot = _reduced(description, model, collision, chains, sources, states, further, digest.hexdigest())
     for gap in _gaps(robot):
         warnings.warn(f"{file}: {gap}", ComoveWarning, stacklevel=2)
     return robot
 
 
-def _joined(sources: tuple[Source, ...]) -> tuple[Any, Any]:
-    """Build all models as one, each on its base, and their collision geometry."""
+def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
+    """Build all models as one, each on its base, and their collision geometry; returns the sources as well, with
+    masses that were guessed.
+    """
     with tempfile.TemporaryDirectory() as folder:
         loader = coal.CachedMeshLoader(coal.BV_OBBRSS)
-        parts = [_built(source, Path(folder), loader) for source in sources]
-    model, collision = parts[0]
+        sources, models, geometries = zip(
+            *(_built(source, Path(folder), loader) for source in read), strict=True
+        )
+    model, collision = models[0], geometries[0]
     _move_base(model, collision, _se3(sources[0].base))
-    for source, (part, geometry) in zip(sources[1:], parts[1:], strict=True):
+    for source, part, geometry in zip(sources[1:], models[1:], geometries[1:], strict=True):
         if twice := _frame_names(model) & _frame_names(part):
             raise RobotError(
                 f"two models have a link or joint '{min(twice)}'",
@@ -200,15 +228,41 @@ def _joined(sources: tuple[Source, ...]) -> tuple[Any, Any]:
                 way_out="give one a prefix: prefix: right_",
             )
         model, collision = pin.appendModel(model, part, collision, geometry, 0, _se3(source.base))
-    return model, collision
+    return sources, model, collision
+
+
+def _check_poses(description: RobotFile, free: list[str]) -> None:
+    """Refuse poses of joints that neither float nor are planar, and single values of those that do."""
+    _require_known(description.poses or {}, free, "poses", "floating or planar joint")
+    for key in ("posture", "limits", "springs"):
+        for name in getattr(description, key):
+            if name in free:
+                raise RobotError(
+                    f"the joint '{name}' floats, or is planar: it does not move, and has no single value",
+                    key=key,
+                    way_out=f"leave it out, and say where it is: poses: {{{name}: {{position: [0, 0, 0]}}}}",
+                )
+
+
+def _apply_soft_limits(model: Any, further: Mapping[str, FurtherLimits]) -> None:
+    """Narrow the position limits of a model's joints to their soft limits."""
+    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        if joint.nq == 1:
+            lower[joint.idx_q] = max(lower[joint.idx_q], further[name].soft_lower)
+            upper[joint.idx_q] = min(upper[joint.idx_q], further[name].soft_upper)
+    model.lowerPositionLimit, model.upperPositionLimit = lower, upper
 
 
 def _frame_names(model: Any) -> set[str]:
     return {frame.name for frame in model.frames} - {"universe"}
 
 
-def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
-    """Build the model and the collision geometry, with the pairs that can collide; meshes pass through a folder."""
+def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]:
+    """Build the model and the collision geometry, with the pairs that can collide; meshes pass through a folder.
+
+    The source is returned as well, with masses that were guessed.
+    """
     failure: Exception | None = None
     with errors_of_reader() as errors:
         try:
@@ -218,9 +272,7 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
             geometry = pin.buildGeomFromUrdfString(
                 model, text, pin.GeometryType.COLLISION, mesh_loader=loader
             )
-            _compare_all_but_adjacent(model, geometry)
-            if source.srdf is not None:
-                pin.removeCollisionPairsFromXML(model, geometry, source.srdf, False)
+            _compare(model, geometry, source.srdf)
         except (ValueError, RuntimeError, IndexError) as error:
             failure = error
     with errors_in(source.file):
@@ -230,7 +282,10 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
                 f"the model cannot be built: {reason}", way_out="correct the URDF, or its mesh"
             ) from failure
         _check_bodies(model, geometry)
-    return model, geometry
+    source, note = with_guessed_masses(source, model, geometry)
+    if note is not None:
+        warnings.warn(f"{source.file}: {note}", ComoveWarning, stacklevel=2)
+    return source, model, geometry
 
 
 def _tell_frames_apart(model: Any) -> None:
@@ -270,12 +325,23 @@ def _check_bodies(model: Any, geometry: Any) -> None:
             )
 
 
-def _compare_all_but_adjacent(model: Any, geometry: Any) -> None:
-    """Compare all pairs of bodies but those that one joint connects: they touch where they are joined."""
-    joints = np.array([item.parentJoint for item in geometry.geometryObjects], dtype=int)
+def _compare(model: Any, geometry: Any, srdf: Srdf) -> None:
+    """Compare all pairs of bodies but those that one joint connects, as they touch where they are joined, and those
+    that the SRDF leaves out.
+    """
+    items = list(geometry.geometryObjects)
+    joints = np.array([item.parentJoint for item in items], dtype=int)
     parents = np.array(model.parents)[joints]
-    adjacent = (joints[:, None] == joints) | (parents[:, None] == joints) | (joints[:, None] == parents)
-    geometry.setCollisionPairs(~adjacent)
+    compared = ~((joints[:, None] == joints) | (parents[:, None] == joints) | (joints[:, None] == parents))
+    bodies: dict[str, list[int]] = {}
+    for number, item in enumerate(items):
+        bodies.setdefault(model.frames[item.parentFrame].name, []).append(number)
+    for pairs, kept in ((srdf.disabled, False), (srdf.enabled, True)):
+        for pair in pairs:
+            first, second = (bodies.get(link, []) for link in (min(pair), max(pair)))
+            compared[np.ix_(first, second)] = compared[np.ix_(second, first)] = kept
+    compared[joints[:, None] == joints] = False  # rigid
+    geometry.setCollisionPairs(compared)
 
 
 def _drop_rigid(geometry: Any) -> None:
@@ -303,10 +369,12 @@ def _se3(placement: Placement) -> Any:
     return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
 
 
-def _require_known(named: Iterable[str], known: list[str], key: str) -> None:
+def _require_known(named: Iterable[str], known: list[str], key: str, kind: str = "joint") -> None:
     for name in named:
         if name not in known:
-            raise RobotError(f"there is no joint '{name}' in the models", key=key, way_out=_near(name, known))
+            raise RobotError(
+                f"there is no {kind} '{name}' in the models", key=key, way_out=_near(name, known)
+            )
 
 
 def _near(name: str, names: list[str], most: int = 30) -> str:
@@ -324,10 +392,11 @@ def _chains(description: RobotFile, model: Any) -> dict[str, list[str]]:
         chain = [joint for joint in supports if joint not in description.posture]
         for other, joints in chains.items():
             if shared := [joint for joint in chain if joint in joints]:
+                stay = ", ".join(f"{joint}: {_near_zero_text(model, joint)}" for joint in shared)
                 raise RobotError(
                     f"the arms '{other}' and '{name}' share the joint '{shared[0]}'",
                     key="posture",
-                    way_out=f"say where it stays: posture: {{{shared[0]}: 0}}",
+                    way_out=f"say where it stays: posture: {{{stay}}}",
                 )
         if not chain:
             raise RobotError(
@@ -357,31 +426,43 @@ def _frame(model: Any, name: str, key: str) -> Any:
 
 
 def _with_posture(
-    description: RobotFile, model: Any, mimics: dict[str, Mimic], chains: dict[str, list[str]]
+    description: RobotFile,
+    model: Any,
+    mimics: dict[str, Mimic],
+    chains: dict[str, list[str]],
+    states: Sequence[GroupState],
 ) -> RobotFile:
-    """Complete the posture of the description: joints that it does not name follow their <mimic>, or stay nearest to
-    0.
+    """Complete the posture of the description: joints that it does not name are as its group states have them, follow
+    their <mimic>, or stay nearest to 0.
     """
     moving = {joint for chain in chains.values() for joint in chain}
-    posture = dict(description.posture)
+    posture: dict[str, float] = {}
+    for state in description.states or ():
+        values = [one.values for one in states if one.name == state]
+        if not values:
+            raise _unknown_state(state, states, "states", "leave it out")
+        known = set(list(model.names)[1:]) - moving
+        posture |= {name: value for one in values for name, value in one.items() if name in known}
+    given = posture | description.posture
+    posture = dict(given)
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         if name not in moving and joint.nq == 1:
-            lower, upper = _range(model, joint)
-            posture.setdefault(name, min(max(0.0, lower), upper))
+            posture.setdefault(name, _nearest_to_zero(model, name))
     for name, mimic in _leaders_first(mimics):
-        if name in description.posture or name not in list(model.names):  # a fixed joint may have a <mimic>
+        if name in given or name not in list(model.names):  # a fixed joint may have a <mimic>
             continue
         if mimic.joint not in list(model.names):
             raise RobotError(
                 f"the joint '{name}' goes along with '{mimic.joint}', which is not there",
                 key="posture",
-                way_out=f"correct its <mimic>, or say where it stays: posture: {{{name}: 0}}",
+                way_out=f"correct its <mimic>, or say where it stays: posture: {{{name}: "
+                f"{_near_zero_text(model, name)}}}",
             )
         if name in moving or mimic.joint in moving:
             raise RobotError(
                 f"the joint '{name}' goes along with '{mimic.joint}', which no arm here can",
                 key="posture",
-                way_out=f"say where it stays: posture: {{{name}: 0}}",
+                way_out=f"say where it stays: posture: {{{name}: {_near_zero_text(model, name)}}}",
             )
         posture[name] = mimic.multiplier * posture.get(mimic.joint, 0.0) + mimic.offset
     return description.model_copy(update={"posture": posture})
@@ -398,12 +479,6 @@ def _locked_at(description: RobotFile, model: Any, rounding: float = 1e-9) -> Ar
     q = pin.neutral(model)
     for name, value in description.posture.items():
         joint = model.joints[model.getJointId(name)]
-        if joint.nv > 1:
-            raise RobotError(
-                f"the joint '{name}' has {joint.nv} degrees of freedom and no single value",
-                key="posture",
-                way_out="leave it out: it stays where the URDF has it",
-            )
         if joint.nq == 2:  # turns without end
             q[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
             continue
@@ -412,10 +487,25 @@ def _locked_at(description: RobotFile, model: Any, rounding: float = 1e-9) -> Ar
             raise RobotError(
                 f"the joint '{name}' stays at {value:g}, outside its limits",
                 key="posture",
-                way_out=f"keep it between {lower:g} and {upper:g}",
+                way_out=f"keep it between {lower:.10g} and {upper:.10g}",
             )
         q[joint.idx_q] = value
     return q
+
+
+def _nearest_to_zero(model: Any, name: str) -> float:
+    """Return the value nearest to 0 within the limits of a joint."""
+    joint = model.joints[model.getJointId(name)]
+    if joint.nq != 1:
+        return 0.0
+    lower, upper = _range(model, joint)
+    return min(max(0.0, lower), upper)
+
+
+def _near_zero_text(model: Any, name: str) -> str:
+    """Return the value nearest to 0 within the limits of a joint, in as many digits as it takes."""
+    value = _nearest_to_zero(model, name)
+    return f"{value:g}" if float(f"{value:g}") == value else repr(value)
 
 
 def _range(model: Any, joint: Any) -> tuple[float, float]:
@@ -430,6 +520,8 @@ def _reduced(
     collision: Any,
     chains: dict[str, list[str]],
     sources: tuple[Source, ...],
+    states: Sequence[GroupState],
+    further: Mapping[str, FurtherLimits],
     sha256: str,
 ) -> Robot:
     """Build the robot with every joint locked but those of the arms."""
@@ -445,9 +537,9 @@ def _reduced(
     _tell_frames_apart(reduced)
     _drop_rigid(geometry)
     names = list(reduced.names)[1:]
-    limits = _limits(description, reduced, names)
+    limits = _limits(description, reduced, names, further)
     arms = tuple(
-        _arm(name, arm, np.array([names.index(j) for j in chains[name]]), limits)
+        _arm(name, arm, chains[name], np.array([names.index(j) for j in chains[name]]), states, limits)
         for name, arm in description.arms.items()
     )
     relief = np.array([description.springs.get(name, 0.0) for name in names])
@@ -458,12 +550,6 @@ def _reduced(
 
 def _require_limited(joint: Any, name: str) -> None:
     """Refuse joints that an arm cannot have."""
-    if joint.nv > 1:
-        raise RobotError(
-            f"the joint '{name}' has {joint.nv} degrees of freedom, an arm's joint has one",
-            key="arms",
-            way_out="write it as several joints, or as a fixed one, in the URDF",
-        )
     if joint.nq > 1:
         raise RobotError(
             f"the joint '{name}' turns without end and has no limits",
@@ -472,14 +558,18 @@ def _require_limited(joint: Any, name: str) -> None:
         )
 
 
-def _limits(description: RobotFile, model: Any, names: list[str]) -> dict[str, Array]:
+def _limits(
+    description: RobotFile, model: Any, names: list[str], further: Mapping[str, FurtherLimits]
+) -> dict[str, Array]:
     """Collect and check the limits of the moving joints; arrays, shape (n_joints,)."""
     limits = {
         "lower": np.array(model.lowerPositionLimit),
         "upper": np.array(model.upperPositionLimit),
         "velocity": np.array(model.velocityLimit),
         "effort": np.array(model.effortLimit),
-        "acceleration": np.array([_acceleration(description, name) for name in names]),
+        "acceleration": _or(description.acceleration, [further[name].acceleration for name in names]),
+        "jerk": _or(np.inf, [further[name].jerk for name in names]),
+        "approach": np.array([further[name].approach for name in names]),
     }
     for i, name in enumerate(names):
         lower, upper = limits["lower"][i], limits["upper"][i]
@@ -489,8 +579,9 @@ def _limits(description: RobotFile, model: Any, names: list[str]) -> dict[str, A
                 key="limits",
                 way_out=f"give others: limits: {{{name}: {{lower: -3, upper: 3}}}}",
             )
-        for key in ("velocity", "effort", "acceleration"):
-            if not 0 < limits[key][i] < LARGEST_LIMIT:
+        _check_units(name, lower, upper, slides=model.joints[i + 1].shortname().startswith("JointModelP"))
+        for key in ("velocity", "effort", "acceleration", "jerk"):
+            if not 0 < limits[key][i] <= (np.inf if key == "jerk" else LARGEST_LIMIT):
                 raise RobotError(
                     f"the joint '{name}' has the {key} limit {limits[key][i]:g}",
                     key="limits",
@@ -499,28 +590,94 @@ def _limits(description: RobotFile, model: Any, names: list[str]) -> dict[str, A
     return limits
 
 
-def _arm(name: str, arm: ArmDescription, columns: NDArray[np.int64], limits: dict[str, Array]) -> Arm:
+def _or(default: float, values: list[float | None]) -> Array:
+    """Return values, with a default where there is none; array, shape (n_joints,)."""
+    return np.array([default if value is None else value for value in values])
+
+
+def _check_units(name: str, lower: float, upper: float, slides: bool) -> None:
+    """Refuse position limits that must be meant in degrees or millimetres."""
+    widest, unit = max(abs(lower), abs(upper)), "m" if slides else "rad"
+    if widest > (LARGEST_STROKE if slides else LARGEST_TURN):
+        other, factor = ("millimetres", 1e-3) if slides else ("degrees", np.pi / 180.0)
+        raise RobotError(
+            f"the joint '{name}' has the limits {lower:g} to {upper:g} {unit}, {other} it seems",
+            key="limits",
+            way_out=f"give {unit}: limits: {{{name}: {{lower: {factor * lower:.6g}, upper: {factor * upper:.6g}}}}}",
+        )
+
+
+def _arm(
+    name: str,
+    arm: ArmDescription,
+    chain: list[str],
+    columns: NDArray[np.int64],
+    states: Sequence[GroupState],
+    limits: dict[str, Array],
+) -> Arm:
     lower, upper = limits["lower"][columns], limits["upper"][columns]
-    home = 0.5 * (lower + upper) if arm.home is None else np.array(arm.home)
+    home, key = 0.5 * (lower + upper), f"arms.{name}.home"
+    if arm.home is not None:
+        home = np.array(arm.home)
+    elif arm.home_state is not None:
+        key += "_state"
+        home = np.array(_of_state(arm.home_state, chain, states, key))
     if len(home) != len(columns):
         raise RobotError(
             f"home has {len(home)} values, the arm {len(columns)} joints",
-            key=f"arms.{name}.home",
+            key=key,
             way_out="give one value a joint, from the base to the tip",
         )
     outside = (home < lower) | (home > upper)
     if outside.any():
         raise RobotError(
             f"joint {int(outside.argmax()) + 1} is at {home[outside][0]:g} at home, outside its limits",
-            key=f"arms.{name}.home",
-            way_out=f"keep it between {lower[outside][0]:g} and {upper[outside][0]:g}",
+            key=key,
+            way_out=f"keep it between {lower[outside][0]:.10g} and {upper[outside][0]:.10g}",
         )
     return Arm(name, arm.tip, columns, _se3(arm.tool).homogeneous, home, tuple(arm.fingers))
 
 
-def _acceleration(description: RobotFile, name: str) -> float:
-    given = description.limits.get(name)
-    return description.acceleration if given is None or given.acceleration is None else given.acceleration
+def _unknown_state(state: str, states: Sequence[GroupState], key: str, otherwise: str) -> RobotError:
+    known = sorted({one.name for one in states})
+    return RobotError(
+        f"there is no group state '{state}' in the SRDFs",
+        key=key,
+        way_out=near_name(state, known) if known else otherwise,
+    )
+
+
+def _of_state(state: str, chain: list[str], states: Sequence[GroupState], key: str) -> list[float]:
+    """Return the joints of an arm in a group state."""
+    named = [one.values for one in states if one.name == state]
+    if not named:
+        raise _unknown_state(state, states, key, "give values: home: [..]")
+    found = {tuple(values[joint] for joint in chain) for values in named if set(chain) <= set(values)}
+    if len(found) != 1:
+        missing = ", ".join(joint for joint in chain if not any(joint in values for values in named))
+        raise RobotError(
+            f"the group state '{state}' has "
+            + (
+                f"{len(found)} values for the arm's joints"
+                if found
+                else f"no values for {missing or 'all joints'}"
+            ),
+            key=key,
+            way_out=f"give its {len(chain)} values by home: [..], from the base to the tip",
+        )
+    return list(found.pop())
+
+
+def _is_body(inertia: Any, rounding: float = 0.01) -> bool:
+    """Return whether a body can have an inertia, up to a share of its largest moment; negative moments are told
+    elsewhere.
+    """
+    moments = np.linalg.eigvalsh(np.array(inertia.inertia))
+    least = 1e-9 * inertia.mass  # kg m^2, of a body a few hundredths of a millimetre wide
+    return (
+        bool(moments[2] >= least and moments[0] + moments[1] >= (1.0 - rounding) * moments[2])
+        or moments[0] < 0.0
+    )
 
 
 def _gaps(robot: Robot) -> Iterator[str]:
@@ -532,3 +689,15 @@ def _gaps(robot: Robot) -> Iterator[str]:
             yield f"no link of the arm '{arm.name}' has a collision body: what it touches is not known"
         if not sum(robot.model.inertias[joint].mass for joint in joints):
             yield f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known"
+        if strange := [
+            robot.model.names[joint] for joint in joints if not _is_body(robot.model.inertias[joint])
+        ]:
+            yield (
+                f"what {', '.join(strange)} of the arm '{arm.name}' move has moments of inertia that no body has "
+                "(none, or one larger than the sum of the others): what it asks of its motors may be wrong"
+            )
+        if len(joints) < FREEDOMS and any(source.nearly_right for source in robot.sources):
+            yield (
+                f"angles such as 1.5708 leave axes of joints askew, for which the {len(joints)} joints of the arm "
+                f"'{arm.name}' cannot make up: take them for right angles by round_right_angles: true, beside urdf"
+            )

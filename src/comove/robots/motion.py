@@ -134,6 +134,87 @@ def largest_acceleration(curve: PPoly, limit: Array) -> Extreme:
     return Extreme.largest(np.abs(curve(curve.x, 2)) / limit, curve.x)
 
 
+def largest_approach(curve: PPoly, approach: Array, lower: Array, upper: Array) -> Extreme:
+    """Compute the largest share of the velocity with which joints may approach their position limits.
+
+    A joint at q, with the time constant T and the limit b before it, may move at (b - q)/T. The largest share, at any
+    instant, is found as Dinkelbach's method finds the largest quotient: the exact extreme of T q' - share (b - q)
+    gives the next share.
+
+    Parameters
+    ----------
+    curve : joint positions by time [s], cubic between samples, within the limits
+    approach : array, shape (n_joints,), time constants [s], 0 for joints that may move at any velocity
+    lower, upper : arrays, shape (n_joints,), position limits
+
+    Returns
+    -------
+    Extreme : inf for a joint that moves at its limit, or comes to rest there
+    """
+    columns = np.flatnonzero(approach > 0.0)
+    worst = Extreme(0.0, 0, float(curve.x[0]))
+    if not len(columns):
+        return worst
+    own = PPoly(curve.c[:, :, columns], curve.x)
+    limits = approach[columns], lower[columns], upper[columns]
+    _, time = fastest(own)
+    for _ in range(100):
+        position, velocity = _each(own, time)
+        found = Extreme.largest(approach_shares(position, velocity, *limits), time)
+        if not worst.value * (1.0 + 1e-12) < found.value < np.inf:
+            break
+        worst = found
+        time, _ = places(_ahead(own, limits[0] / worst.value))
+    worst = max(worst, found, key=lambda extreme: extreme.value)
+    return worst._replace(joint=int(columns[worst.joint]))
+
+
+def approach_shares(position: Array, velocity: Array, approach: Array, lower: Array, upper: Array) -> Array:
+    """Compute shares of the velocities with which joints may approach their limits; arrays, shape (..., n_joints).
+
+    Parameters
+    ----------
+    position, velocity : of the joints [rad, rad/s]
+    approach, lower, upper : as in `largest_approach`
+    """
+    room = np.where(velocity > 0.0, upper - position, position - lower)
+    wanted = approach * np.abs(velocity)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = wanted / np.maximum(room, 0.0)
+    return np.where(wanted > 0.0, share, 0.0)
+
+
+def _ahead(curve: PPoly, seconds: Array) -> PPoly:
+    """Return q + T q' of a cubic curve q, with the joints' times T, array of shape (n_joints,) [s]."""
+    cubic, square, slope, start = curve.c
+    return PPoly(
+        np.stack(
+            [cubic, square + 3.0 * seconds * cubic, slope + 2.0 * seconds * square, start + seconds * slope]
+        ),
+        curve.x,
+    )
+
+
+def _each(curve: PPoly, time: Array) -> tuple[Array, Array]:
+    """Evaluate position and velocity of every joint at its own times; arrays, shape (n_places, n_joints)."""
+    piece = np.clip(np.searchsorted(curve.x, time, side="right") - 1, 0, len(curve.x) - 2)
+    cubic, square, slope, start = np.take_along_axis(curve.c, piece[None], axis=1)
+    s = time - curve.x[piece]
+    return ((cubic * s + square) * s + slope) * s + start, (3.0 * cubic * s + 2.0 * square) * s + slope
+
+
+def largest_jerk(curve: PPoly, limit: Array) -> Extreme:
+    """Compute the largest share of its jerk limit, array of shape (n_joints,), that a joint uses.
+
+    Between samples jerk is constant. At both ends the robot is at rest: an acceleration there counts as one that is
+    reached within the time between two samples.
+    """
+    width = np.diff(curve.x)
+    ends = np.abs(curve(curve.x[[0, -1]], 2)) / width[[0, -1], None]
+    jerk = np.concatenate([ends[:1], 6.0 * np.abs(curve.c[0]), ends[1:]])
+    return Extreme.largest(jerk / limit, np.concatenate([curve.x[:1], curve.x[:-1], curve.x[-1:]]))
+
+
 def fastest(curve: PPoly) -> tuple[Array, Array]:
     """Compute the largest speed of every joint between every two samples, and its time; arrays, shape (n_intervals,
     n_joints).

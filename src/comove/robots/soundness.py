@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -13,7 +14,33 @@ from numpy.typing import NDArray
 from comove.errors import RobotError, shortened
 
 LIMITED = ("revolute", "prismatic")
+FREE = ("floating", "planar")
 LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
+RATES = {"acceleration": ("acceleration", "deceleration"), "jerk": ("jerk",)}
+"""Attributes of a <limit>, with any prefix, that state a limit of a description."""
+NUMBERS = {
+    "origin": {"xyz": (3, "m"), "rpy": (3, "rad")},
+    "axis": {"xyz": (3, "")},
+    "safety_controller": dict.fromkeys(
+        ("soft_lower_limit", "soft_upper_limit", "k_position", "k_velocity"), (1, "")
+    ),
+    "dynamics": {"damping": (1, ""), "friction": (1, "")},
+    "mimic": {"multiplier": (1, ""), "offset": (1, "")},
+    "calibration": {"rising": (1, ""), "falling": (1, "")},
+    "mass": {"value": (1, "kg")},
+    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (1, "kg m^2")),
+    "box": {"size": (3, "m")},
+    "sphere": {"radius": (1, "m")},
+    "cylinder": {"radius": (1, "m"), "length": (1, "m")},
+    "capsule": {"radius": (1, "m"), "length": (1, "m")},
+    "mesh": {"scale": (3, "")},
+    "color": {"rgba": (4, "")},
+    "limit": dict.fromkeys(sum(RATES.values(), ()), (1, "")),
+}
+"""How many numbers an attribute holds, and their unit, by element; `_check_limits` checks those of `LIMITS`."""
+COUNTS = {1: "one number", 3: "three numbers with blanks between", 4: "four numbers with blanks between"}
+_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_MINUS = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2212\ufe63\uff0d", "-"))
 MAX_NAME = 200  # characters
 MAX_CHAIN = 1000  # joints one after the other: Pinocchio goes down by recursion
 MAX_JOINTS, MAX_BODIES = 1000, 1000  # that move; shapes, every two of which are compared
@@ -33,6 +60,9 @@ def require_sound(tree: ET.Element, prefix: str) -> None:
     joints = tree.findall("./joint")
     for element in (*tree.findall("./link"), *joints):
         _require_name(element, prefix)
+    for element in tree:
+        if element.tag in ("link", "joint", "material"):
+            _check_numbers(element, f"the {element.tag} '{prefix}{element.get('name', '')}'")
     for joint in joints:
         name = prefix + joint.get("name", "")
         _check_limits(joint, name)
@@ -42,7 +72,7 @@ def require_sound(tree: ET.Element, prefix: str) -> None:
     for link in tree.findall("./link"):
         _check_link(link, f"the link '{prefix}{link.get('name', '')}'")
     _check_sizes(tree)
-    _check_tree(tree)
+    require_tree(tree)
 
 
 def _require_name(element: ET.Element, prefix: str) -> None:
@@ -58,6 +88,43 @@ def _require_name(element: ET.Element, prefix: str) -> None:
         )
 
 
+def local_name(name: str) -> str:
+    """Return the name of an element or an attribute without its prefix."""
+    return name.rpartition(":")[2]
+
+
+def _check_numbers(owner: ET.Element, told: str) -> None:
+    """Refuse attributes that do not hold as many numbers as they should, and part the numbers by single blanks, as
+    Pinocchio reads them.
+    """
+    for element in owner.iter():
+        for attribute, text in element.attrib.items():
+            count, unit = NUMBERS.get(element.tag, {}).get(local_name(attribute), (0, ""))
+            parts = text.split()
+            if count and not _are_numbers(parts, count):
+                raise RobotError(
+                    f"{told} has <{element.tag} {attribute}={shortened(ascii(text))}>",
+                    way_out=_correction(attribute, text, count, unit),
+                )
+            if count:
+                element.set(attribute, " ".join(parts))
+
+
+def _are_numbers(parts: list[str], count: int) -> bool:
+    return len(parts) == count and all(number(part) is not None for part in parts)
+
+
+def _correction(attribute: str, text: str, count: int, unit: str) -> str:
+    """Return what to write in place of a text that does not hold some numbers."""
+    if "$" in text:
+        return "expand the xacro first: xacro FILE > robot.urdf"
+    plain = text.translate(_MINUS)
+    for parts in (plain.split(), re.split(r"[\s,;]+", plain.strip(" ,;")), plain.replace(",", ".").split()):
+        if _are_numbers(parts, count):
+            return f'write {attribute}="{" ".join(parts)}"'
+    return f"write {COUNTS[count]}{unit and f' [{unit}]'}"
+
+
 def _check_limits(joint: ET.Element, name: str) -> None:
     limit, wrong = joint.find("limit"), {}
     for key in LIMITS:
@@ -67,6 +134,8 @@ def _check_limits(joint: ET.Element, name: str) -> None:
                 wrong[key] = "is missing"
         elif number(text) is None or (key in REQUIRED and float(text) < 0):
             wrong[key] = f"is '{shortened(text)}'"
+        elif limit is not None:
+            limit.set(key, text.strip())
     if wrong:
         told = ", ".join(f"{key} {what}" for key, what in wrong.items())
         given = ", ".join(f"{key}: NUMBER" for key in wrong)
@@ -80,7 +149,7 @@ def _check_axis(joint: ET.Element, name: str) -> None:
     axis = joint.find("axis") if joint.get("type") in (*LIMITED, "continuous") else None
     if axis is None:
         return
-    length = math.hypot(*(number(text) or 0.0 for text in axis.get("xyz", "1 0 0").split()))
+    length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
     if not 1e-6 < length < 1e6:
         raise RobotError(f"the axis of the joint '{name}' has no direction", way_out="correct it")
 
@@ -122,7 +191,7 @@ def _check_place(element: ET.Element, told: str) -> None:
         return
     for key, how, unit in (("xyz", "has an origin at", "metres"), ("rpy", "is turned by", "radians")):
         values = origin.get(key, "")
-        if any(abs(number(text) or 0.0) > FARTHEST for text in values.split()):
+        if any(abs(float(text)) > FARTHEST for text in values.split()):
             raise RobotError(f"{told} {how} {shortened(values)}", way_out=f"write {unit}")
 
 
@@ -177,8 +246,8 @@ def doubts(tree: ET.Element, prefix: str) -> Iterator[str]:
 def _check_shape(shape: ET.Element) -> None:
     """Refuse sizes that are not positive; a mesh may be mirrored."""
     for key in ("size", "radius", "length", "scale"):
-        values = [number(text) for text in shape.get(key, "").split()]
-        if any(v is None or v == 0 or (v < 0 and key != "scale") for v in values):
+        values = [float(text) for text in shape.get(key, "").split()]
+        if any(v == 0 or (v < 0 and key != "scale") for v in values):
             raise RobotError(
                 f"a <{shape.tag}> has the {key} '{shortened(shape.get(key, ''))}'",
                 way_out="write positive numbers [m]" if key != "scale" else "write numbers other than 0",
@@ -195,21 +264,35 @@ def _check_sizes(tree: ET.Element) -> None:
             raise RobotError(f"it has {n} {what}, more than {most}", way_out="simplify it")
 
 
-def _check_tree(tree: ET.Element) -> None:
-    """Refuse links that hang on two joints, circles and trees that are too deep; Pinocchio reports missing links."""
+def require_tree(tree: ET.Element) -> None:
+    """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep.
+
+    Raises
+    ------
+    RobotError
+        If the links are no tree; the message names the link or joint, and the way out.
+    """
     links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
+    if not links:
+        raise RobotError("it has no link", way_out="name a URDF with the links of a robot")
     hangs: dict[str, tuple[str, str]] = {}  # on which joint, and link above it
     for joint in tree.findall("./joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
-        parent, child = ("" if end is None else end.get("link", "") for end in ends)
-        if parent not in links or child not in links:
-            return
+        parent, child = (None if end is None else end.get("link") for end in ends)
+        for end, tag in ((parent, "parent"), (child, "child")):
+            if end is None or end not in links:
+                lacks = (
+                    f"no <{tag}>" if end is None else f"the <{tag}> '{shortened(end)}', which is not there"
+                )
+                raise RobotError(
+                    f"the joint '{joint.get('name')}' has {lacks}", way_out="let it connect two links"
+                )
         if child in hangs:
             raise RobotError(
-                f"the link '{child}' hangs on two joints, '{hangs[child][0]}' and '{joint.get('name')}'",
+                f"the link '{child}' hangs on two joints, '{hangs[str(child)][0]}' and '{joint.get('name')}'",
                 way_out="let it hang on one: a URDF is a tree",
             )
-        hangs[child] = joint.get("name", ""), parent
+        hangs[str(child)] = joint.get("name", ""), str(parent)
     depth: dict[str, int] = {}
     try:
         for link in TopologicalSorter({child: {above} for child, (_, above) in hangs.items()}).static_order():
@@ -223,12 +306,14 @@ def _check_tree(tree: ET.Element) -> None:
         raise RobotError(
             f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
         )
+    if len(roots := [link for link in links if link not in hangs]) > 1:
+        raise RobotError(
+            f"the links '{roots[0]}' and '{roots[1]}' both hang on no joint",
+            way_out="connect all links by joints: a URDF is a tree",
+        )
 
 
 def number(text: str) -> float | None:
-    """Return the finite number that a text holds, or None."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
+    """Return the finite number that a text holds as URDFs have it, or None."""
+    value = float(text) if _NUMBER.fullmatch(text.strip()) else math.nan
     return value if math.isfinite(value) else None

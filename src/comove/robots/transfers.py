@@ -21,7 +21,7 @@ from comove.errors import OptionError, RobotError
 from comove.planning.seeds import minimum_jerk
 from comove.robots.free_space import Room, RoomSettings, way
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges
+from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges, largest_approach
 from comove.robots.search.chains import Iteration, chains_of, reach_pose
 from comove.robots.verification import checks as check
 from comove.robots.verification.bodies import LOAD, Bodies, beyond_wrists, bodies_of
@@ -258,8 +258,15 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array, how: 
     s = np.linspace(0.0, 1.0, 201)
     unit = JointMotion(s, robot.joint_names, curve(minimum_jerk(s)))
     velocity, acceleration = unit.largest()
+    approach = largest_approach(unit.curve, robot.approach, robot.lower, robot.upper)
+    if np.isinf(approach.value):
+        raise RobotError(
+            f"{robot.joint_names[approach.joint]} would come to rest at its soft limit, which it may only approach",
+            key="home",
+            way_out="give a home and a grasp farther from the limits",
+        )
     ratios = [
-        (velocity / (how.pace * robot.velocity)).max(),
+        max((velocity / robot.velocity).max(), approach.value) / how.pace,
         np.sqrt((acceleration / (how.pace * robot.acceleration)).max()),
     ]
     places = robot.tool_poses(unit.position, arms)[:, :, :3, 3]

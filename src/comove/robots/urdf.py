@@ -1,10 +1,10 @@
 """Reader of URDF models: finds, checks and prepares a model before Pinocchio builds it.
 
-The description's limits and the prefix are written into the model. Right angles of five digits, as many URDFs have
-them, are made whole: an arm of five joints cannot make up for axes that are a hair askew. Pinocchio's reader skips
-what it does not understand, such as a body's shape, and at most prints a message on stderr; here that is an error
-(`comove.robots.soundness`). Collision meshes are read here, since Pinocchio's reader of meshes guesses or crashes on
-damaged files: Pinocchio gets checked triangles.
+The description's limits and the prefix are written into the model, and floating and planar joints are fixed. Right
+angles of five digits, as many URDFs have them, are rounded where the description says so: an arm of five joints
+cannot make up for axes that are a hair askew. Pinocchio's reader skips what it does not understand, such as a body's
+shape, and at most prints a message on stderr; here that is an error (`comove.robots.soundness`). Collision meshes are
+read here, since Pinocchio's reader of meshes guesses or crashes on damaged files: Pinocchio gets checked triangles.
 """
 
 from __future__ import annotations
@@ -23,14 +23,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from comove.errors import ComoveWarning, MeshError, RobotError, shortened
-from comove.geometry.triangles import FORMATS, as_stl, elements_of, triangles_of
-from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
-from comove.robots.description import JointLimits, ModelSource, Placement, errors_in, is_file
-from comove.robots.soundness import LIMITS, doubts, number, require_sound
+import numpy as np
+from scipy.spatial.transform import Rotation
 
-MAX_BYTES = 20_000_000
-CONVERT = "convert it first: comove robot convert FILE --out FOLDER"
+from comove.errors import ComoveWarning, MeshError, RobotError, shortened
+from comove.geometry.triangles import FORMATS, as_stl, triangles_of
+from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
+from comove.robots.description import JointLimits, ModelSource, Placement, RobotFile, errors_in, is_file
+from comove.robots.formats import SRDF, URDF, bytes_in, elements_in
+from comove.robots.joint_limits import FurtherLimits, doubts_of_limits, further_limits
+from comove.robots.soundness import FREE, LIMITS, doubts, require_sound
+from comove.robots.srdf import Srdf, srdf_of
+
 # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
 ROUNDED = 1e-5
 
@@ -53,17 +57,25 @@ class Source:
     urdf : text of the URDF, with the description's limits and prefix
     base : pose of its base in the scene
     file : path of the URDF
-    srdf : text of the SRDF with the prefix, None where there is none
+    srdf : what its SRDF says
     mimics : joints that follow others, by name
+    limits : limits of joints that Pinocchio does not read, by name
+    free : names of floating and planar joints, which are fixed in the text
+    nearly_right : whether angles of joints are right angles but for rounding, and are kept so
     meshes : collision meshes as binary STL, by their names in the URDF
+    files : files of the description, the model, its SRDF and its collision meshes
     """
 
     urdf: str
     base: Placement
     file: Path
-    srdf: str | None = None
+    srdf: Srdf = field(default_factory=Srdf)
     mimics: Mapping[str, Mimic] = field(default_factory=dict)
+    limits: Mapping[str, FurtherLimits] = field(default_factory=dict)
+    free: tuple[str, ...] = ()
+    nearly_right: bool = False
     meshes: Mapping[str, bytes] = field(default_factory=dict, repr=False)
+    files: tuple[Path, ...] = field(default=(), repr=False)
 
 
 def package_folders(file: Path) -> list[str]:
@@ -113,12 +125,12 @@ def resolve(uri: str, file: Path) -> Path:
     )
 
 
-def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Path, digest: Any) -> Source:
+def read_source(source: ModelSource, description: RobotFile, file: Path, digest: Any) -> Source:
     """Read a model, its SRDF and its collision meshes.
 
     Parameters
     ----------
-    limits : limits of the description, by joint
+    description : the description that names the model, with limits of joints and poses of those that float
     file : path of the description
     digest : hash object of hashlib, updated with everything that was read
 
@@ -127,34 +139,54 @@ def read_source(source: ModelSource, limits: Mapping[str, JointLimits], file: Pa
     RobotError
         If something is missing or cannot be used.
     """
-    path = resolve(source.urdf, file)
+    path, prefix = resolve(source.urdf, file), source.prefix
     with errors_in(path):
-        tree = _tree(path, "a URDF")
-        joints = [joint for joint in tree.findall("./joint") if joint.get("name")]
-        for joint in joints:
-            _fill_limits(joint, limits.get(source.prefix + joint.get("name", "")))
-        require_sound(tree, source.prefix)
-        for origin in tree.findall("./joint/origin[@rpy]"):
-            origin.set("rpy", " ".join(map(_whole, origin.get("rpy", "").split())))
-    for doubt in doubts(tree, source.prefix):
-        warnings.warn(f"{path}: {doubt}", ComoveWarning, stacklevel=2)
+        tree = elements_in(path, URDF)
+        joints = {prefix + name: joint for joint in tree.findall("./joint") if (name := joint.get("name"))}
+        for name, joint in joints.items():
+            _fill_limits(joint, description.limits.get(name))
+        require_sound(tree, prefix)
+        limits = {
+            name: further_limits(joint, name, description.limits.get(name)) for name, joint in joints.items()
+        }
+        _drop_extensions(tree)
+        notes = [*doubts_of_limits(joints, limits, description.limits), *doubts(tree, prefix)]
+        free = {name: joint for name, joint in joints.items() if joint.get("type") in FREE}
+        for name, joint in free.items():
+            notes += _fix_free(joint, name, (description.poses or {}).get(name))
+    for note in notes:
+        warnings.warn(f"{path}: {note}", ComoveWarning, stacklevel=2)
+    nearly_right = _round_right_angles(tree, bool(source.round_right_angles))
     meshes: dict[str, bytes] = {}
+    files = [part for part in (file, path) if is_file(part)]
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         found = _mesh(mesh, path, file)
+        files.append(found)
         with errors_in(found):
-            data = _bytes_of(found, MAX_MESH_BYTES)
+            data = bytes_in(found, MAX_MESH_BYTES)
             meshes[_uri(found)] = _stl(data, found.suffix.lower())
         digest.update(data)
-    srdf = None if source.srdf is None else _srdf(resolve(source.srdf, file))
-    _prefix(source.prefix, tree, srdf)
-    for part in (tree, srdf):
-        digest.update(b"" if part is None else ET.tostring(part))
+    srdf = Srdf()
+    if source.srdf is not None:
+        files.append(resolve(source.srdf, file))
+        srdf = _srdf(files[-1], tree, prefix, digest)
+    _prefix(prefix, tree)
+    digest.update(ET.tostring(tree))
     for mesh in tree.findall("./link/*/geometry/mesh"):  # what nothing but pictures need may be missing
         with suppress(RobotError):
             mesh.set("filename", _uri(_found(mesh.get("filename", ""), path, file)))
-    mimics = {joint.get("name", ""): _mimic(mimic) for joint in joints for mimic in joint.findall("mimic")}
-    told = None if srdf is None else ET.tostring(srdf, encoding="unicode")
-    return Source(ET.tostring(tree, encoding="unicode"), source.base, path, told, mimics, meshes)
+    return Source(
+        ET.tostring(tree, encoding="unicode"),
+        source.base,
+        path,
+        srdf=srdf,
+        mimics={name: _mimic(mimic) for name, joint in joints.items() for mimic in joint.findall("mimic")},
+        limits=limits,
+        free=tuple(free),
+        nearly_right=nearly_right,
+        meshes=meshes,
+        files=tuple(dict.fromkeys(files)),
+    )
 
 
 def for_pinocchio(source: Source, folder: Path) -> str:
@@ -168,6 +200,9 @@ def for_pinocchio(source: Source, folder: Path) -> str:
     for link in tree.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
+    for joint in tree.findall("joint"):
+        for safety in joint.findall("safety_controller"):
+            joint.remove(safety)
     files: dict[str, Path] = {}
     for mesh in tree.findall("./link/collision/geometry/mesh"):
         name = mesh.get("filename", "")
@@ -200,33 +235,6 @@ def errors_of_reader() -> Iterator[list[str]]:
             errors += re.findall(r"^Error:\s*(.+)$", file.read().decode(errors="replace"), re.MULTILINE)
 
 
-def _tree(path: Path, what: str) -> ET.Element:
-    """Read the root of an XML file, which must be a <robot>; `what` the file should be, in words."""
-    try:
-        tree = elements_of(_bytes_of(path, MAX_BYTES))
-    except MeshError as error:
-        raise RobotError(error.message, way_out=error.way_out) from None
-    if what == "a URDF" and any("xacro" in element.tag for element in tree.iter()):
-        raise RobotError("it is a xacro", way_out="expand it first: xacro FILE > robot.urdf")
-    if what == "a URDF" and tree.tag == "mujoco":
-        raise RobotError("it is a model of MuJoCo's", way_out=CONVERT)
-    if tree.tag != "robot":
-        raise RobotError(f"it is a <{shortened(tree.tag)}>, not a <robot>", way_out=f"name {what}")
-    return tree
-
-
-def _bytes_of(path: Path, limit: int) -> bytes:
-    """Read a file of at most `limit` bytes."""
-    try:
-        with open(path, "rb") as file:
-            data = file.read(limit + 1)
-    except OSError as error:
-        raise RobotError(f"it cannot be read: {error.strerror}", way_out="check name and rights") from None
-    if len(data) > limit:
-        raise RobotError(f"it is larger than {limit // 1_000_000} MB", way_out="simplify it")
-    return data
-
-
 def _stl(data: bytes, suffix: str) -> bytes:
     """Convert a mesh to binary STL."""
     try:
@@ -239,15 +247,85 @@ def _uri(path: Path) -> str:
     return f"file://{path.resolve()}"
 
 
-def _srdf(path: Path) -> ET.Element:
+def _srdf(path: Path, urdf: ET.Element, prefix: str, digest: Any) -> Srdf:
     with errors_in(path):
-        tree = _tree(path, "an SRDF")
-        for pair in tree.iter("disable_collisions"):
-            if not (pair.get("link1") and pair.get("link2")):
+        root = elements_in(path, SRDF)
+        digest.update(ET.tostring(root))
+        return srdf_of(root, [link.get("name", "") for link in urdf.findall("./link")], prefix)
+
+
+def _drop_extensions(tree: ET.Element) -> None:
+    """Remove what is for other programs, whose names have a prefix, such as ``drake:proximity_properties``.
+
+    Raises
+    ------
+    RobotError
+        If a collision body is one of them.
+    """
+    for link in tree.findall("./link"):
+        for body in (*link.findall("visual"), *link.findall("collision")):
+            shape = next((shape.tag for shape in body.findall("geometry/*") if ":" in shape.tag), None)
+            if shape is not None and body.tag == "collision":
                 raise RobotError(
-                    "a <disable_collisions> does not name two links", way_out='write link1="" link2=""'
+                    f"the link '{link.get('name', '')}' has the shape <{shape}>, which is not read",
+                    way_out="write it as boxes, spheres, cylinders or a mesh",
                 )
-        return tree
+            if shape is not None:
+                link.remove(body)
+    for parent in list(tree.iter()):
+        for child in [child for child in parent if ":" in child.tag]:
+            parent.remove(child)
+        for name in [name for name in parent.attrib if ":" in name or name == "xmlns"]:
+            del parent.attrib[name]
+
+
+def _fix_free(joint: ET.Element, name: str, pose: Placement | None) -> Iterator[str]:
+    """Fix a floating or planar joint at a pose; yields a note where the description gives none."""
+    kind = joint.get("type", "")
+    joint.set("type", "fixed")
+    if pose is None:
+        yield (
+            f"the {kind} joint '{name}' does not move, and stays where the URDF has it; say where: "
+            f"poses: {{{name}: {{position: [0, 0, 0]}}}}"
+        )
+        return
+    origin, axis = joint.find("origin"), joint.find("axis")
+    if origin is None:
+        origin = ET.SubElement(joint, "origin")
+    normal = np.array([1.0, 0.0, 0.0] if axis is None else _vector(axis, "xyz", "1 0 0"))
+    moved = Rotation.from_quat(pose.quaternion_wxyz, scalar_first=True)
+    along, turned = normal @ np.array(pose.position), np.cross(normal, moved.as_rotvec())
+    if kind == "planar" and max(abs(along), np.abs(turned).max()) > 1e-6 * np.linalg.norm(normal):
+        raise RobotError(
+            f"the pose of the planar joint '{name}' leaves its plane, whose normal is {_listed(normal)}",
+            key="poses",
+            way_out="give a position in the plane, and a turn about its normal",
+        )
+    base = Rotation.from_euler("xyz", _vector(origin, "rpy"))
+    origin.set("xyz", _listed(np.array(_vector(origin, "xyz")) + base.apply(pose.position)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # one of several triples of angles is as good
+        origin.set("rpy", _listed((base * moved).as_euler("xyz")))
+
+
+def _vector(element: ET.Element, key: str, default: str = "0 0 0") -> list[float]:
+    return [float(part) for part in element.get(key, default).split()]
+
+
+def _listed(values: Any) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+def _round_right_angles(tree: ET.Element, wanted: bool) -> bool:
+    """Round angles of joints that are right angles but for rounding, if wanted; returns whether some are left."""
+    left = False
+    for origin in tree.findall("./joint/origin[@rpy]"):
+        angles = origin.get("rpy", "").split()
+        whole = [_whole(angle) for angle in angles]
+        if wanted:
+            origin.set("rpy", " ".join(whole))
+        left |= whole != angles and not wanted
+    return left
 
 
 def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
@@ -294,16 +372,13 @@ def _found(named: str, path: Path, file: Path) -> Path:
         raise
 
 
-def _prefix(prefix: str, tree: ET.Element, srdf: ET.Element | None) -> None:
+def _prefix(prefix: str, tree: ET.Element) -> None:
     """Write a prefix before all names of links and joints."""
     if not prefix:
         return
     named = [(element, "name") for tag in ("link", "joint") for element in tree.findall(f"./{tag}")]
     named += [(end, "link") for tag in ("parent", "child") for end in tree.findall(f"./joint/{tag}")]
     named += [(mimic, "joint") for mimic in tree.findall("./joint/mimic")]
-    if srdf is not None:
-        pairs = list(srdf.iter("disable_collisions"))
-        named += [(pair, key) for key in ("link1", "link2") for pair in pairs]
     for element, key in named:
         if element.get(key):
             element.set(key, prefix + element.get(key, ""))
@@ -311,6 +386,6 @@ def _prefix(prefix: str, tree: ET.Element, srdf: ET.Element | None) -> None:
 
 def _mimic(mimic: ET.Element) -> Mimic:
     multiplier, offset = (
-        number(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0"))
+        float(mimic.get(key, default)) for key, default in (("multiplier", "1"), ("offset", "0"))
     )
-    return Mimic(mimic.get("joint", ""), 1.0 if multiplier is None else multiplier, offset or 0.0)
+    return Mimic(mimic.get("joint", ""), multiplier, offset)

@@ -1,7 +1,23 @@
 """Scenes: the manipulators, their load, the obstacles and the constraints; signed distances between them."""
 
-from comove.scenes.demonstration import demonstration_of, fitted, recording_of
-from comove.scenes.grasp import Grasp
-from comove.scenes.scene import Scene
+from typing import TYPE_CHECKING
 
-__all__ = ["Grasp", "Scene", "demonstration_of", "fitted", "recording_of"]
+from comove._doors import lazily
+
+if TYPE_CHECKING:
+    from comove.scenes.demonstration import (
+        demonstration_of as demonstration_of,
+        fitted as fitted,
+        recording_of as recording_of,
+    )
+    from comove.scenes.grasp import Grasp as Grasp
+    from comove.scenes.scene import Scene as Scene
+
+__all__, __getattr__, __dir__ = lazily(
+    __name__,
+    {
+        "scenes.demonstration": ["demonstration_of", "fitted", "recording_of"],
+        "scenes.grasp": ["Grasp"],
+        "scenes.scene": ["Scene"],
+    },
+)

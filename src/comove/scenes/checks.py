@@ -10,8 +10,7 @@ from pathlib import Path, PurePosixPath
 from comove.constraints.distance import DistanceKeys, distance_tolerance
 from comove.constraints.upright import UprightKeys
 from comove.errors import ComoveWarning, near_name
-from comove.geometry.meshes import LARGE
-from comove.io.keys import HAND, UNTURNED, VECTOR, marked
+from comove.io.keys import HAND, LARGE, UNTURNED, VECTOR, marked
 from comove.io.messages import Flaw, KeyPath, counted, show
 from comove.io.yaml_reader import MAX_NAMES, near_files
 from comove.scenes.model import ROUNDING, BarLoad, FrameLoad, GraspPart, SceneFile
@@ -28,8 +27,10 @@ _UNFIT = {
 _AXES = {2: "planar, so write 2 numbers (x, y)", 3: "spatial, so write 3 numbers (x, y, z)"}
 
 
-def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
+def cross_checked(scene: SceneFile, folder: Path | None, *, is_stored: bool = False) -> list[Flaw]:
     """Return the contradictions in a scene file.
+
+    The demonstration of a stored scene is not looked for: its motion is there already.
 
     The later checks need vectors of equal length and known names, so they run only where the first find nothing.
     """
@@ -44,7 +45,7 @@ def cross_checked(scene: SceneFile, folder: Path | None) -> list[Flaw]:
         *_grasp_flaws(scene),
         *_constraint_flaws(scene),
         *_objective_flaws(scene),
-        *_file_flaws(scene, folder),
+        *_file_flaws(scene, folder, is_stored),
     ]
 
 
@@ -195,9 +196,9 @@ def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
     return math.dist(*(grasps[name] for name in pair)) if all(name in grasps for name in pair) else None
 
 
-def _file_flaws(scene: SceneFile, folder: Path | None) -> Iterator[Flaw]:
+def _file_flaws(scene: SceneFile, folder: Path | None, is_stored: bool) -> Iterator[Flaw]:
     named: list[tuple[KeyPath, object]] = [
-        (("demonstration",), scene.demonstration),
+        (("demonstration",), None if is_stored else scene.demonstration),
         (("load",), scene.load),
         *((("obstacles", i), obstacle) for i, obstacle in enumerate(scene.obstacles)),
     ]

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import PurePosixPath
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from comove.demonstrations import Demonstration
 from comove.errors import DemonstrationError, LibraryError, SceneError
 from comove.primitives import DMP, Library, PoseDMP, ProMP, Variant
+from comove.primitives.library import SUFFIX
 from comove.primitives.operations import PLANES, in_space, scale
 from comove.primitives.recordings import is_several, read_several
 from comove.scenes.model import DemonstrationSource
@@ -133,7 +134,7 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
     """
     key, folder, file = "demonstration.library", scene.folder, scene.path
     place = PurePosixPath(library)
-    inner = str(place.parent) if len(place.parts) > 1 else LIBRARY
+    inner = _library_folder(place)
     try:
         inside = (folder / inner).resolve().is_relative_to(folder.resolve())
     except (OSError, ValueError, RuntimeError):  # name too long, a zero byte, a circle of links
@@ -172,6 +173,16 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
     if dmp.n_dims != scene.n_dims:
         raise _other_dimension("primitive", dmp.n_dims, scene, key)
     return dmp
+
+
+def library_file(scene: Scene, library: str) -> Path:
+    """Return the file of the primitive that a scene names in a library."""
+    place = PurePosixPath(library)
+    return scene.folder / _library_folder(place) / f"{place.name}{SUFFIX}"
+
+
+def _library_folder(place: PurePosixPath) -> str:
+    return str(place.parent) if len(place.parts) > 1 else LIBRARY
 
 
 def _other_dimension(what: str, found: int, scene: Scene, key: str) -> SceneError:

@@ -252,6 +252,10 @@ class Manipulator(Part):
     goal: Vector
 
 
+DEFAULT_LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
+"""Limits of hands that a scene leaves out, where its duration is open [m/s, m/s^2, m/s^3]."""
+
+
 class LimitsPart(Sparse):
     """Limits of each manipulator's motion, and the clearance that the load must keep.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from comove.io.folders import scene_folder
 from comove.io.messages import explained, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.scenes.checks import cross_checked, warn_of_what_is_odd
@@ -24,7 +25,8 @@ def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) 
     """
     data, lines = read_yaml(path)
     data = _changed(data, changes or {})
-    return parse_scene(data, folder=Path(path).parent, file=path, lines=lines)
+    folder = scene_folder(Path(path))
+    return parse_scene(data, folder=folder, file=path, lines=lines, is_stored=folder != Path(path).parent)
 
 
 def _changed(data: Any, changes: Mapping[str, Any]) -> Any:
@@ -41,6 +43,7 @@ def parse_scene(
     folder: str | Path | None = None,
     file: str | Path | None = None,
     lines: Lines | None = None,
+    is_stored: bool = False,
 ) -> SceneFile:
     """Check a scene given as plain data.
 
@@ -52,6 +55,8 @@ def parse_scene(
         The folder to which paths in the scene are relative; where None, files are not looked for.
     file, lines
         The source of the data, for messages; `lines` as :func:`comove.io.yaml_reader.read_yaml` returns them.
+    is_stored
+        Whether it is the scene of a result, whose demonstration need not be there.
 
     Raises
     ------
@@ -63,7 +68,7 @@ def parse_scene(
     except ValidationError as error:
         flaws = explained(error, data, CONTRACT)
     else:
-        flaws = cross_checked(scene, Path(folder) if folder is not None else None)
+        flaws = cross_checked(scene, Path(folder) if folder is not None else None, is_stored=is_stored)
     if flaws:
         raise scene_error(flaws, file, lines or {})
     warn_of_what_is_odd(scene, file)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import asin, degrees
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from comove.constraints import (
 )
 from comove.constraints.distance import distance_tolerance
 from comove.errors import SceneError
-from comove.geometry.convex_decomposition import ConvexDecomposition
 from comove.geometry.rotations import levelling, similarity, standing
 from comove.geometry.solids import N_CORNERS
 from comove.scenes.groups import (
@@ -32,6 +32,9 @@ from comove.scenes.groups import (
     tilt_between,
 )
 from comove.scenes.model import ROUNDING, BarLoad, BoxLoad, Gripped, PolygonLoad, SceneFile
+
+if TYPE_CHECKING:
+    from comove.geometry.convex_decomposition import ConvexDecomposition
 
 Array = NDArray[np.float64]
 

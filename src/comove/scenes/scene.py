@@ -27,10 +27,11 @@ from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
+from comove.io.folders import scene_folder
 from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, alternatives, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
-from comove.scenes.model import GraspChoice, GraspPart, SceneFile, canonical
+from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
 from comove.scenes.rigid import ENDS, HEADING, LoadBodies
@@ -116,7 +117,7 @@ class Scene:
             If the file cannot be read, breaks the contract or contradicts itself.
         """
         path = Path(path)
-        return _build(load_scene_file(path, changes), path.parent, path)
+        return _build(load_scene_file(path, changes), scene_folder(path), path)
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], *, folder: str | Path | None = None) -> Scene:
@@ -194,6 +195,11 @@ class Scene:
     def limited(self, **limits: float | None) -> Scene:
         """Return the scene with other limits, by their keys in a scene file; None for no limit."""
         return self._changed(limits=self.file.limits.model_copy(update=limits))
+
+    def with_limits(self, limits: Mapping[str, float] = DEFAULT_LIMITS) -> Scene:
+        """Return the scene with limits in place of those that it leaves out, by their keys in a scene file."""
+        given = self.file.limits
+        return self.limited(**{key: value for key, value in limits.items() if getattr(given, key) is None})
 
     @cached_property
     def alternatives(self) -> tuple[Scene, ...]:

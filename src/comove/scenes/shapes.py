@@ -6,16 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from math import hypot
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import SceneError
 from comove.geometry import distances as sd
-from comove.geometry.convex_decomposition import ConvexDecomposition
-from comove.geometry.meshes import Mesh, read_mesh
-from comove.geometry.polytopes import rows_of
 from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
 from comove.geometry.surfaces import Placed
@@ -32,8 +29,13 @@ from comove.scenes.model import (
     SceneFile,
 )
 
+if TYPE_CHECKING:
+    from comove.geometry.convex_decomposition import ConvexDecomposition
+    from comove.geometry.meshes import Mesh
+
+    Meshes = dict[int | str, tuple[Mesh, MeshObstacle | MeshLoad]]
+
 Array = NDArray[np.float64]
-Meshes = dict[int | str, tuple[Mesh, MeshObstacle | MeshLoad]]
 
 LOAD = "load"
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
@@ -76,6 +78,8 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
     meshes: Meshes = {}
     for whose, key, part in (*parts, (LOAD, "load", file.load)):
         if isinstance(part, (MeshObstacle, MeshLoad)):
+            from comove.geometry.meshes import read_mesh  # most scenes need no reader of meshes
+
             mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file")
             if part.resolution is not None and not part.resolution < mesh.width:
                 raise SceneError(
@@ -162,6 +166,8 @@ def obstacle_table(
     rows: list[Array] = []
     for i, obstacle in enumerate(file.obstacles):
         if isinstance(obstacle, MeshObstacle):
+            from comove.geometry.polytopes import rows_of
+
             turn = matrices(np.array(obstacle.quaternion_wxyz))
             rows.append(rows_of(list(decompositions[i].polytopes), np.array(obstacle.center), turn))
         else:

@@ -5,13 +5,27 @@ from __future__ import annotations
 from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from comove._version import __version__
+from comove.errors import OptionError, ResultError
 from comove.io.entries import MAPPING, NUMBER, TEXT, TEXTS, TRUTH, require_types
-from comove.results.sealed import ResultKind, Summary, checksum, finite
-from comove.simulators.execution import Execution
+from comove.results.sealed import Arrays, ResultKind, Summary, checksum, finite
+from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.scenes.scene import Scene
+from comove.simulators.execution import Contact, Execution
+from comove.simulators.loads import hand_poses, load_of
+from comove.simulators.settings import USUAL, Perturbation
 
 TOOLS = ("mujoco", "pin", "numpy")
+FITS = 1e-9  # s
+SAME_POSE = 1e-6  # m, rad and shares, to which poses and joints agree
+PLACED = 2e-2  # m, by which a load may be off its place when it is grasped
+DEEP = 1e-3  # m, from which on bodies count as inside each other: shapes of simulators are simplified
+LOOKS = 200  # samples at which it is looked what touches
 
 
 def _require_entries(summary: Summary, file: Path) -> None:
@@ -100,3 +114,154 @@ def _version(tool: str) -> str | None:
         return version(tool)
     except PackageNotFoundError:
         return None
+
+
+def verify_simulation(
+    summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, motion: JointMotion
+) -> list[str]:
+    """List the reasons why a stored simulation is not that of a joint motion, in words.
+
+    What the simulator found at samples is taken from the arrays; planned hands and the hands at the measured joints,
+    all that is derived from them, the verdict by the usual limits, and what touches at samples are computed anew.
+
+    Parameters
+    ----------
+    summary, arrays : contents of simulation.json and simulation.npz
+    robot, scene, motion : what is said to have been simulated, verified anew
+
+    Raises
+    ------
+    ResultError
+        If the arrays do not belong to the robot.
+    """
+    reasons = SIMULATION.broken_seals(summary, arrays) + SIMULATION.mistyped(summary)
+    known = {
+        "scene_sha256": (scene.sha256, "scene"),
+        "robot_sha256": (robot.sha256, "robot"),
+        "motion_sha256": (checksum({"time": motion.time, "position": motion.position}), "motion"),
+    }
+    reasons += [
+        f"{SIMULATION.summary} is of another {what}: its checksum differs"
+        for key, (right, what) in known.items()
+        if summary.get(key) != right
+    ]
+    if reasons:
+        return reasons
+    execution = _restored(summary, arrays, robot, scene, motion)
+    reasons = _impossible(execution, arrays)
+    return reasons or _misstated(summary, execution)
+
+
+def _restored(summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, motion: JointMotion) -> Execution:
+    """Return the execution that arrays hold, by the usual settings."""
+    from comove.simulators.grasps import GRASPS  # MuJoCo's names, which reading needs not
+
+    said = summary["grasp"]
+    try:
+        grasp = GRASPS[said["kind"]](**{key: value for key, value in said.items() if key != "kind"})
+        start_error = tuple(float(x) for x in summary["perturbation"]["start_error"])
+        perturbation = Perturbation(start_error=(start_error[0], start_error[1], start_error[2]))
+        contacts = tuple(
+            Contact((str(c["between"][0]), str(c["between"][1])), float(c["time"]), float(c["depth"]))
+            for c in summary["contacts"]
+        )
+    except (KeyError, TypeError, ValueError, IndexError, OptionError) as error:
+        raise ResultError(
+            f"grasp, perturbation or contacts cannot be read: {error}",
+            file=SIMULATION.summary,
+            way_out=SIMULATION.hint,
+        ) from error
+    n, n_joints, n_hands = arrays["time"].size, len(robot.joint_names), len(scene.manipulators)
+    load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
+    n_holders = 0 if load is None else len(load.holders)
+    shapes = {
+        "time": (n,),
+        **dict.fromkeys(("commanded", "joints", "torque"), (n, n_joints)),
+        **dict.fromkeys(("hands", "hands_planned"), (n, n_hands, 4, 4)),
+        "load_pose": (n, 4, 4),
+        "wrench": (n, n_holders, 6),
+    }
+    for name, shape in shapes.items():
+        loose = name == "load_pose" and load is None
+        if arrays[name].shape != shape or n < 2 or not (loose or np.isfinite(arrays[name]).all()):
+            raise ResultError(
+                f"it holds an array of shape {arrays[name].shape} where finite numbers of shape {shape} belong",
+                file=SIMULATION.arrays,
+                key=name,
+                way_out=SIMULATION.hint,
+            )
+    series: dict[str, Any] = {name: arrays[name] for name in shapes}
+    return Execution(
+        robot=robot,
+        scene=scene,
+        motion=motion,
+        simulator=str(summary["simulator"]),
+        grasp=grasp,
+        load=load,
+        settings=USUAL,
+        perturbation=perturbation,
+        contacts=contacts,
+        fingers=arrays.get("fingers", np.zeros((n, 0))),
+        **series,
+    )
+
+
+def _impossible(execution: Execution, arrays: Arrays) -> list[str]:
+    """List what no simulation of the motion could have found, in words."""
+    robot, scene, motion, time = execution.robot, execution.scene, execution.motion, execution.time
+    reasons, period = [], float(time[1] - time[0])
+    if not (time[0] == 0.0 and np.abs(np.diff(time) - period).max() <= FITS and period > 0):
+        reasons.append(f"the times in {SIMULATION.arrays} are not evenly spaced from 0 s")
+    if not time[-1] >= motion.duration - FITS:
+        reasons.append(f"{SIMULATION.arrays} ends before the motion does")
+    commanded = motion.at(np.clip(time, 0.0, motion.duration))[0]
+    right = {
+        "commanded": commanded,
+        "hands_planned": hand_poses(robot, scene, commanded),
+        "hands": hand_poses(robot, scene, execution.joints),
+    }
+    for name, poses in right.items():
+        if not np.abs(getattr(execution, name) - poses).max() <= SAME_POSE:
+            reasons.append(f"'{name}' in {SIMULATION.arrays} is not that of the motion and its joints")
+    if np.linalg.norm(execution.perturbation.start_error) > PLACED:
+        reasons.append(f"{SIMULATION.summary} says that the load began {PLACED:g} m or more from its place")
+    if execution.load is not None:
+        turn = execution.load_pose[:, :3, :3]
+        unit = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max() <= SAME_POSE
+        if not (unit and np.linalg.det(turn).min() > 0):
+            return [*reasons, f"'load_pose' in {SIMULATION.arrays} is no pose"]
+    series = execution.series()
+    for name in ("lag", "distance_error", "slip", "internal", "squeeze"):
+        stated = arrays.get(name)
+        off = stated is not None and stated.shape != series[name].shape
+        if off or (stated is not None and stated.size and not np.allclose(stated, series[name], atol=1e-6)):
+            reasons.append(f"'{name}' in {SIMULATION.arrays} is not what follows from the other series")
+    return reasons + _untold(execution)
+
+
+def _untold(execution: Execution) -> list[str]:
+    """List the bodies that are inside each other at samples, of which no contact tells, in words."""
+    from comove.simulators.playback import contacts_at
+
+    if execution.contacts:  # it was not delivered then
+        return []
+    found = contacts_at(execution, stride=max(1, len(execution.time) // LOOKS))
+    return [
+        f"{one} is {1e3 * contact.depth:.1f} mm inside {other} at {contact.time:.2f} s, of which "
+        f"{SIMULATION.summary} tells nothing"
+        for contact in found
+        if contact.depth > DEEP
+        for one, other in [contact.between]
+    ]
+
+
+def _misstated(summary: Summary, execution: Execution) -> list[str]:
+    """List what the summary says otherwise than the series, in words."""
+    reasons = SIMULATION.differences(
+        summary, execution.measures, lambda name, value: 1e-6 * max(1e-3, abs(value))
+    )
+    if summary["delivered"] is not execution.delivered and summary["delivered"]:
+        reasons += [f"{SIMULATION.summary} says delivered: {reason}" for reason in execution.reasons]
+    if summary["delivered"] is not (not summary["reasons"]):
+        reasons.append(f"{SIMULATION.summary} contradicts itself: delivered, and reasons why not")
+    return reasons

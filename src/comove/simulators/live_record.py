@@ -1,4 +1,4 @@
-"""The record of an online run of a robot, its files, and its check from commands, measurements and true obstacles.
+"""The record of an online run of a robot, and its check from commands, measurements and true obstacles.
 
 =================== ==============================================================================================
 what                how it is known
@@ -9,34 +9,28 @@ clearance           distances of the exact bodies by coal, at commanded *and* at
                     step: sampled, not certified in between
 contacts            the simulator's, at every step of its own
 =================== ==============================================================================================
-
-Its files are `robot_run.json` and `robot_run.npz`. The arrays are, after every control step, `time` (n_steps,) [s],
-`commanded` and `measured` (n_steps, n_joints) [rad], `nodes` (n_steps, n_nodes, 3), hands and corners of the load as
-commanded [m], `load_pose` (n_steps, 4, 4), the load in the simulator, `driven_off` (n_steps,), whether the robot gave
-way to what had driven it off, and `obstacle_center` (n_steps, n_obstacles, 3) [m].
 """
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
-from pathlib import Path
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from comove._version import __version__
 from comove.brief import brief
-from comove.reaction.twists import nodes_of
-from comove.results.sealed import ResultKind, Summary, finite
 from comove.robots.model import Robot
-from comove.robots.motion import JointMotion
-from comove.robots.online.executor import JointExecutor, OnlineLog
+from comove.robots.motion import JointMotion, approach_shares
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, distances
 from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of
 from comove.simulators.playback import work_geometry
 from comove.ties import first_least
+
+if TYPE_CHECKING:
+    from comove.robots.online.executor import JointExecutor
 
 Array = NDArray[np.float64]
 
@@ -111,6 +105,8 @@ class OnlineRecord:
 
     def add(self, executor: JointExecutor, measured: Array, load: Array) -> None:
         """Add what is after a control step."""
+        from comove.reaction.twists import nodes_of  # those who verify a record need none
+
         self.time.append(executor.time)
         self.commanded.append(executor.position.copy())
         self.measured.append(np.array(measured, dtype=float))
@@ -192,11 +188,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
         for contact in record.contacts
     ]
-    reasons += [
-        f"{what} meet, by their exact bodies, {max(0.0, -m[name]):.2g} m deep"
-        for name, what in MET
-        if not m[name] > 0.0
-    ]
+    reasons += [f"{what} meet, by their exact bodies" for name, what in MET if not m[name] > 0.0]
     if record.given_up:
         reasons.append(record.given_up)
     if record.unstable:
@@ -220,6 +212,8 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
 def _hold_error(record: OnlineRecord, hands: Array) -> float:
     """Return the largest error of the commanded hands on the load [m, rad]."""
     held = ~np.array(record.driven_off)
+    if not held.any():
+        return 0.0
     nodes, hands, grasp = np.array(record.nodes)[held, : hands.shape[1]], hands[held], record.scene.grasp
     off = np.linalg.norm(hands[..., :3, 3] - nodes, axis=-1).max()
     if grasp is None:
@@ -240,9 +234,11 @@ def _limits(record: OnlineRecord, commanded: Array) -> tuple[float, float, float
     bends, off = np.diff(rates, axis=0) / record.period, np.array(record.driven_off)
     went = off[1:] | off[:-1]  # where it was, not where it was commanded to
     rates, bends = rates[~went], bends[~(went[1:] | went[:-1])]
+    shares = np.abs(rates) / robot.velocity
+    soft = approach_shares(commanded[1:][~went], rates, robot.approach, robot.lower, robot.upper)
     margin = np.minimum(commanded - robot.lower, robot.upper - commanded).min()
     return (
-        float((np.abs(rates) / robot.velocity).max(initial=0.0)),
+        float(np.maximum(shares, soft).max(initial=0.0)),
         float((np.abs(bends) / robot.acceleration).max(initial=0.0)),
         float(margin),
     )
@@ -302,64 +298,3 @@ def _loads(record: OnlineRecord, load: Load | None, joints: tuple[Array, Array])
         return simulated, simulated
     held = hand_poses(record.robot, record.scene, joints[0])[:, list(load.holders)]
     return carried(held, np.linalg.inv(held[0]) @ load.pose), simulated
-
-
-ROBOT_RUN = ResultKind(
-    summary="robot_run.json",
-    arrays="robot_run.npz",
-    checksum="motion_sha256",
-    made_by="comove robot run SCENE --out DIR",
-    hint="run it again",
-    required=("time", "commanded", "measured", "nodes", "load_pose", "obstacle_center"),
-    unsealed=("planning_s", "control_s_median", "control_s_p999", "wall_time_s"),
-)
-
-
-def write_robot_run(
-    folder: Path,
-    record: OnlineRecord,
-    report: OnlineReport,
-    log: OnlineLog,
-    *,
-    seed: int,
-    wall_time_s: float,
-) -> Summary:
-    """Write both files into an existing folder, and return the summary."""
-    measures = {
-        name: finite(value) if isinstance(value, float) else value for name, value in vars(report).items()
-    }
-    del measures["reasons"]
-    summary = {
-        "as_it_should_be": not report.reasons,
-        "arrived": record.arrived,
-        "interrupted": record.interrupted,
-        "reasons": list(report.reasons),
-        "scene": record.scene.name,
-        "scene_sha256": record.scene.sha256,
-        "robot": record.robot.name,
-        "robot_sha256": record.robot.sha256,
-        "seed": seed,
-        "version": __version__,
-        "period_s": record.period,
-        **measures,
-        "relaxed_max": log.relaxed,
-        "stopped_steps": log.stopped,
-        "contacts": [asdict(contact) for contact in record.contacts],
-        "plans": len(log.planning),
-        "planning_s": [float(seconds) for seconds in log.planning],
-        "control_s_median": float(np.median(log.control)),
-        "control_s_p999": float(np.quantile(log.control, 0.999)),
-        "wall_time_s": wall_time_s,
-        "blocking": {str(obstacle): steps for obstacle, steps in sorted(log.blocking.items())},
-        "events": [{"time": event.time, "what": event.what} for event in log.events],
-    }
-    arrays = {
-        "time": np.array(record.time),
-        "commanded": np.array(record.commanded),
-        "measured": np.array(record.measured),
-        "nodes": np.array(record.nodes),
-        "load_pose": np.array(record.load),
-        "driven_off": np.array(record.driven_off),
-        "obstacle_center": np.array(record.obstacles),
-    }
-    return ROBOT_RUN.write(folder, summary, arrays)

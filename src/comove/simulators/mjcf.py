@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import RobotError
+from comove.errors import MeshError, RobotError
 from comove.geometry.rotations import matrices
-from comove.geometry.triangles import as_stl
+from comove.geometry.triangles import as_stl, elements_of
+from comove.robots.formats import MAX_BYTES, MJCF, bytes_in, require_format
 from comove.simulators.engine import engine
 from comove.simulators.urdf import text_of, write_origin
 
@@ -61,6 +63,8 @@ def urdf_of(file: Path) -> Converted:
         If MuJoCo is not installed.
     """
     mj = engine()
+    with suppress(MeshError):  # what is no XML is told by MuJoCo
+        require_format(elements_of(bytes_in(file, MAX_BYTES)), file, MJCF)
     try:
         model = mj.MjModel.from_xml_path(str(file))
     except ValueError as error:

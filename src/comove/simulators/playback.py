@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification.bodies import beyond_wrists, obstacle_object
+from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_object
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld
@@ -107,11 +107,26 @@ def _contacts(
             continue
         for k in range(len(geometry.collisionPairs)):
             if state.collisionResults[k].isCollision():
-                depth = -pin.computeDistance(geometry, state, k).min_distance
+                ends = geometry.collisionPairs[k].first, geometry.collisionPairs[k].second
+                shapes = [geometry.geometryObjects[end].geometry for end in ends]
+                depth, _ = depth_of(shapes, [state.oMg[end] for end in ends])
                 first, deepest = found.get(k, (float(time[step]), 0.0))
                 found[k] = first, max(deepest, float(depth))
     pairs = geometry.collisionPairs
     return tuple(Contact((names[pairs[k].first], names[pairs[k].second]), *seen) for k, seen in found.items())
+
+
+def contacts_at(execution: Execution, stride: int = 1) -> tuple[Contact, ...]:
+    """Return the contacts of an execution by geometry alone, at every `stride`-th sample."""
+    steps = slice(None, None, stride)
+    return _contacts(
+        execution.robot,
+        execution.scene,
+        execution.load,
+        execution.time[steps],
+        execution.joints[steps],
+        execution.load_pose[steps],
+    )
 
 
 def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, list[str], list[int]]:

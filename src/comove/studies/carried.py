@@ -189,15 +189,23 @@ def executed(motion: VerifiedJointMotion, simulation: SimulationPart, seed: int)
 
 def _stored_carry(key: str, motion: VerifiedJointMotion, execution: Execution | None) -> StoredCarry:
     """Return joints, certificate and measures of a simulation as the store keeps them."""
-    joints = _arrays(motion.joints)
-    figures = {name: finite(value) for name, value in motion.report.asdict().items()}
-    robot = {
+    simulated = {} if execution is None else {name: finite(x) for name, x in execution.measures.items()}
+    return StoredCarry(
+        key,
+        packed(_arrays(motion.joints)),
+        _json(figures_of(motion)),
+        _json(simulated) if simulated else "",
+    )
+
+
+def figures_of(motion: VerifiedJointMotion) -> dict[str, Any]:
+    """Return the measures of a verified joint motion, and the checksums of robot and joints."""
+    return {
+        **{name: finite(value) for name, value in motion.report.asdict().items()},
         "robot": motion.robot.name,
         "robot_sha256": motion.robot.sha256,
-        "joints_sha256": checksum(joints),
+        "joints_sha256": checksum(_arrays(motion.joints)),
     }
-    simulated = {} if execution is None else {name: finite(x) for name, x in execution.measures.items()}
-    return StoredCarry(key, packed(joints), _json(figures | robot), _json(simulated) if simulated else "")
 
 
 def _arrays(joints: JointMotion) -> dict[str, Any]:

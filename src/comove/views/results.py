@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 from comove.planning import Solution, carried_demonstration
 from comove.results import write_solution
-from comove.results.solution import SCENE
+from comove.results.inputs import Words, write_inputs
+from comove.results.reference import SCENE
 from comove.scenes.model import canonical
 from comove.views.motion import draw_motion, draw_progress
 from comove.views.robots import draw_joints
@@ -23,13 +26,21 @@ def save_result(
     *,
     wall_time_s: float,
     demonstration: Any = None,
+    command: Words = (),
+    files: Iterable[Path] = (),
+    made: Mapping[Path, bytes] = MappingProxyType({}),
 ) -> dict[str, Any]:
-    """Write a solution, its scene and its pictures into an existing folder; return the contents of solution.json.
+    """Write a solution, its scene, what it was made from and its pictures into an existing folder.
 
     Parameters
     ----------
     wall_time_s : time that the summary states for all of it [s]
     demonstration : movement that is drawn beside the motion
+    command, files, made : as of `comove.results.inputs.write_inputs`
+
+    Returns
+    -------
+    dict, the contents of solution.json
     """
     scene, motion = solution.scene, solution.attempt
     title = scene.name if solution.verified else f"{scene.name} (not verified)"
@@ -37,6 +48,7 @@ def save_result(
     save(draw_motion(motion, title=title, demonstration=carried), folder / "motion.png")
     save(draw_progress(motion), folder / "progress.png")
     (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
+    write_inputs(folder, scene, command=command, files=files, made=made)
     return write_solution(solution, folder, wall_time_s)
 
 
@@ -47,17 +59,28 @@ def save_robot_result(
     wall_time_s: float,
     demonstration: Any = None,
     source: str | Path | None = None,
+    command: Words = (),
+    made: Mapping[Path, bytes] = MappingProxyType({}),
 ) -> dict[str, Any]:
     """Write a robot's solution as `save_result` does, and the files and the picture of its joints' motion.
 
     Parameters
     ----------
     source : name or path of the robot's description; what the scene says unless given
+    command, made : as of `save_result`
     """
     from comove.robots import write_joints
 
     solution = found.solution
-    summary = save_result(solution, folder, wall_time_s=wall_time_s, demonstration=demonstration)
+    summary = save_result(
+        solution,
+        folder,
+        wall_time_s=wall_time_s,
+        demonstration=demonstration,
+        command=command,
+        files=found.robot.files,
+        made=made,
+    )
     write_joints(folder, found.joints, found.verdict, found.robot, solution.attempt, source=source)
     title = f"{solution.scene.name}, {found.robot.name}" + ("" if solution.verified else " (not verified)")
     save(draw_joints(found.robot, found.joints, title=title), folder / "joints.png")

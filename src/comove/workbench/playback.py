@@ -15,21 +15,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import ComoveError, ExtraError, ResultError
-from comove.execution import read_run
+from comove.errors import ComoveError, ExtraError
 from comove.planning import Solution
-from comove.results import StoredResult, filled_in, read_result, verify_result
-from comove.results.solution import SCENE, rebuild
-from comove.results.words import Row, joint_rows, motion_rows, simulation_rows
+from comove.results.reference import SCENE
+from comove.results.solution import StoredResult
+from comove.results.words import Row, joint_rows, motion_rows
 from comove.scenes.scene import Scene
+from comove.stored import Part, Verification, verify_part
 from comove.verification.certificate import Clearance, certify
 from comove.verification.record import Record, clearance_of, verify_execution
 from comove.verification.verify import Report, VerifiedMotion, verify
 from comove.workbench.bodies import poses_of, robot_of
-from comove.workbench.shelf import Item, PlayedPart, parts_of, read_scene
+from comove.workbench.shelf import Item, parts_of, read_scene
 
 if TYPE_CHECKING:
     from comove.robots import JointMotion, JointReport, Robot
+    from comove.simulators.live_record import OnlineRecord
 
 Array = NDArray[np.float64]
 
@@ -191,6 +192,7 @@ class Playback:
     robot : robot that carries the load, None for hands alone
     touches : contacts of a simulation
     proved : whether the measures are proved, and not only measured
+    against : scene and robot that something stored was verified against, in words
     """
 
     scene: Scene
@@ -202,6 +204,7 @@ class Playback:
     robot: Robot | None = None
     touches: tuple[Touch, ...] = ()
     proved: bool = True
+    against: tuple[str, ...] = ()
 
 
 def playback_of_scene(scene: Scene) -> Playback:
@@ -259,10 +262,10 @@ def playback_of_item(item: Item) -> Playback:
     ExtraError
         If it needs what is not installed.
     """
-    folder, scene = item.result, read_scene(item.scene)
+    folder, is_own = item.result, item.result is not None and item.scene == item.result / SCENE
     if folder is None:
-        return playback_of_scene(scene)
-    return _READERS[item.part](folder, scene)
+        return playback_of_scene(read_scene(item.scene))
+    return _of_part(verify_part(folder, item.part, None if is_own else read_scene(item.scene)))
 
 
 def playback_of(thing: Any) -> Playback:
@@ -311,60 +314,55 @@ def _of_robot(thing: Any) -> Playback:
     )
 
 
-def _motion_in(folder: Path, scene: Scene) -> Playback:
-    stored = read_result(folder)
-    scene = filled_in(scene, stored)
-    verdict = verify_result(stored, scene)
-    return playback_of_motion(rebuild(stored.arrays, scene), verdict.report, verdict.reasons)
-
-
-def _joints_in(folder: Path, scene: Scene) -> Playback:
-    robot, motion, joints = _carried_in(folder, scene)
-    from comove.robots import verify_stored
-
-    verdict = verify_stored(folder, robot, scene=scene)
-    return playback_of_joints(robot, motion, joints, verdict.report, verdict.reasons)
-
-
-def _carried_in(folder: Path, scene: Scene) -> tuple[Robot, CoordinatedMotion, JointMotion]:
-    """Return the robot of a folder, the motion of its hands, and that of its joints."""
-    try:
-        from comove.robots import read_joints
-        from comove.robots.files import robot_in
-    except ExtraError:
-        raise ExtraError("to show a robot", "robot") from None
-    stored = read_joints(folder)
-    return robot_in(stored), rebuild(read_result(folder).arrays, scene), stored.joints
-
-
-def _run_in(folder: Path, scene: Scene) -> Playback:
-    return playback_of_run(read_run(folder, scene).record)
-
-
-def _simulation_in(folder: Path, scene: Scene) -> Playback:
-    """Return a simulation; the load is where the simulator had it."""
-    robot, motion, _ = _carried_in(folder, scene)
-    from comove.simulators import SIMULATION
-
-    summary, arrays = SIMULATION.read(folder, whole=True)
-    if summary.get("scene_sha256") != scene.sha256:
-        raise ResultError(
-            "it is not the scene that was simulated", file=folder / SCENE, way_out=SIMULATION.hint
-        )
-    recording = _simulated(robot, motion, arrays)
-    touches = tuple(_touch(scene, contact) for contact in summary["contacts"])
-    verdict = "simulated, and delivered" if summary["delivered"] else "simulated, and not delivered"
-    reasons = tuple(summary["reasons"])
+def _of_part(checked: Verification) -> Playback:
+    """Return a part of a result folder, with what its verification found."""
+    verdict = _VERDICTS[checked.part][checked.verified]
+    recording: RecordedMotion | None = None
+    touches: tuple[Touch, ...] = ()
+    reasons, scene = checked.reasons, checked.scene
+    if checked.record is not None:
+        recording = RecordedMotion.of_run(checked.record)
+    elif checked.series is not None and checked.motion is not None and checked.robot is not None:
+        summary = checked.summary
+        recording = _simulated(checked.robot, checked.motion, checked.series)
+        reasons = (*reasons, *summary["reasons"])
+        touches = tuple(_touch(scene, contact) for contact in summary["contacts"])
+        verdict = verdict if not summary["reasons"] else "simulated, and not delivered"
+    elif checked.motion is not None:
+        recording = RecordedMotion.of(checked.motion)
+        if checked.robot is not None and checked.joints is not None:
+            links = poses_of(checked.robot, checked.joints.at(recording.time)[0])
+            recording = replace(recording, links=links)
+    elif checked.online is not None:
+        recording = _of_online(checked.online)
     return Playback(
         scene,
         verdict,
         not reasons,
         recording,
-        tuple(simulation_rows(summary)),
+        checked.rows,
         reasons,
-        robot,
+        checked.robot,
         touches,
-        proved=False,
+        proved=checked.is_proof,
+        against=checked.against,
+    )
+
+
+def _of_online(record: OnlineRecord) -> RecordedMotion:
+    """Return the states of a robot's online run, with the joints as measured; velocities are averages over steps."""
+    time = np.array(record.time)
+    steps = np.unique(np.linspace(0, len(time) - 1, _n_states(float(time[-1]))).round().astype(int))
+    nodes = np.array(record.nodes)[steps]
+    hands = nodes[:, : len(record.scene.manipulators)]
+    velocity = np.gradient(hands, time[steps], axis=0)
+    return RecordedMotion.of_states(
+        record.scene,
+        time[steps],
+        np.ascontiguousarray(nodes),
+        velocity,
+        np.gradient(velocity, time[steps], axis=0),
+        links=poses_of(record.robot, np.array(record.measured)[steps]),
     )
 
 
@@ -398,9 +396,11 @@ def _touch(scene: Scene, contact: Mapping[str, Any]) -> Touch:
     return Touch(float(contact["time"]), found[0] if found else -1, words)
 
 
-_READERS = {
-    PlayedPart.MOTION: _motion_in,
-    PlayedPart.JOINTS: _joints_in,
-    PlayedPart.RUN: _run_in,
-    PlayedPart.SIMULATION: _simulation_in,
+_VERDICTS = {
+    Part.MOTION: ("not verified", "verified at every instant"),
+    Part.JOINTS: ("not verified", "verified at every instant"),
+    Part.RUN: ("not verified", "executed, and verified at every instant"),
+    Part.ROBOT_RUN: ("not as it should be", "run, and as it should be at samples"),
+    Part.SIMULATION: ("not verified", "simulated, and delivered"),
 }
+"""What is said of a part that is not verified, and of one that is."""

@@ -157,7 +157,8 @@ def _staged(stage: Stage, playback: Playback) -> Stage:
 def _caption(playback: Playback, place: str) -> str:
     """Return what is known of what is played as HTML, at a place given in CSS."""
     said = [f"{name}: {proved}{asked and f' (asked for: {asked})'}" for name, proved, asked in playback.rows]
-    lines = [*playback.reasons, *(said if playback.holds else []), f"made by comove {__version__}"]
+    against = [f"verified against {words}" for words in playback.against[:1]] + list(playback.against[1:])
+    lines = [*playback.reasons, *(said if playback.holds else []), *against, f"made by comove {__version__}"]
     body = "".join(f"<div>{html.escape(line)}</div>" for line in lines)
     title = html.escape(f"{playback.scene.name}: {playback.verdict}")
     return f'<details open style="{STYLE};{place}"><summary><b>{title}</b></summary>{body}</details>'

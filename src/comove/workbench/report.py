@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import base64
 import html
+import shlex
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from comove.coordination.motion import CoordinatedMotion
-from comove.results import filled_in, read_result
-from comove.results.solution import SCENE, rebuild
+from comove.results import read_result
+from comove.results.inputs import command_again
 from comove.scenes.scene import Scene
-from comove.workbench.playback import playback_of_item
+from comove.stored.parts import Part
+from comove.workbench.playback import Playback, playback_of_item
 from comove.workbench.recorded import POLICY, page_of
-from comove.workbench.shelf import Item, PlayedPart, Shelf, parts_of, read_scene
+from comove.workbench.shelf import Item, Shelf, parts_of
 
 STYLE = (
     "body{font:15px/1.55 system-ui,sans-serif;color:#1a1a1a;max-width:62em;margin:2em auto;padding:0 1em}"
@@ -46,24 +47,22 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
         If the viewer is not installed.
     """
     folder = shelf.item.result or shelf.folder
-    stored = read_result(folder)
-    scene = filled_in(read_scene(shelf.item.scene), stored)
-    motion = rebuild(stored.arrays, scene)
-    whole = PlayedPart.JOINTS if PlayedPart.JOINTS in parts_of(folder) else PlayedPart.MOTION
+    whole = Part.JOINTS if Part.JOINTS in parts_of(folder) else Part.MOTION
     playback = playback_of_item(Item(shelf.item.scene, folder, whole))
+    summary, scene = read_result(folder).summary, playback.scene
     parts = [
         f"<h1>{html.escape(scene.name)}</h1>",
-        _verdict(playback.reasons),
+        _verdict(playback),
         f'<iframe title="the motion" sandbox="allow-scripts" srcdoc="{html.escape(page_of(playback))}"></iframe>',
         "<h2>What is proved</h2>",
         _table(("at every instant", "proved", "asked for"), playback.rows),
         f"<p>{html.escape(MEANING)}</p>",
         "<h2>The scene</h2>",
-        _table(("what", "how many or how much"), _facts(scene, motion)),
+        _table(("what", "how many or how much"), _facts(scene)),
         _figure(folder),
         "<h2>How it was made, and how to repeat it</h2>",
-        _table(("what", ""), _origin(stored.summary)),
-        f"<pre>{html.escape(_commands(folder, stored.summary))}</pre>",
+        _table(("what", ""), _origin(summary)),
+        f"<pre>{html.escape(_commands(folder))}</pre>",
     ]
     return _page(f"{scene.name}: comove", parts), playback.holds
 
@@ -76,11 +75,12 @@ def _page(title: str, parts: Sequence[str]) -> str:
     )
 
 
-def _verdict(reasons: Sequence[str]) -> str:
-    if not reasons:
-        return '<p class="yes"><b>Verified</b> at every instant, anew from the files.</p>'
-    listed = "".join(f"<li>{html.escape(reason)}</li>" for reason in reasons)
-    return f'<p class="no"><b>Not verified</b></p><ul>{listed}</ul>'
+def _verdict(playback: Playback) -> str:
+    against = "".join(f"<li>{html.escape(said)}</li>" for said in playback.against)
+    if not playback.reasons:
+        return f'<p class="yes"><b>Verified</b> at every instant, anew from the files, against</p><ul>{against}</ul>'
+    listed = "".join(f"<li>{html.escape(reason)}</li>" for reason in playback.reasons)
+    return f'<p class="no"><b>Not verified</b></p><ul>{listed}</ul><p>It was verified against</p><ul>{against}</ul>'
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -90,7 +90,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return f"<table>{row(head, 'th')}{''.join(row(cells, 'td') for cells in rows)}</table>"
 
 
-def _facts(scene: Scene, motion: CoordinatedMotion) -> list[tuple[str, str]]:
+def _facts(scene: Scene) -> list[tuple[str, str]]:
     """Return what stands in a scene, in words."""
     kinds = [obstacle.shape for obstacle in scene.file.obstacles]
     size = " x ".join(f"{side:g}" for side in scene.upper - scene.lower)
@@ -102,7 +102,6 @@ def _facts(scene: Scene, motion: CoordinatedMotion) -> list[tuple[str, str]]:
         ("load", load),
         ("hands", ", ".join(scene.manipulators)),
         ("duration", f"{scene.duration:g} s"),
-        ("described in", f"{motion.coordinates.kind} coordinates, {motion.weights.size} weights"),
     ]
 
 
@@ -120,9 +119,7 @@ def _origin(summary: dict[str, Any]) -> list[tuple[str, str]]:
     return [(key.replace("_", " "), str(summary[key])) for key in keys if summary.get(key) is not None]
 
 
-def _commands(folder: Path, summary: dict[str, Any]) -> str:
-    name = folder.name or "result"
-    return (
-        f"comove verify {name}/{SCENE} {name}\n"
-        f"comove solve {name}/{SCENE} --out again --method {summary.get('method')} --seed {summary.get('seed')}"
-    )
+def _commands(folder: Path) -> str:
+    name = shlex.quote(folder.resolve().name)
+    verify, again = f"comove verify {name}", command_again(folder, "../again")
+    return verify if again is None else f"{verify}\ncd {name}\n{again}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from comove.io.files import whole_file
 from comove.scenes.model import SceneFile
 from comove.scenes.scene import Scene
 from comove.workbench.edits import Contents
+from comove.workbench.teaching import Taught, csv_of
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
 WORDS = "letters, digits, '-', '_' and '.', beginning with a letter or digit"
@@ -43,12 +45,13 @@ def scene_text(contents: Contents) -> str:
     return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
 
 
-def save_scene(contents: Contents, path: Path, source: Path) -> None:
+def save_scene(contents: Contents, path: Path, source: Path, taught: Taught | None = None) -> None:
     """Write a scene file that reads back to the same scene; nothing is replaced.
 
     Parameters
     ----------
     source : folder to which paths in the scene are relative
+    taught : recording that was drawn, which is written beside it and is the scene's demonstration
 
     Raises
     ------
@@ -57,6 +60,8 @@ def save_scene(contents: Contents, path: Path, source: Path) -> None:
     SceneError
         If the contents are no scene.
     """
+    if taught is not None:
+        contents = {**contents, "demonstration": None}
     scene = Scene.from_dict(contents, folder=source)
     if _names_files(scene) and source.resolve() != path.parent.resolve():
         raise ResultError(
@@ -64,8 +69,12 @@ def save_scene(contents: Contents, path: Path, source: Path) -> None:
             file=path,
             way_out=f"start comove view in {source}",
         )
-    with whole_file(path, ResultError, replace=False) as file:
-        file.write(scene_text(contents).encode())
+    with ExitStack() as both:
+        if taught is not None:
+            recording = path.with_suffix(".csv")
+            contents = {**contents, "demonstration": {"file": recording.name}}
+            both.enter_context(whole_file(recording, ResultError, replace=False)).write(csv_of(taught))
+        both.enter_context(whole_file(path, ResultError, replace=False)).write(scene_text(contents).encode())
 
 
 def _names_files(scene: Scene) -> bool:

@@ -471,7 +471,8 @@ class Session:
 
     def _save_scene(self, _: Any) -> None:
         path = target_in(self.shelf.folder, self.panels.controls["name"].value, ".yaml")
-        save_scene(self.history.now.contents, path, self.link.folder)
+        now = self.history.now
+        save_scene(now.contents, path, self.link.folder, now.taught)
         self.panels.saved.content = f"Saved: {plain_text(path.name)}"
 
     def _save_result(self, _: Any) -> None:
@@ -562,7 +563,8 @@ class Session:
         self.solved = message["id"] if kind in FINAL else self.solved
         first = self.history.at == 0 and self.held is None  # which includes the loading of kernels
         seconds = None if first else message.get("verified_after")
-        self.panels.say(verdict_words(kind, message["reasons"], seconds, message["verdict"]))
+        verdict, against = message["verdict"], message.get("against", ())
+        self.panels.say(verdict_words(kind, message["reasons"], seconds, verdict, against))
         self._measure(message)
 
     def _measure(self, message: Message) -> None:

@@ -6,27 +6,16 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import Enum
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from comove.errors import ComoveWarning, OptionError, ResultError
 from comove.io.folders import require_folder
-from comove.results.solution import SCENE
+from comove.results.reference import SCENE
 from comove.scenes.scene import Scene
-
-
-class PlayedPart(Enum):
-    """A part of a result folder that is played, with the name of the file that tells of it, and what it is called."""
-
-    MOTION = "solution.json", "the hands"
-    JOINTS = "robot.json", "the robot"
-    RUN = "run.json", "the run"
-    SIMULATION = "simulation.json", "the simulation"
-
-    def __init__(self, file: str, words: str):
-        self.file, self.words = file, words
+from comove.stored import parts as stored
+from comove.stored.parts import Part
 
 
 @dataclass(frozen=True)
@@ -42,7 +31,7 @@ class Item:
 
     scene: Path
     result: Path | None = None
-    part: PlayedPart = PlayedPart.MOTION
+    part: Part = Part.MOTION
 
     def absolute(self) -> Item:
         """Return the same by absolute paths, for a process that may stand in another folder."""
@@ -144,7 +133,7 @@ def _names_of(paths: Sequence[Path]) -> list[str]:
     return [str(path) if times[name] > 1 else name for path, name in zip(paths, short, strict=True)]
 
 
-def parts_of(folder: Path) -> tuple[PlayedPart, ...]:
+def parts_of(folder: Path) -> tuple[Part, ...]:
     """Return what of a result folder can be played, best first.
 
     Raises
@@ -152,14 +141,7 @@ def parts_of(folder: Path) -> tuple[PlayedPart, ...]:
     ResultError
         If it holds nothing of the kind.
     """
-    found = tuple(part for part in reversed(PlayedPart) if (folder / part.file).is_file())
-    if not found:
-        raise ResultError(
-            f"it holds no {PlayedPart.MOTION.file} and no {PlayedPart.RUN.file}",
-            file=folder,
-            way_out="name a folder of comove solve, robot solve or run",
-        )
-    return found
+    return tuple(reversed(stored.parts_of(folder)))
 
 
 def read_scene(source: Path | dict[str, Any], folder: str | Path | None = None) -> Scene:

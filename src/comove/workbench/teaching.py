@@ -123,6 +123,12 @@ def demonstration_from(taught: Sequence[Sequence[float]], name: str = "drawn") -
     return Demonstration(table[:, 0], table[:, 1:], name=name)
 
 
+def csv_of(taught: Taught) -> bytes:
+    """Return the text of a recording that reads back to the same movement."""
+    names = ["time", "x", "y", "z"][: len(taught[0])]
+    return "\n".join([",".join(names), *(",".join(map(repr, row)) for row in taught), ""]).encode()
+
+
 def keep(taught: Taught, name: str, folder: Path) -> Path:
     """Learn a primitive from a movement that was taught, and add it to the library in a folder.
 

@@ -24,7 +24,11 @@ def plain_text(text: str) -> str:
 
 
 def verdict_words(
-    kind: str, reasons: Sequence[str] = (), seconds: float | None = None, verdict: str = ""
+    kind: str,
+    reasons: Sequence[str] = (),
+    seconds: float | None = None,
+    verdict: str = "",
+    against: Sequence[str] = (),
 ) -> str:
     """Return the verdict on what is shown as Markdown.
 
@@ -34,6 +38,7 @@ def verdict_words(
     reasons : why there is no verified motion
     seconds : time from the change to the first verified motion [s]
     verdict : what is known of something stored
+    against : scene and robot that it was verified against, in words
     """
     after = "" if seconds is None else f" {1e3 * seconds:.0f} ms after the change"
     told = f"**{verdict[:1].upper()}{verdict[1:]}**"
@@ -42,7 +47,7 @@ def verdict_words(
         "solved": f"**Verified**{after}. The search is done; this is the best it found.",
         "found": f"**Verified**{after}. Searching for a better one ...",
         "kept": f"**Verified**{after}: the motion shown still holds.",
-        "stored": f"{told}, anew from the result's files.",
+        "stored": f"{told}, anew from the result's files, against {plain_text('; '.join(against))}.",
         "ran": f"{told}. This is what happened.{listed}",
         "running": "**Running.** Drag an obstacle into the way of the load.",
         "waiting": "**Not verified yet** for the scene as it is now; the grey motion belongs to the one before.",

@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from comove.coordination.motion import CoordinatedMotion
@@ -41,6 +42,7 @@ from comove.planning.compiling import IN_ALL, compiling
 from comove.planning.objectives import OBJECTIVES, objective_of_scene
 from comove.planning.pace import with_limits
 from comove.planning.solution import ProgressCallback
+from comove.results.inputs import place_of_scene
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion, verify
@@ -56,7 +58,7 @@ from comove.workbench.playback import (
 )
 from comove.workbench.protocol import Mailbox, Message
 from comove.workbench.shelf import read_scene
-from comove.workbench.teaching import demonstration_from
+from comove.workbench.teaching import csv_of, demonstration_from
 
 if TYPE_CHECKING:
     from comove.robots import JointMotion, Robot, RobotSolution, VerifiedJointMotion
@@ -160,6 +162,7 @@ class Worker:
         self.kept: CoordinatedMotion | None = None
         self.arms: PlannedArms | None = None
         self.solution: tuple[int, Solution | RobotSolution | LiveRun] | None = None
+        self.draft: Draft | None = None
         self._taught: tuple[str, Any] | None = None
         self._begun = 0.0
         self._verified_after: float | None = None
@@ -257,7 +260,7 @@ class Worker:
         if self.mailbox.draft is not None:  # which nobody waits for any more
             return
         hands = solution if isinstance(solution, Solution) else solution.solution
-        self.solution = asked["id"], solution
+        self.solution, self.draft = (asked["id"], solution), asked["draft"]
         if solution.verified:
             self.kept = hands.attempt
             if self.arms is not None and not isinstance(solution, Solution):
@@ -365,9 +368,12 @@ class Worker:
             if isinstance(solution, LiveRun):
                 save_run(solution, draft, seed=asked["seed"])
             elif isinstance(solution, Solution):
-                save_result(solution, draft, wall_time_s=solution.solve_time_s)
+                again = _command_again(self.draft, solution.scene)
+                save_result(solution, draft, wall_time_s=solution.solve_time_s, **again)
             else:
-                save_robot_result(solution, draft, wall_time_s=solution.solution.solve_time_s)
+                hands = solution.solution
+                again = _command_again(self.draft, hands.scene)
+                save_robot_result(solution, draft, wall_time_s=hands.solve_time_s, **again)
         self._send(asked, "saved", target=asked["target"])
 
     def _found(self, playback: Playback, asked: Message, kind: str) -> None:
@@ -378,7 +384,8 @@ class Worker:
 
     def _played(self, playback: Playback, asked: Message, kind: str, **further: Any) -> None:
         """Send what is to be played, with what is known of it."""
-        told = {key: getattr(playback, key) for key in ("recording", "verdict", "reasons", "rows", "proved")}
+        keys = ("recording", "verdict", "reasons", "rows", "proved", "against")
+        told = {key: getattr(playback, key) for key in keys}
         self._send(asked, kind, **told, **further)
 
     def _send(self, asked: Message, kind: str, **told: Any) -> None:
@@ -397,6 +404,31 @@ def _aim_of(scene: Scene, draft: Draft) -> Any:
     if resemblance is None or isinstance(aim, LeastTime):
         return aim
     return LeastJerk(resemblance=resemblance) if aim is None else type(aim)(resemblance=resemblance)
+
+
+def _command_again(draft: Draft | None, scene: Scene) -> dict[str, Any]:
+    """Return the command that solves a draft again, and the recording that was drawn, as `save_result` takes them."""
+    if draft is None:
+        return {}
+    words: list[str | Path] = [
+        "solve",
+        place_of_scene(scene),
+        "--method",
+        draft.method,
+        "--seed",
+        str(draft.seed),
+    ]
+    made: dict[Path, bytes] = {}
+    if draft.objective in OBJECTIVES:
+        aim = draft.objective if draft.method == Comove.name else "paper"
+        words += ["--objective", aim.replace("_", "-")]
+    if draft.resemblance is not None and draft.method == Comove.name and draft.objective != "least_time":
+        words += ["--resemblance", repr(float(draft.resemblance))]
+    if draft.taught is not None:
+        drawn = scene.folder / "drawn.csv"
+        words += ["--demonstration", drawn]
+        made[drawn] = csv_of(draft.taught)
+    return {"command": words, "made": made}
 
 
 def main(number: int) -> None:

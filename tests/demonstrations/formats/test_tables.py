@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from comove.cli import learn  # noqa: F401  registers the verb
 from comove.cli.library import add  # noqa: F401  this one too
 from comove.demonstrations import Demonstration, resampling
-from comove.demonstrations.cleaning import LENGTHS
 from comove.demonstrations.formats import tables
+from comove.demonstrations.units import LENGTHS
 from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
 from tests.cases import examples
 from tests.cli.test_cli import assert_refused
@@ -31,7 +31,7 @@ POSITION = np.column_stack(  # stands still, moves from 2 s to 5 s, stands still
 def read_table(path, **options):
     """What `Demonstration.load` makes of a table, also where all of it is detected."""
     samples = tables.read(path, **options)
-    return Demonstration.of(samples).in_metres(samples.unit)
+    return Demonstration.of(samples).in_base_unit()
 
 
 def write(path, header, *columns, separator=";", comma=False, preamble=""):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from comove.coordination.coordinates import arms_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.examples import example
 from comove.experiments.paper.jobs import scene_of
 from comove.experiments.paper.measures import follow, largest_turn, measure_motion, squared_jerk

@@ -50,7 +50,8 @@ def axes_and_steps(machine):
     )
     grasp = machine.tool_pose(at[0], arm)
     places = np.array([*(place.translation for place in placed[0]), grasp[:3, 3]])
-    return axes, np.vstack([places[:1], np.diff(places, axis=0)]), grasp[:3, :3]
+    right = np.round(axes, 5)  # others know no arm whose right angles have the five digits of a URDF
+    return right, np.vstack([places[:1], np.diff(places, axis=0)]), grasp[:3, :3]
 
 
 def joints_of(machine):

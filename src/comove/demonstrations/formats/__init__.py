@@ -6,17 +6,18 @@ A format turns files into `comove.demonstrations.samples.RecordedSamples` and ba
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
-from comove.demonstrations.formats import csv, hdf5, lerobot, npz, rosbag
+from comove.demonstrations.columns import matching_body
+from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables
 from comove.demonstrations.samples import Format, RecordedSamples, fault, select_name
 from comove.errors import near_name
-from comove.io.files import telling
+from comove.io.files import require_content, telling
 
 FORMATS: list[Format] = [
-    csv.FORMAT,
+    tables.FORMAT,
     npz.FORMAT,
     hdf5.FORMAT,
     lerobot.FORMAT,
@@ -35,7 +36,7 @@ def format_of(path: str | os.PathLike[str]) -> Format:
     path = Path(path)
     folders = [format for format in FORMATS if format.marker]
     with telling(path):
-        is_folder = path.is_dir()
+        is_folder, exists = path.is_dir(), path.is_file()
         for format in folders:
             if is_folder and (path / format.marker).exists():
                 return format
@@ -44,6 +45,8 @@ def format_of(path: str | os.PathLike[str]) -> Format:
         raise fault(
             path, None, f"it is a folder without {known}", "name the folder that holds one of them, or a file"
         )
+    if exists:
+        require_content(path)
     kinds = {suffix: format for format in FORMATS for suffix in format.suffixes}
     if path.suffix.lower() not in kinds:
         raise fault(path, None, f"its kind {path.suffix!r} is not known", near_name(path.suffix, kinds))
@@ -65,38 +68,60 @@ def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, Re
     writers[suffix.lower()](path, demos)
 
 
+NO_OPTIONS: Mapping[str, Any] = {}
+OPTIONS = {
+    "manipulator": "a bag knows topics, not manipulators",
+    "episode": "it holds one recording",
+    "topic": "only bags have topics",
+    "columns": "only text tables have columns that are chosen",
+    "delimiter": "only text tables have delimiters",
+    "time": "its time is not chosen",
+    "rate": "it has time stamps of its own",
+}
+"""Why a kind of file refuses an option that belongs to other kinds."""
+
+
 def load(
     path: str | os.PathLike[str],
     manipulator: str | None = None,
     *,
-    episode: str | int | None = None,
-    topic: str | None = None,
+    unit: str | None = None,
+    options: Mapping[str, Any] = NO_OPTIONS,
 ) -> RecordedSamples:
-    """Return one movement; see `Demonstration.load`."""
+    """Return one movement; see `Demonstration.load`.
+
+    Options that the format does not take are refused by name; those that are None count as not given.
+    """
     path = Path(path)
     format = format_of(path)
-    refusals = [
-        ("topic", topic, format.part != "topic", "only bags have topics", "leave the topic out"),
-        ("episode", episode, format.part != "episode", "it holds one recording", "leave the episode out"),
-        (
-            "manipulator",
-            manipulator,
-            format.part == "topic",
-            "a bag knows topics, not manipulators",
-            "name a topic",
-        ),
-    ]
-    for key, value, refused, reason, way_out in refusals:
-        if refused and value is not None:
-            message = f"{value!r} was asked for, but {reason}"
-            raise fault(path, key, message, way_out)
+    given = {key: value for key, value in options.items() if value is not None}
+    reading = {key: given.pop(key) for key in sorted(format.options & set(given))}
+    part = given.pop(format.part, None)
+    if format.part == "topic" and manipulator is not None:
+        given["manipulator"] = manipulator
+    for key, value in given.items():
+        shown = ",".join(map(str, value)) if isinstance(value, list | tuple) else value
+        reason = OPTIONS.get(key, f"{format.name} has no such option")
+        raise fault(path, key, f"{shown!r} was asked for, but {reason}", f"leave the {key} out")
+    states = "unit" in format.options
+    if unit is not None and states:
+        reading["unit"] = unit
+    asked = {key: value for key, value in options.items() if value is not None} | {"unit": unit}
     if not format.part:
-        return select(cast(Mapping[str, RecordedSamples], format.read(path)), manipulator, path)
-    part = episode if topic is None else topic
-    if part is None:
-        part = select_name(format.parts(path), None, path, format.part)
-    (found,) = format.read(path, **{format.part: part}).values()
-    return found if isinstance(found, RecordedSamples) else select(found, manipulator, path)
+        if format.bodies is not None:
+            manipulator = chosen_name(format.bodies(path, **reading), manipulator, path, asked)
+            reading["manipulator"] = manipulator or None
+        movements = cast(Mapping[str, RecordedSamples], format.read(path, **reading))
+        found = movements[chosen_name(movements, manipulator or None, path, asked)]
+    else:
+        if part is None:
+            part = select_name(format.parts(path), None, path, format.part, asked)
+        parts = format.read(path, **{format.part: part}, **reading)
+        read = parts[select_name(parts, None, path, format.part, asked)]
+        if not isinstance(read, RecordedSamples):
+            read = read[chosen_name(read, manipulator, path, asked)]
+        found = read
+    return found if unit is None or states else found.stating(unit)
 
 
 def load_recordings(path: str | os.PathLike[str]) -> tuple[dict[str, RecordedSamples], ...]:
@@ -124,11 +149,26 @@ def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: 
     DemonstrationError
         If there are several and the name is missing, or the name is unknown.
     """
-    if list(demos) == [""] and manipulator is not None:
+    return demos[chosen_name(demos, manipulator, file)]
+
+
+def chosen_name(
+    names: Iterable[str], manipulator: str | None, file: object, options: Mapping[str, Any] = NO_OPTIONS
+) -> str:
+    """Return the name among those of a recording's movements that a manipulator's name means.
+
+    Raises
+    ------
+    DemonstrationError
+        If there are several and the name is missing, or the name is unknown.
+    """
+    names = list(names)
+    if names == [""] and manipulator is not None:
         raise fault(
             file,
             "manipulator",
             f"it holds one movement without a name, not {manipulator!r}",
             "leave the manipulator out",
         )
-    return demos[select_name(demos, manipulator, file, "manipulator")]
+    meant = None if manipulator is None else matching_body(manipulator, names)
+    return select_name(names, meant or manipulator, file, "manipulator", options)

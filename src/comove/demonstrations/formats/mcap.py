@@ -1,4 +1,4 @@
-"""Checksums of MCAP files: written where the library omits them, verified where they exist.
+"""MCAP files: what encodes their messages, and checksums, written where the library omits them, verified elsewhere.
 
 The format has one for each chunk of messages (CRC-32 of its uncompressed records; the library verifies it), one for
 everything before the summary, and one for the summary; 0 means none. See https://mcap.dev/spec.
@@ -13,12 +13,13 @@ from pathlib import Path
 from typing import IO
 
 from comove.demonstrations.samples import fault
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, listed
 
 MAGIC = b"\x89MCAP0\r\n"
 MAX_DATA = 256 * 2**20
 """Largest file whose messages are compared with the checksum of all of them [bytes]; chunks have their own."""
-_FOOTER, _CHUNK, _DATA_END = 0x02, 0x06, 0x0F
+_HEADER, _FOOTER, _CHANNEL, _CHUNK, _DATA_END = 0x01, 0x02, 0x04, 0x06, 0x0F
+_MAX_HEADER = 4096
 _HEAD = struct.Struct("<BQ")  # of a record: its kind and length
 _DATA = struct.Struct("<BQI")  # the record that ends the data, with their checksum
 _STARTS = struct.Struct("<QQ")  # of the summary, and of its offsets
@@ -27,12 +28,12 @@ _TAIL = _HEAD.size + _STARTS.size + _CRC.size + len(MAGIC)
 
 
 def check_mcap(path: Path) -> None:
-    """Verify the checksums of a file.
+    """Verify that the messages of a file are of ROS 2, and its checksums.
 
     Raises
     ------
     DemonstrationError
-        If a checksum does not match its bytes.
+        If a checksum does not match its bytes, or the messages are of another kind: JSON, Protobuf, ROS 1.
     """
     with open(path, "rb") as file:
         size = file.seek(0, 2)
@@ -41,6 +42,7 @@ def check_mcap(path: Path) -> None:
         start, said = _footer(file, size)
         if start and said and start < size and said != _crc(file, start, size - len(MAGIC) - _CRC.size):
             raise _damaged(path, "its summary")
+        _require_ros2(path, file, start, size)
         at = (start or size - _TAIL) - _DATA.size  # where the record stands that ends the data
         if size > MAX_DATA or at < len(MAGIC):
             return
@@ -48,6 +50,44 @@ def check_mcap(path: Path) -> None:
         kind, length, said = _DATA.unpack(file.read(_DATA.size))
         if (kind, length) == (_DATA_END, _CRC.size) and said and said != _crc(file, 0, at):
             raise _damaged(path, "its data")
+
+
+def _require_ros2(path: Path, file: IO[bytes], start: int, size: int) -> None:
+    """Raise if a whole file says that its messages are of another kind; `start` is that of its summary."""
+    file.seek(0)
+    content = file.read(_MAX_HEADER)
+    if not content.startswith(MAGIC) or content[len(MAGIC) : len(MAGIC) + 1] != bytes([_HEADER]) or not start:
+        return  # damaged, or without a summary: the library tells
+    profile = _text(content, len(MAGIC) + _HEAD.size)
+    if profile == "ros2":
+        return
+    encodings, topics = set(), []
+    for at, kind, length in _records(file, size, start):
+        if kind == _CHANNEL:
+            file.seek(at + _HEAD.size)
+            body = file.read(length)
+            topics.append(_text(body, 4))
+            encodings.add(_text(body, 8 + len(topics[-1].encode())))
+    if not encodings:
+        return
+    known = {"json": "JSON", "protobuf": "Protobuf", "ros1": "ROS 1", "cdr": "CDR without the profile ros2"}
+    named = listed(sorted(known.get(encoding, encoding) for encoding in encodings))
+    raise fault(
+        path,
+        None,
+        f"it is whole, but its messages are {named}, not those of ROS 2: {listed(sorted(topics), 10)}",
+        "convert it: ros2 bag convert"
+        if encodings == {"cdr"}
+        else "give the .bag from which it was converted"
+        if encodings == {"ros1"}
+        else "write the movement as CSV with the header time,x,y,z, or record it as messages of ROS 2",
+    )
+
+
+def _text(content: bytes, at: int) -> str:
+    """Return the text at a place, behind its length."""
+    (length,) = struct.unpack_from("<I", content, at)
+    return content[at + 4 : at + 4 + length].decode(errors="replace")
 
 
 def seal_mcap(path: Path) -> None:
@@ -76,9 +116,8 @@ def seal_mcap(path: Path) -> None:
         file.write(_CRC.pack(crc))
 
 
-def _records(file: IO[bytes], size: int) -> Iterator[tuple[int, int, int]]:
-    """Iterate over the position, kind and length of each complete record."""
-    at = len(MAGIC)
+def _records(file: IO[bytes], size: int, at: int = len(MAGIC)) -> Iterator[tuple[int, int, int]]:
+    """Iterate over the position, kind and length of each complete record from `at` on."""
     while at + _HEAD.size <= size - len(MAGIC):
         file.seek(at)
         kind, length = _HEAD.unpack(file.read(_HEAD.size))

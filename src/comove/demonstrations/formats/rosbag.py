@@ -1,9 +1,10 @@
 """Recordings as ROS bags: ROS 1 (`.bag`), ROS 2 folders and single files (`.mcap`, `.db3`).
 
-One topic is one movement. For poses, points, transforms and odometry, each message is a sample; a `Path` or a
-`JointTrajectory` is a whole movement, and the last message counts. The order of quaternions, x y z w in ROS, is
-changed to w x y z here. Time is that of the headers; if one of them is zero, the bag's own. Stamps are whole
-nanoseconds.
+One topic is one movement, or several: `TOPIC:NAME` is that of one set of joints, one body, one frame in another, or
+one part of a recording whose clock was set back (`formats.ros_messages`). For poses, points, transforms and odometry,
+each message is a sample; a `Path` or a `JointTrajectory` is a whole movement, and the last message counts. The order
+of quaternions, x y z w in ROS, is changed to w x y z here. Time is that of the headers; if one of them is zero, the
+bag's own. Stamps are whole nanoseconds.
 
 Needs rosbags. Messages are decoded by the standard definitions; code or definitions in a bag are not used.
 """
@@ -15,8 +16,6 @@ import os
 import re
 import struct
 import tempfile
-import warnings
-from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -27,6 +26,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations.formats.mcap import check_mcap, seal_mcap
+from comove.demonstrations.formats.ros_messages import (
+    KINDS,
+    NANO,
+    TRANSFORMS,
+    WHOLE,
+    Messages,
+    Track,
+    read_messages,
+)
 from comove.demonstrations.samples import (
     MAX_ROWS,
     Format,
@@ -37,63 +45,63 @@ from comove.demonstrations.samples import (
     fault,
     select_name,
 )
-from comove.errors import ComoveWarning, DemonstrationError
-from comove.io.files import existing_file, extra, telling, whole_path
+from comove.errors import DemonstrationError, listed
+from comove.io.files import existing_file, extra, require_content, telling, whole_path
 from comove.io.folders import Contents, whole_folder
 
 MAX_METADATA_BYTES = 4 * 2**20
 """Largest `metadata.yaml` [bytes]."""
 MAX_BYTES = 64 * 2**30
 """Largest bag [bytes]: cameras fill it, and are not read."""
-NANO = 10**9
 _SQLITE_MAGIC = b"SQLite format 3\x00"
 _RECORD = "copy it again, or let ROS repair it (rosbag reindex, ros2 bag reindex)"
-_Messages = Iterator[tuple[int, Any]]
-"""When the bag received each message [ns], and the message."""
+STATIC = "_static"
+"""What the topic of constant transforms has behind the name of the topic of the others."""
+_TYPES = ", ".join(kind.replace("/msg/", "/") for kind in KINDS)
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 """Names that ROS allows in topics."""
 Images = Mapping[str, tuple[NDArray[np.float64], Sequence[bytes]]]
 NO_IMAGES: Images = {}
 
 
-def read(path: str | os.PathLike[str], *, topic: str | None = None) -> dict[str, RecordedSamples]:
+def read(
+    path: str | os.PathLike[str], *, topic: str | None = None, rate: float | None = None
+) -> dict[str, RecordedSamples]:
     """Read the movements of a bag.
 
     Parameters
     ----------
     path : `.bag`, `.mcap` or `.db3` file, or folder with `metadata.yaml`
-    topic : the only topic to read; None: all topics that hold movements
+    topic : the only topic to read, or the only movement `TOPIC:NAME` of a topic that holds several; None: all topics
+        that hold movements. Transforms are read if no other topic holds a movement, or if their topic is given
+    rate : samples a second of a `Path` whose poses have no stamps [Hz]
 
     Returns
     -------
-    demos : movement by topic; each starts at time zero, and its notes give its delay after the first movement read
+    demos : movement by topic, or by `TOPIC:NAME`; each starts at time zero, and its notes give its delay after the
+        first movement read
 
     Raises
     ------
     DemonstrationError
         If the bag cannot be read or is truncated, there is no such topic (lists those that can be read, with their
         types), or its messages are not a movement.
-
-    Warns
-    -----
-    ComoveWarning
-        If messages of other joints on the same topic were left out.
     """
     path = Path(path)
+    name, _, body = (topic or "").partition(":")
+    tracks: dict[str, Track] = {}
     with _opened(path) as bag:
-        usable = _usable(path, bag)
-        if topic is not None:
-            usable = {topic: usable[select_name(usable, topic, path, "topic")]}
-        tracks = {name: _read_topic(path, bag, name, kind) for name, kind in usable.items()}
-    for name, track in tracks.items():
-        if track.warning:
-            warnings.warn(f"{path.stem}{name}: {track.warning}", ComoveWarning, stacklevel=3)
+        for one, kind in _chosen(path, bag, name or None).items():
+            found = _read_topic(path, bag, one, kind, body, rate)
+            tracks |= {f"{one}:{part}" if part else one: track for part, track in found.items()}
+    if body:
+        tracks = {str(topic): tracks[select_name(_sizes(tracks), topic, path, "topic")]}
     first = min(int(track.stamps[0]) for track in tracks.values())
     return {name: _samples(path, name, track, first) for name, track in tracks.items()}
 
 
 def topics(path: str | os.PathLike[str]) -> dict[str, str]:
-    """Return the type of each topic that can be read.
+    """Return the type of each topic that holds a movement; transforms only if no other topic does.
 
     Raises
     ------
@@ -102,7 +110,7 @@ def topics(path: str | os.PathLike[str]) -> dict[str, str]:
     """
     path = Path(path)
     with _opened(path) as bag:
-        return _usable(path, bag)
+        return _chosen(path, bag)
 
 
 def write(
@@ -167,20 +175,9 @@ FORMAT = Format(
     marker="metadata.yaml",
     part="topic",
     parts=topics,
+    options=frozenset({"rate"}),
     write=write,
 )
-
-
-@dataclass(frozen=True)
-class _Track:
-    """Content of a topic: stamps (n_steps,) [ns], values, notes, and what is warned of."""
-
-    stamps: NDArray[np.int64]
-    position: NDArray[np.float64]
-    orientation: NDArray[np.float64] | None = None
-    axes: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
-    warning: str = ""
 
 
 @dataclass(frozen=True)
@@ -202,23 +199,43 @@ def _opened(path: Path) -> Iterator[_Bag]:
         existing_file(path, MAX_BYTES, "split the bag")
     extra("rosbags", path)
     from rosbags import rosbag1, rosbag2
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     # A damaged bag makes the library fail in any way, assertions included.
-    with decoding(path, "bag", (Exception,), _RECORD):
+    with decoding(path, "bag", (Exception,), _RECORD), _supported(path):
         for file in sorted(path.iterdir()) if is_folder else [path]:
+            if file.suffix.lower() in (".db3", ".mcap", ".bag"):
+                require_content(file)
             if file.suffix.lower() == ".db3":
                 _check_sqlite_size(file)
             elif file.suffix.lower() == ".mcap":
                 check_mcap(file)
         if path.suffix.lower() == ".bag" and not is_folder:
-            decode = get_typestore(Stores.ROS1_NOETIC).deserialize_ros1
+            store = get_typestore(Stores.ROS1_NOETIC)
+            for kind in TRANSFORMS:
+                store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))
             with rosbag1.Reader(path) as reader:
-                yield _Bag(reader, decode)
+                yield _Bag(reader, store.deserialize_ros1)
         else:
             decode = get_typestore(Stores.ROS2_HUMBLE).deserialize_cdr
             with rosbag2.Reader(path) as reader:
                 yield _Bag(reader, decode)
+
+
+@contextlib.contextmanager
+def _supported(path: Path) -> Iterator[None]:
+    """Convert the library's refusal of a kind of bag to a fault that calls it no damage."""
+    try:
+        yield
+    except Exception as error:
+        if type(error).__name__ == "ReaderError" and "not supported" in str(error):
+            raise fault(
+                path,
+                None,
+                f"it is a kind of bag that is not read ({error})",
+                "convert it: ros2 bag convert, to messages in CDR, uncompressed or compressed by zstd",
+            ) from error
+        raise
 
 
 def _check_sqlite_size(file: Path) -> None:
@@ -237,42 +254,78 @@ def _check_sqlite_size(file: Path) -> None:
         raise fault(file, None, f"it has {size} bytes and its header says {page_size * pages}", _RECORD)
 
 
-def _usable(path: Path, bag: _Bag) -> dict[str, str]:
-    """Return the type of each topic that can be read."""
-    kinds = {connection.topic: connection.msgtype for connection in bag.reader.connections}
-    usable = {topic: kind for topic, kind in sorted(kinds.items()) if kind in _READERS}
+def _kinds(bag: _Bag) -> dict[str, tuple[str, int]]:
+    """Return the type of each topic, and the number of its messages."""
+    found: dict[str, tuple[str, int]] = {}
+    for one in sorted(bag.reader.connections, key=lambda one: one.topic):
+        found[one.topic] = one.msgtype, found.get(one.topic, ("", 0))[1] + one.msgcount
+    return found
+
+
+def _chosen(path: Path, bag: _Bag, topic: str | None = None) -> dict[str, str]:
+    """Return the type of the topic, or of all that hold movements: transforms only if no other does."""
+    kinds = _kinds(bag)
+    usable = {name: kind for name, (kind, _) in kinds.items() if kind in KINDS}
+    if topic in usable:
+        return {topic: usable[topic]}
+    if topic in kinds:
+        raise fault(
+            path, topic, f"its type {kinds[topic][0]} is not read", f"read are {_in_words(usable) or _TYPES}"
+        )
     if not usable:
-        held = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())[:20]) or "nothing"
-        known = ", ".join(kind.replace("/msg/", "/") for kind in _READERS)
-        raise fault(path, None, f"it holds {held}", f"read are {known}")
-    return usable
+        held = _in_words({name: kind for name, (kind, _) in kinds.items()}) or "nothing"
+        raise fault(path, None, f"it holds {held}", f"read are {_TYPES}")
+    if topic is not None:
+        select_name(usable, topic, path, "topic")  # which says what there is
+    moving = {
+        name: kind for name, kind in usable.items() if kinds[name][1] > (0 if kind in WHOLE else 1)
+    } or usable
+    own = {name: kind for name, kind in moving.items() if kind not in TRANSFORMS}
+    changing = {name: kind for name, kind in moving.items() if not name.endswith(STATIC)}
+    return own or changing or usable
 
 
-def _read_topic(path: Path, bag: _Bag, topic: str, kind: str) -> _Track:
-    """Read all messages of a topic."""
+def _in_words(kinds: Mapping[str, str]) -> str:
+    return listed([f"{topic} ({kind})" for topic, kind in kinds.items()], 20)
+
+
+def _read_topic(
+    path: Path, bag: _Bag, topic: str, kind: str, body: str, rate: float | None
+) -> dict[str, Track]:
+    """Read all messages of a topic, and the constant transforms that belong to it."""
+    static = _messages(path, bag, topic + STATIC, kind) if kind in TRANSFORMS else iter(())
+    return read_messages(
+        path, topic, kind, _messages(path, bag, topic, kind), static=static, body=body, rate=rate
+    )
+
+
+def _messages(path: Path, bag: _Bag, topic: str, kind: str) -> Messages:
+    """Decode the messages of a topic, one at a time, so that only one is in memory."""
     connections = [c for c in bag.reader.connections if c.topic == topic and c.msgtype == kind]
-    n_messages = sum(connection.msgcount for connection in connections)
+    n_messages, n_found = sum(connection.msgcount for connection in connections), 0
     if n_messages > MAX_ROWS:
         raise fault(path, topic, f"it has {n_messages:,} messages", f"up to {MAX_ROWS:,} are read")
     if not n_messages:
+        if topic.endswith(STATIC):
+            return
         raise fault(path, topic, "it has no messages", "choose another topic")
-    n_found = 0
-
-    def messages() -> _Messages:
-        """Decode one message at a time, so that only one is in memory."""
-        nonlocal n_found
-        for _, received, data in bag.reader.messages(connections=connections):
-            n_found += 1
-            if n_found <= n_messages:
-                yield received, bag.decode(data, kind)
-
-    track = _READERS[kind](path, topic, messages())
+    for _, received, data in bag.reader.messages(connections=connections):
+        n_found += 1
+        if n_found <= n_messages:
+            yield received, bag.decode(data, kind)
     if n_found != n_messages:
         raise fault(path, topic, f"it has {n_found} messages and the index says {n_messages}", _RECORD)
-    return track
 
 
-def _samples(path: Path, topic: str, track: _Track, first: int) -> RecordedSamples:
+def _sizes(tracks: Mapping[str, Track]) -> dict[str, str]:
+    """Return words about movements by their names."""
+    return {
+        name: ", ".join(filter(None, (listed(track.axes, 8), f"{len(track.stamps)} samples")))
+        for name, track in tracks.items()
+    }
+
+
+def _samples(path: Path, topic: str, track: Track, first: int) -> RecordedSamples:
     """Return the movement of a topic; time is counted from the stamp `first` [ns]."""
     origin = Origin(
         path,
@@ -291,133 +344,6 @@ def _samples(path: Path, topic: str, track: _Track, first: int) -> RecordedSampl
         axes=track.axes,
         origin=origin,
     )
-
-
-def _nanoseconds(stamp: Any) -> int:
-    return int(stamp.sec) * NANO + int(stamp.nanosec)
-
-
-def _chosen_stamps(stamps: array[int]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
-    """Return the stamps of the headers, or the bag's own, with a note, if a header has none.
-
-    Parameters
-    ----------
-    stamps : for each message in turn the time at which the bag received it and the stamp of its header [ns]
-    """
-    received, said = np.array(stamps, dtype=np.int64).reshape(-1, 2).T
-    if (said != 0).all() or np.array_equal(received, said):
-        return said, ()
-    return received, ("headers without a stamp: time is that of the bag",)
-
-
-def _track(stamps: NDArray[np.int64], rows: array[float], notes: tuple[str, ...]) -> _Track:
-    """Build a track from points x y z, or from poses x y z and w x y z."""
-    values = np.array(rows, dtype=np.float64).reshape(len(stamps), len(rows) // max(len(stamps), 1))
-    position, orientation = values[:, :3], values[:, 3:]
-    if not orientation.size:
-        return _Track(stamps, position, notes=notes)
-    if not orientation.any():
-        return _Track(stamps, position, notes=(*notes, "all quaternions are zero: orientations left out"))
-    return _Track(stamps, position, orientation, notes=notes)
-
-
-def _point(p: Any) -> tuple[float, ...]:
-    return p.x, p.y, p.z
-
-
-def _pose(p: Any, q: Any) -> tuple[float, ...]:
-    return p.x, p.y, p.z, q.w, q.x, q.y, q.z
-
-
-def _stamped(pick: Callable[[Any], tuple[float, ...]]) -> Callable[..., _Track]:
-    """Return a reader of messages with headers, each of which holds one point or pose, which `pick` returns."""
-
-    def read(path: Path, topic: str, messages: _Messages) -> _Track:
-        stamps, rows = array("q"), array("d")
-        for received, message in messages:
-            stamps.extend((received, _nanoseconds(message.header.stamp)))
-            rows.extend(pick(message))
-        said, notes = _chosen_stamps(stamps)
-        return _track(said, rows, notes)
-
-    return read
-
-
-def _read_path(path: Path, topic: str, messages: _Messages) -> _Track:
-    message, notes = _last_of(messages)
-    if not message.poses:
-        raise fault(path, topic, "the path is empty", "choose another topic")
-    stamps, rows = array("q"), array("d")
-    for stamped in message.poses:
-        stamps.append(_nanoseconds(stamped.header.stamp))
-        rows.extend(_pose(stamped.pose.position, stamped.pose.orientation))
-    return _track(np.array(stamps, dtype=np.int64), rows, notes)
-
-
-def _read_joint_states(path: Path, topic: str, messages: _Messages) -> _Track:
-    """Read joint states; if several publishers share the topic, only those of the most frequent set of joints."""
-    kinds: dict[tuple[str, ...], tuple[array[int], array[float]]] = {}
-    n_messages = 0
-    for received, message in messages:
-        n_messages += 1
-        if not len(message.position):
-            continue
-        stamps, positions = kinds.setdefault(tuple(message.name), (array("q"), array("d")))
-        _check_row(path, topic, n_messages - 1, message.position, message.name)
-        stamps.extend((received, _nanoseconds(message.header.stamp)))
-        positions.extend(message.position)
-    if not kinds:
-        raise fault(path, topic, "no message has positions", "choose another topic")
-    names = max(kinds, key=lambda kind: len(kinds[kind][0]))
-    stamps, positions = kinds[names]
-    said, notes = _chosen_stamps(stamps)
-    left_out = n_messages - len(said)
-    warning = f"{left_out} of {n_messages} messages are of other joints and left out" if left_out else ""
-    position = np.array(positions, dtype=np.float64).reshape(len(said), len(names))
-    return _Track(said, position, None, names, (*notes, *filter(None, [warning])), warning)
-
-
-def _read_joint_trajectory(path: Path, topic: str, messages: _Messages) -> _Track:
-    trajectory, notes = _last_of(messages)
-    points, names = trajectory.points, tuple(trajectory.joint_names)
-    if not points:
-        raise fault(path, topic, "the trajectory is empty", "choose another topic")
-    for sample, point in enumerate(points):
-        _check_row(path, topic, sample, point.positions, names)
-    stamps = np.array([_nanoseconds(point.time_from_start) for point in points], dtype=np.int64)
-    position = np.array([point.positions for point in points], dtype=np.float64)
-    return _Track(stamps, position.reshape(len(points), len(names)), None, names, notes)
-
-
-def _check_row(path: Path, topic: str, sample: int, row: Any, names: Any) -> None:
-    if len(row) != len(names):
-        raise fault(
-            path,
-            f"{topic}, sample {sample}",
-            f"it has {len(row)} positions of {len(names)} joints",
-            "record every joint that is named",
-        )
-
-
-def _last_of(messages: _Messages) -> tuple[Any, tuple[str, ...]]:
-    """Return the last message, with a note if there were others."""
-    number, message = 0, None
-    for number, (_, message) in enumerate(messages, start=1):  # noqa: B007
-        pass
-    return message, (f"the last of {number} messages",) if number > 1 else ()
-
-
-_READERS: dict[str, Callable[..., _Track]] = {
-    "geometry_msgs/msg/PoseStamped": _stamped(lambda m: _pose(m.pose.position, m.pose.orientation)),
-    "geometry_msgs/msg/PointStamped": _stamped(lambda m: _point(m.point)),
-    "geometry_msgs/msg/TransformStamped": _stamped(
-        lambda m: _pose(m.transform.translation, m.transform.rotation)
-    ),
-    "nav_msgs/msg/Odometry": _stamped(lambda m: _pose(m.pose.pose.position, m.pose.pose.orientation)),
-    "nav_msgs/msg/Path": _read_path,
-    "sensor_msgs/msg/JointState": _read_joint_states,
-    "trajectory_msgs/msg/JointTrajectory": _read_joint_trajectory,
-}
 
 
 def _write_ros1(draft: Path, fill: Callable[..., None]) -> None:

@@ -19,7 +19,6 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import rollouts
 from comove.errors import OptionError, near_name
 from comove.experiments.bench.runner import machine
 from comove.experiments.examples import scene_contents, wall
@@ -30,7 +29,7 @@ from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
-from comove.primitives.basis import motion_basis
+from comove.primitives.basis import motion_basis, rollouts
 from comove.scenes.scene import Scene
 from comove.views.style import COLOURS, new_figure, save
 

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.planning.objective import N_STEPS
 from comove.planning.search import Search

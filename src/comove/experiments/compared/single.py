@@ -19,7 +19,7 @@ from typing import ClassVar
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.dmp import CoordinatedDMP
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.planning.choice import Movements, best_movement, suitable

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import arms_coordinates, load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration, lasa_names
 from comove.errors import ResultError
 from comove.execution import Executor

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.constraints import DistanceConstraint, SeparationConstraint
 from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedDMP, CoordinatedMotion
+from comove.coordination.dmp import CoordinatedDMP
+from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ExtraError
 from comove.experiments.systems import Offers, System, SystemProblem, cost_of
 from comove.geometry.distances import configuration_distance

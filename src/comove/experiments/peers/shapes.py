@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.coordinates import arms_coordinates
-from comove.coordination.motion import CoordinatedDMP
+from comove.coordination.dmp import CoordinatedDMP
 from comove.experiments.peers.common import (
     Best,
     Peer,

@@ -5,7 +5,6 @@ As everywhere in ROS, `up_axis` is ignored: a mesh is placed in its link's frame
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 
@@ -23,7 +22,7 @@ def read_collada(data: bytes) -> tuple[Array, Ints]:
     """Return vertices [m] and faces of the scene that the file shows."""
     root = elements_of(data)
     for element in root.iter():
-        element.tag = re.sub(r"^{[^}]*}", "", element.tag)
+        element.tag = element.tag.rpartition(":")[2]
     if root.tag != "COLLADA":
         raise MeshError(f"it is a <{shown(root.tag.encode())}>, not a <COLLADA>", way_out="correct its name")
     document = _Document(root)

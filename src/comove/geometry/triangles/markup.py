@@ -1,9 +1,14 @@
-"""A reader of XML that is safe against hostile files: no document type, limited depth, limited number of elements."""
+"""A reader of XML that is safe against hostile files: no document type, limited depth, limited number of elements.
+
+Namespaces are not resolved: names are kept as they are written, as in ``drake:acceleration``. So prefixes need not be
+declared, which many robot models omit.
+"""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from typing import Any
+from xml.parsers import expat
 
 from comove.errors import MeshError
 
@@ -13,25 +18,33 @@ MAX_ATTRIBUTES = 64  # of one element
 
 
 def elements_of(data: bytes) -> ET.Element:
-    """Return the root element of a document.
+    """Return the root element of a document; names keep their prefixes.
 
     Raises
     ------
     MeshError
         If it is not XML, has a document type, or exceeds a limit of size.
     """
-    parser = ET.XMLParser(target=_Builder())
+    builder, parser = _Builder(), expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = builder.data, _refuse_doctype
     try:
-        parser.feed(data)
-        return parser.close()
-    except ET.ParseError as error:
+        parser.Parse(data, True)
+        return builder.close()
+    except expat.ExpatError as error:
         raise MeshError(f"it is not XML: {error}", way_out="correct it") from None
     except (ValueError, LookupError) as error:  # an encoding that is not known
         raise MeshError(f"it cannot be read: {error}", way_out="write it in UTF-8") from None
 
 
+def _refuse_doctype(*_: Any) -> None:
+    """Refuse a document type, in which entities would be defined."""
+    raise MeshError("it has a document type (<!DOCTYPE>)", way_out="leave it out, and write entities out")
+
+
 class _Builder(ET.TreeBuilder):
-    """A builder of trees of limited size that refuses a document type, in which entities would be defined."""
+    """A builder of trees of limited size."""
 
     depth = n_elements = 0
 
@@ -55,7 +68,3 @@ class _Builder(ET.TreeBuilder):
         """Close an element."""
         self.depth -= 1
         return super().end(tag)
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        """Refuse a document type."""
-        raise MeshError("it has a document type (<!DOCTYPE>)", way_out="leave it out, and write entities out")

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 
 from comove.errors import MeshError
 from comove.geometry.triangles.checks import ANEW, SIMPLER, Array, Ints, require_few
-from comove.geometry.triangles.collada import read_collada
-from comove.geometry.triangles.obj import read_obj
-from comove.geometry.triangles.off import read_off
-from comove.geometry.triangles.ply import read_ply
-from comove.geometry.triangles.stl import HEADER, read_stl
 
-FORMATS = {".dae": read_collada, ".obj": read_obj, ".off": read_off, ".ply": read_ply, ".stl": read_stl}
+FORMATS = {".dae": "collada", ".obj": "obj", ".off": "off", ".ply": "ply", ".stl": "stl"}
+"""Formats by the suffix of their files; each has a module, which is loaded with the first such file."""
 MAX_BYTES = 50_000_000
 FARTHEST = 1e9  # largest coordinate; larger ones are no lengths, and overflow single precision
 
@@ -46,7 +44,7 @@ def triangles_of(data: bytes, suffix: str) -> tuple[Array, Ints]:
     if len(data) > MAX_BYTES:
         raise MeshError(f"it is larger than {MAX_BYTES // 1_000_000} MB", way_out=SIMPLER)
     with np.errstate(all="ignore"):  # overflow is reported below
-        vertices, faces = FORMATS[suffix](data)
+        vertices, faces = _reader(FORMATS[suffix])(data)
     require_few(len(faces))
     if not len(faces):
         raise MeshError("it holds no triangles", way_out=ANEW)
@@ -63,8 +61,18 @@ def triangles_of(data: bytes, suffix: str) -> tuple[Array, Ints]:
     return vertices, faces
 
 
+def _reader(name: str) -> Callable[[bytes], tuple[Array, Ints]]:
+    """Return the reader of a format."""
+    reader: Callable[[bytes], tuple[Array, Ints]] = getattr(
+        import_module(f"comove.geometry.triangles.{name}"), f"read_{name}"
+    )
+    return reader
+
+
 def as_stl(vertices: Array, faces: Ints) -> bytes:
     """Return triangles as a binary STL."""
+    from comove.geometry.triangles.stl import HEADER
+
     rows = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
     rows["corners"] = vertices[faces]
     return b"\0" * (HEADER - 4) + len(faces).to_bytes(4, "little") + rows.tobytes()

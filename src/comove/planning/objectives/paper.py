@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from comove.errors import OptionError
+from comove.verification.cost import WEIGHTS
 
 
 @dataclass(frozen=True)
@@ -19,10 +20,10 @@ class PaperCost:
     resemblance : c_res, weight of the distance from the demonstration; 0 if this is only the start of the search
     """
 
-    goal: float = 1.0
-    velocity: float = 0.01
-    obstacle: float = 10.0
-    resemblance: float = 0.0
+    goal: float = WEIGHTS["goal"]
+    velocity: float = WEIGHTS["velocity"]
+    obstacle: float = WEIGHTS["obstacle"]
+    resemblance: float = WEIGHTS["resemblance"]
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

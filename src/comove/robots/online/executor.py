@@ -30,9 +30,9 @@ from comove.planning.clock import Budget
 from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
-from comove.robots.carry import carry
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
+from comove.robots.motion import approach_shares
 from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
@@ -40,6 +40,7 @@ from comove.robots.online.reference import Reference
 from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
+from comove.robots.solving import carry
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.groups import GroupPose
 from comove.scenes.scene import Scene
@@ -342,6 +343,7 @@ class JointExecutor:
         """Move the load by a twist, or by a share of it with which the joints can come along, and the joints too."""
         scene, period, joints = self.scene, self.settings.period, self.position[self.columns]
         chains, n = self.arms.chains, len(self.scene.manipulators)
+        soft = chains.approach, chains.lower, chains.upper
         at_first, roughest = nodes_of(scene, self.poses), np.inf
         poses, nodes, following = self.poses, at_first, joints
         for share in SHARES:
@@ -354,6 +356,7 @@ class JointExecutor:
             if (
                 missed.max() <= HOLDING.tolerance
                 and (np.abs(moved) <= chains.velocity).all()
+                and (approach_shares(solved, moved, *soft) <= 1.0).all()
                 and rough < roughest
             ):
                 poses, nodes, following, roughest = there, then, solved, rough

@@ -211,8 +211,9 @@ class JointProgramme(TwistProgramme):
         most = how.share * chains.acceleration
         change, brake = most * self.period, how.share * most
         up, down = chains.upper - joints.position, joints.position - chains.lower
+        gain = np.minimum(how.gain, how.speed / np.maximum(chains.approach, 1e-12))
         fastest = [
-            np.minimum(how.gain * left, np.sqrt(2.0 * brake * left))
+            np.minimum(gain * left, np.sqrt(2.0 * brake * left))
             for left in (np.maximum(up, 0.0), np.maximum(down, 0.0))
         ]
         speed = how.speed * chains.velocity

@@ -14,11 +14,16 @@ from numpy.typing import NDArray
 from comove.geometry.rotations import exponential, logarithm, matrices, quaternion_of_rotation
 from comove.planning.seeds import minimum_jerk
 from comove.primitives.arguments import require_positive
+from comove.robots.motion import approach_shares
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import Arms
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]
+
+SLOWEST = (
+    100.0  # times as long, at most, as joints far from their soft limits: arms may have been driven onto them
+)
 
 REACHING = Iteration(gain=0.0, keep=0.0, tolerance=1e-8, steady=np.inf, most=30)
 
@@ -121,7 +126,10 @@ def way_back(
 def at_ease(arms: Arms, way: Array, period: float, settings: RecoverySettings = RecoverySettings()) -> Array:
     """Return a way from rest to rest at a gentle pace, one sample a period [s]; arrays, shape (n_steps, n_joints)."""
     chains = arms.chains
-    spent = np.abs(np.diff(way, axis=0)) / (settings.pace * chains.velocity)
+    steps = np.diff(way, axis=0)
+    shares = approach_shares(way[1:], steps, chains.approach, chains.lower, chains.upper)
+    rates = np.abs(steps) / chains.velocity
+    spent = np.maximum(rates, np.minimum(shares, SLOWEST * rates)) / settings.pace
     seconds = np.append(0.0, np.cumsum(spent.max(axis=1)))
     # 1.875 and 5.774 are the greatest speed and acceleration of a minimum-jerk motion by 1 in a time of 1.
     least = 1.875 * seconds[-1], np.sqrt(5.774 * seconds[-1] * (chains.velocity / chains.acceleration).max())

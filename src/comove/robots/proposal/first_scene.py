@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from comove.errors import RobotError, SceneError
 from comove.planning.clock import Budget
 from comove.planning.kernels import SceneKind
-from comove.robots.carry import RobotSolution, carry
 from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.examination import findings_of
 from comove.robots.proposal.homes import base_of, floor_of
+from comove.robots.solving import RobotSolution, carry
 from comove.scenes.grasp import HELD
 from comove.scenes.scene import Scene
 

@@ -37,6 +37,7 @@ class Chains(NamedTuple):
     slides : array, shape (n_joints,), whether the joint is prismatic
     tool_rotation, tool_offset : arrays, shape (n_arms, 3, 3) and (n_arms, 3): the grasp in the last joint's frame
     lower, upper, velocity, acceleration, effort : limits, arrays, shape (n_joints,) [rad, s, N m]
+    approach : array, shape (n_joints,), time constants with which joints approach their limits, see `Robot` [s]
     relief : array, shape (n_joints,), share of the torque due to the own weight that springs hold
     mass, center, inertia : arrays, shape (n_joints,) [kg], (n_joints, 3) [m] and (n_joints, 3, 3) [kg m^2]: mass,
         centre of mass and inertia about it of the bodies that the joints move, in the joints' frames
@@ -54,6 +55,7 @@ class Chains(NamedTuple):
     velocity: Array
     acceleration: Array
     effort: Array
+    approach: Array
     relief: Array
     mass: Array
     center: Array
@@ -119,6 +121,7 @@ def chains_of(robot: Robot, arms: tuple[Arm, ...]) -> Chains:
         velocity=robot.velocity[columns],
         acceleration=robot.acceleration[columns],
         effort=robot.effort[columns],
+        approach=robot.approach[columns],
         relief=robot.relief[columns],
         mass=np.array([body.mass for body in bodies]),
         center=np.array([body.lever for body in bodies]),

@@ -270,7 +270,10 @@ def _rates(arms: Arms, q: Array, nodes: Array, dt: float, rates: Array, jolt: Ar
             if t % 4 == 0:
                 torques(chains, i, q[t], v, w, arms.around.carried[i], pull, tau)
             for j in range(chains.first[i], chains.first[i + 1]):
-                rates[i, 0] = max(rates[i, 0], abs(q[after, j] - q[t, j]) / dt / chains.velocity[j])
+                moved = q[after, j] - q[t, j]
+                room = chains.upper[j] - q[after, j] if moved > 0.0 else q[after, j] - chains.lower[j]
+                slowest = min(chains.velocity[j], max(room, 1e-9) / max(chains.approach[j], 1e-12))
+                rates[i, 0] = max(rates[i, 0], abs(moved) / dt / slowest)
                 rates[i, 1] = max(rates[i, 1], abs(w[j]) / chains.acceleration[j])
                 jolt[i] += (w[j] / chains.acceleration[j]) ** 2 / (n_steps * n_joints)
                 rates[i, 2] = max(rates[i, 2], abs(tau[j]) / chains.effort[j])

@@ -9,12 +9,20 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.errors import RobotError
-from comove.robots.effort import largest_torque
+from comove.robots.effort import largest_torque, still_torque
 from comove.robots.model import Arm, Robot
-from comove.robots.motion import Extreme, JointMotion, largest_acceleration, largest_velocity, least_margin
+from comove.robots.motion import (
+    Extreme,
+    JointMotion,
+    largest_acceleration,
+    largest_approach,
+    largest_jerk,
+    largest_velocity,
+    least_margin,
+)
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_inside
 from comove.robots.verification.carried import LoadMotion
-from comove.robots.verification.certificate import certify
+from comove.robots.verification.certificate import LinkClearance, certify, overlap
 from comove.robots.verification.holding import Errors
 from comove.robots.verification.reach import Bases, joint_axes
 from comove.scenes.scene import Scene
@@ -97,10 +105,8 @@ def rest(robot: Robot, curve: PPoly) -> JointFinding:
 
 
 def limits(robot: Robot, curve: PPoly) -> JointFinding:
-    """Check that positions, velocities and accelerations keep their limits."""
+    """Check that positions, velocities, accelerations and jerks keep their limits, soft ones included."""
     margin = least_margin(curve, robot.lower, robot.upper)
-    speed = largest_velocity(curve, robot.velocity)
-    acceleration = largest_acceleration(curve, robot.acceleration)
     units, reasons = _units(robot), []
     if not margin.value >= 0:
         j = margin.joint
@@ -108,18 +114,45 @@ def limits(robot: Robot, curve: PPoly) -> JointFinding:
             f"{robot.joint_names[j]} is {-margin.value:.3g} {units[j]} beyond its limits of {robot.lower[j]:g} to "
             f"{robot.upper[j]:g} {units[j]} at {margin.time:.2f} s"
         )
-    for worst, limit, verb, per in (
-        (speed, robot.velocity, "moves at", "/s"),
-        (acceleration, robot.acceleration, "accelerates by", "/s^2"),
+    speed = largest_velocity(curve, robot.velocity)
+    acceleration, jerk = largest_acceleration(curve, robot.acceleration), largest_jerk(curve, robot.jerk)
+    for worst, limit, verb, order in (
+        (speed, robot.velocity, "moves at", 1),
+        (acceleration, robot.acceleration, "accelerates by", 2),
+        (jerk, robot.jerk, "jerks by", 3),
     ):
         if not worst.value <= 1 + ROUNDING:
-            j, slower = worst.joint, worst.value ** (1.0 if per == "/s" else 0.5)
+            j = worst.joint
+            unit = f"{units[j]}/s{f'^{order}' if order > 1 else ''}"
             reasons.append(
-                f"{robot.joint_names[j]} {verb} up to {worst.value * limit[j]:.4g} {units[j]}{per} at "
-                f"{worst.time:.2f} s (limit {limit[j]:g}); take {slower:.3g} times as long"
+                f"{robot.joint_names[j]} {verb} up to {worst.value * limit[j]:.4g} {unit} at {worst.time:.2f} s "
+                f"(limit {limit[j]:g}); take {worst.value ** (1.0 / order):.3g} times as long"
             )
-    measured = ("joint_margin_min", "velocity_ratio_max", "acceleration_ratio_max")
-    return _found(robot, dict(zip(measured, (margin, speed, acceleration), strict=True)), reasons)
+    approach = largest_approach(curve, robot.approach, robot.lower, robot.upper)
+    if margin.value >= 0 and not approach.value <= 1 + ROUNDING:
+        reasons.append(_too_fast_for_soft_limits(robot, curve, approach, units[approach.joint]))
+    measured = {
+        "joint_margin_min": margin,
+        "velocity_ratio_max": max(speed, approach, key=lambda extreme: extreme.value),
+        "acceleration_ratio_max": acceleration,
+    }
+    if np.isfinite(robot.jerk).any():
+        measured["jerk_ratio_max"] = jerk
+    return _found(robot, measured, reasons)
+
+
+def _too_fast_for_soft_limits(robot: Robot, curve: PPoly, worst: Extreme, unit: str) -> str:
+    j = worst.joint
+    position, velocity = (float(curve(worst.time, order)[j]) for order in (0, 1))
+    limit = robot.upper[j] if velocity > 0 else robot.lower[j]
+    told = (
+        f"{robot.joint_names[j]} moves at {abs(velocity):.4g} {unit}/s at {worst.time:.2f} s, "
+        f"{abs(limit - position):.3g} {unit} before its limit {limit:g}, where k_position "
+        f"{1.0 / robot.approach[j]:g} allows {abs(limit - position) / robot.approach[j]:.4g}"
+    )
+    if not np.isfinite(worst.value):
+        return f"{told}; keep it away from that limit"
+    return f"{told}; take {worst.value:.3g} times as long, or keep it away from that limit"
 
 
 def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) -> JointFinding:
@@ -128,11 +161,24 @@ def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) ->
     reasons, j = [], worst.joint
     if not worst.value <= 1 + ROUNDING:
         unit = "N" if _units(robot)[j] == "m" else "N m"
-        reasons.append(
+        told = (
             f"{robot.joint_names[j]} needs up to {worst.value * robot.effort[j]:.4g} {unit} at {worst.time:.2f} s "
-            f"(limit {robot.effort[j]:g} {unit}); move slower, nearer to the base, or less mass than "
-            f"{masses.sum():g} kg"
+            f"(limit {robot.effort[j]:g} {unit})"
         )
+        still = still_torque(robot, arms, masses, curve)
+        if still.value < 1:
+            reasons.append(f"{told}; move slower, nearer to the base, or less mass than {masses.sum():g} kg")
+        elif still_torque(robot, arms, 0.0 * masses, curve).value < 1:
+            reasons.append(
+                f"{told}, and at rest {robot.joint_names[still.joint]} up to {still.value:.3g} times its limit, "
+                f"which no pace changes; move nearer to the base, or less mass than {masses.sum():g} kg"
+            )
+        else:
+            reasons.append(
+                f"{told}, and {robot.joint_names[still.joint]} up to {still.value:.3g} times its limit at rest, too "
+                f"much without the load of {masses.sum():g} kg as well; move with the arms nearer to the base, or "
+                "correct the model's masses and efforts, or `springs`"
+            )
     finding = _found(robot, {"torque_ratio_max": worst}, reasons)
     return finding._replace(measures=finding.measures | {"load_mass": float(masses.sum())})
 
@@ -202,9 +248,8 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
         required = float(bodies.required[kind])
         if not found.upper >= required:
             still = not bodies.reach[found.pair].any()
-            finding.reasons.append(
-                _contact(bodies.name(found.pair), found.upper, required, still, found.time, kind)
-            )
+            how = _how_near(bodies, carried, curve, found)
+            finding.reasons.append(_contact(bodies.name(found.pair), how, required, still, found.time, kind))
         elif not found.lower >= required and not unsought:
             finding.reasons.append(
                 f"{bodies.name(found.pair)} are {found.upper:.4g} m apart at {found.time:.2f} s, and it could not be "
@@ -213,8 +258,18 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
     return finding
 
 
-def _contact(pair: str, distance: float, required: float, still: bool, time: float, kind: int) -> str:
-    how = f"come within {distance:.3g} m of each other" if distance > 0 else f"meet, {-distance:.3g} m deep"
+def _how_near(bodies: Bodies, carried: LoadMotion, curve: PPoly, found: LinkClearance) -> str:
+    """Return how near two bodies come, in words; of meshes, coal tells only that they meet: not how deep."""
+    distance = found.upper + float(bodies.taken[found.pair])
+    if found.upper > 0.0:
+        return f"come within {found.upper:.3g} m of each other"
+    if distance > 0.0:
+        return f"may meet: they come within {distance:.3g} m of each other, and places are known to that"
+    depth, is_bound = overlap(bodies, carried, curve, found)
+    return f"meet, {'at most ' if is_bound else ''}{depth:.3g} m deep" if depth > 0.0 else "meet"
+
+
+def _contact(pair: str, how: str, required: float, still: bool, time: float, kind: int) -> str:
     if still:
         return (
             f"{pair} {how.replace('come', 'are')}, which no motion changes ({required:g} m is to be kept); move the "

@@ -48,7 +48,9 @@ class JointReport:
     Attributes
     ----------
     joint_margin_min : least distance of a joint from its limits [rad, m for prismatic joints], exact
-    velocity_ratio_max, acceleration_ratio_max : largest share of a joint's limit, exact
+    velocity_ratio_max : largest share of a joint's velocity limit, or of the velocity with which it may approach its
+        soft limits, exact
+    acceleration_ratio_max, jerk_ratio_max : likewise of its other limits; of jerk only where some are stated
     torque_ratio_max : likewise of an effort limit; sampled, with a margin
     hand_error_sampled, hand_turn_sampled : largest error of a hand on the load at samples [m, rad]
     hand_error_max, hand_turn_max : upper bounds of these at every instant
@@ -68,6 +70,7 @@ class JointReport:
     joint_margin_min: float = math.nan
     velocity_ratio_max: float = math.nan
     acceleration_ratio_max: float = math.nan
+    jerk_ratio_max: float = math.nan
     torque_ratio_max: float = math.nan
     hand_error_sampled: float = math.nan
     hand_turn_sampled: float = math.nan

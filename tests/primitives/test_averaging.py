@@ -6,7 +6,7 @@ import pytest
 from comove.demonstrations import Demonstration
 from comove.errors import DemonstrationError, OptionError
 from comove.primitives import DMP
-from comove.primitives.average import average
+from comove.primitives.averaging import average
 
 DEMOS = [Demonstration.from_lasa("Sine", k) for k in range(7)]
 

@@ -1,0 +1,85 @@
+"""Counts of the kernels that are compiled in a context, and how long it takes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from numba.core import event
+from numba.core.dispatcher import LiftedCode
+
+PACKAGE = "comove."
+KernelCallback = Callable[[str], None]
+Clock = Callable[[], float]
+
+
+@dataclass
+class Compiled:
+    """Counts what has been compiled so far.
+
+    Attributes
+    ----------
+    kernels : number of kernels
+    seconds : time that it took [s]
+    """
+
+    kernels: int = 0
+    seconds: float = 0.0
+
+
+IN_ALL = Compiled()  # what commands have watched in this process
+
+
+class _Listener(event.Listener):
+    """A listener that counts and reports compiled kernels; the compilation of one may include that of others."""
+
+    def __init__(self, compiled: Compiled, tell: KernelCallback | None, clock: Clock):
+        self.compiled, self.tell, self.clock = compiled, tell, clock
+        self._depth, self._begun = 0, 0.0
+
+    def on_start(self, event: event.Event) -> None:
+        if not _counts(event):
+            return
+        if self._depth == 0:
+            self._begun = self.clock()
+        self._depth += 1
+        function = event.data["dispatcher"].py_func
+        if not function.__module__.startswith(PACKAGE):
+            return  # what Numba makes for our kernels
+        self.compiled.kernels += 1
+        if self.tell is not None:
+            self.tell(f"{function.__module__.removeprefix(PACKAGE)}.{function.__name__}")
+
+    def on_end(self, event: event.Event) -> None:
+        if not _counts(event):
+            return
+        self._depth -= 1
+        if self._depth == 0:
+            self.compiled.seconds += self.clock() - self._begun
+            if self.tell is not None:
+                self.tell("")
+
+
+def _counts(event: event.Event) -> bool:
+    """Return whether an event counts; code lifted out of a kernel, never cached and fast, does not."""
+    return not isinstance(event.data["dispatcher"], LiftedCode)
+
+
+@contextmanager
+def compiling(
+    tell: KernelCallback | None = None, compiled: Compiled | None = None, clock: Clock = time.perf_counter
+) -> Iterator[Compiled]:
+    """Count the kernels that are compiled in this context; kernels loaded from the cache do not count.
+
+    Parameters
+    ----------
+    tell : function that is called with the name of every kernel when its compilation begins, and with "" when all
+        compilation has ended
+    compiled : counters to add to, which the context yields; new ones unless given
+    clock : function that returns the time [s]
+    """
+    compiled = Compiled() if compiled is None else compiled
+    with event.install_listener("numba:compile", _Listener(compiled, tell, clock)):
+        yield compiled

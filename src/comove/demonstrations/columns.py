@@ -1,0 +1,655 @@
+"""The vocabulary of columns: what the names of a recording's columns say they hold.
+
+Recorders name columns in many ways: `x`, `ee.x`, `left_arm_ee_pos_x`, `field.pose.position.x`, `/pose/position/x`,
+`Left X` below a row `Position`, `p_RS_R_x [m]`, `TX`; `qw`, `q_w`, `orientation.w`, `rw` beside `rx`; `roll`;
+`shoulder_pan.pos`, `joint_1`, `q[0]`; `Time (Seconds)`, `time_ms`, `%time`, `secs` beside `nsecs`. `read_columns`
+turns names into `Column`s, and `bodies_of` collects what belongs to each body. Formats differ only in where the names
+come from.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations.samples import AXES, QUATERNION, UNIT
+from comove.demonstrations.units import TIMES, UNITS, base_unit, in_base_unit, is_angle, is_length, unit_named
+from comove.errors import listed
+from comove.geometry.rotations import exponential, quaternion_product
+
+Array = NDArray[np.float64]
+
+EULER = ("roll", "pitch", "yaw")
+"""Angles about the fixed axes x, y, z, in this order (REP 103 of ROS): R = Rz(yaw) Ry(pitch) Rx(roll)."""
+ROTATION_VECTOR = ("rx", "ry", "rz")
+MATRIX = tuple(f"r{row}{column}" for row in range(1, 4) for column in range(1, 4))
+"""Numbers of a rotation matrix, row by row."""
+SIDES = ("left", "right")
+_TURN = 2.2 * np.pi
+"""Angles of orientations beyond this are not radians."""
+
+
+class Kind(StrEnum):
+    """What a column holds."""
+
+    TIME = "time"
+    POSITION = "position"
+    ORIENTATION = "orientation"
+    JOINT = "joint"
+    GRIPPER = "gripper"
+    INDEX = "index"
+    OTHER = "other"
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of a recording.
+
+    Attributes
+    ----------
+    number : place of the column, from 0
+    name : name as it is written
+    kind : what it holds
+    axis : x, y, z of a position; qw, qx, qy, qz of a quaternion; roll, pitch, yaw; rx, ry, rz of a rotation vector;
+        `secs` or `nsecs` of a time in two columns; a joint's name without body and unit
+    body : name of the body or side that the column belongs to; "" if the name says none
+    unit : unit that the name, or a row of units, states, as `comove.demonstrations.units` spells it, else as written;
+        None if nothing is stated
+    """
+
+    number: int
+    name: str
+    kind: Kind
+    axis: str = ""
+    body: str = ""
+    unit: str | None = None
+
+    @property
+    def label(self) -> str:
+        """Return a name that tells columns of one name apart: `Left.Position.X`."""
+        if self.kind not in (Kind.POSITION, Kind.ORIENTATION):
+            return self.name
+        axis = self.axis.upper().removeprefix("Q") if self.axis in QUATERNION else self.axis.upper()
+        return ".".join(filter(None, (self.body, self.kind.value.capitalize(), axis)))
+
+
+@dataclass(frozen=True)
+class Body:
+    """The columns of one body, each kind in its usual order.
+
+    Attributes
+    ----------
+    name : name of the body; "" if the names say none
+    position : columns of x, y, z, as far as recorded
+    orientation : columns of a quaternion w x y z, of roll, pitch, yaw, or of a rotation vector; all or none
+    joints : columns of joint coordinates, in the order of the recording
+    grippers : columns of grippers
+    """
+
+    name: str = ""
+    position: tuple[Column, ...] = ()
+    orientation: tuple[Column, ...] = ()
+    joints: tuple[Column, ...] = ()
+    grippers: tuple[Column, ...] = ()
+
+    @property
+    def moving(self) -> tuple[Column, ...]:
+        """Return the columns of what a `Demonstration` keeps as its position: positions, else joints."""
+        return self.position or self.joints
+
+    @property
+    def needed(self) -> tuple[Column, ...]:
+        """Return all columns that `samples` takes from a table."""
+        return self.moving + self.orientation
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """Return the names of joints as they are written; () of positions."""
+        return () if self.position else tuple(column.axis for column in self.joints)
+
+    @property
+    def is_repeated(self) -> bool:
+        """Return whether a coordinate stands in several columns, so that one has to be chosen."""
+        axes = [column.axis for column in self.moving]
+        return len(set(axes)) < len(axes)
+
+    @property
+    def stated_unit(self) -> str | None:
+        """Return the unit that all coordinates state, None if none of them does.
+
+        Coordinates that state several units of one quantity are read in its base unit: metres, or radians.
+        """
+        units = {column.unit for column in self.moving if column.unit is not None}
+        if len(units) == 1 and all(column.unit is not None for column in self.moving):
+            return units.pop()
+        bases = {base_unit(unit) for unit in units}
+        return bases.pop() if len(bases) == 1 else None
+
+    def samples(
+        self, table: Array, numbers: Sequence[int] | None = None, unit: str | None = None
+    ) -> dict[str, Any]:
+        """Return the fields of `RecordedSamples` that a table holds of this body.
+
+        Positions keep the unit that all columns state, and are converted to the base unit where columns differ.
+        Columns that state none are taken to be in `unit`, by default in metres, or radians of joints. Orientations
+        become quaternions w x y z.
+
+        Parameters
+        ----------
+        table : array, shape (n_steps, n_columns)
+        numbers : numbers of the columns that the table holds; all of them in their order unless given
+        unit : unit of the positions or joints that state none
+        """
+        places = {number: place for place, number in enumerate(numbers)} if numbers is not None else None
+
+        def taken(columns: Iterable[Column]) -> Array:
+            return table[
+                :, [column.number if places is None else places[column.number] for column in columns]
+            ]
+
+        own = unit or ("m" if self.position else "rad")
+        units = [column.unit or own for column in self.moving]
+        values, kept = taken(self.moving), units[0] if units else own
+        if len(set(units)) > 1:
+            values = values * [in_base_unit(one) for one in units]
+            kept = "/".join(dict.fromkeys(map(base_unit, units)))
+        orientation = None
+        if self.orientation:
+            orientation = quaternions(taken(self.orientation), self.orientation)
+        fields = {"position": values, "orientation": orientation, "axes": self.axes, "unit": kept}
+        is_stated = unit is not None or self.stated_unit is not None
+        return fields | ({"stated": frozenset({UNIT})} if is_stated else {})
+
+    def words(self, unit: str | None = None) -> str:
+        """Return what was taken, in words: `position from X, Y, Z [mm], orientation from qx, qy, qz, qw`."""
+        what = "position" if self.position else "joints"
+        unit = self.stated_unit or unit or ("" if self.position else "rad, as none is stated")
+        unit = f" [{unit}]" if unit else ""
+        said = f"{what} from {listed(spoken(self.moving), 8)}{unit}"
+        if self.orientation:
+            in_file = sorted(self.orientation, key=lambda column: column.number)
+            said += f", orientation from {listed(spoken(in_file), 8)} ({_form(in_file)})"
+        return said
+
+
+def spoken(columns: Iterable[Column]) -> list[str]:
+    """Return the names of columns for messages, without their units; labels where names repeat."""
+    columns = list(columns)
+    names = [bare_name(column.name) for column in columns]
+    above = all(column.body and column.body not in column.name for column in columns)
+    return [column.label for column in columns] if above or len(set(names)) < len(names) else names
+
+
+def _form(orientation: Sequence[Column]) -> str:
+    axes = [column.axis for column in orientation]
+    if axes[0] in QUATERNION:
+        return "quaternion " + " ".join(axis.removeprefix("q") for axis in axes)
+    if axes[0] in EULER:
+        return "angles about fixed x, y, z"
+    if axes[0] in MATRIX:
+        return "rotation matrix"
+    return "rotation vector"
+
+
+def quaternions(values: Array, columns: Sequence[Column]) -> Array:
+    """Return the quaternions w x y z, shape (n_steps, 4), of a body's columns of orientation.
+
+    Angles that state no unit are radians, unless they are too large for it.
+
+    Parameters
+    ----------
+    values : array, shape (n_steps, n_columns), in the order of the columns, which is that of `Body.orientation`
+    columns : columns of a quaternion, of roll, pitch, yaw, or of a rotation vector
+    """
+    if columns[0].axis in QUATERNION:
+        return values
+    if columns[0].axis in MATRIX:
+        return _of_matrices(values.reshape(-1, 3, 3))
+    units = {column.unit for column in columns}
+    stated = units.pop() if len(units) == 1 else None
+    if stated is None:
+        with np.errstate(invalid="ignore"):
+            stated = "deg" if np.nanmax(np.abs(values), initial=0.0) > _TURN else "rad"
+    angles = values * in_base_unit(stated)
+    if columns[0].axis in ROTATION_VECTOR:
+        return exponential(angles)
+    roll, pitch, yaw = (exponential(angles[:, i, None] * np.eye(3)[i]) for i in range(3))
+    return quaternion_product(yaw, quaternion_product(pitch, roll))
+
+
+def _of_matrices(matrices: Array) -> Array:
+    """Return the quaternions of rotation matrices; zeros, which are none, of matrices that are no rotations."""
+    from scipy.spatial.transform import Rotation
+
+    turned = np.einsum("nij,nkj->nik", matrices, matrices)
+    good = (np.abs(turned - np.eye(3)).max(axis=(1, 2)) < 1e-3) & (np.linalg.det(matrices) > 0.0)
+    found = np.zeros((len(matrices), 4))
+    if good.any():
+        found[good] = Rotation.from_matrix(matrices[good]).as_quat()[:, [3, 0, 1, 2]]
+    return found
+
+
+def _all(*texts: str) -> frozenset[str]:
+    return frozenset(word for text in texts for word in text.split())
+
+
+# Words of names, in lower case. Those around an axis tell what it is; the others name the body.
+_CLOCKS = _all("time timestamp timestamps stamp t seconds elapsed zeit datetime date clock")
+_OF_CLOCKS = _all(
+    "header field bag ros recv receive received log wall sim system sys host device rel relative unix epoch utc",
+    "robot sample record recording frame frames camera start capture global local msg rosbag since in gps data ts",
+)
+_STAMPS = _all("time timestamp")
+"""Words that make a name one of a time, whatever stands before them."""
+_SECONDS, _NANOSECONDS = _all("sec secs"), _all("nsec nsecs nanosec nanosecs")
+_INDICES = _all(
+    "frame frames index idx id seq sequence row sample samples step steps n no nr number count counter i sub",
+    "unnamed header field episode task iteration",
+)
+_DERIVED = _all(
+    "vel velocity velocities speed acc accel acceleration twist angular force torque wrench effort gyro gyroscope",
+    "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
+    "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
+)
+_POSITIONS = _all("pos position positions translation trans point xyz location loc coordinate coord")
+_QUATERNIONS = _all("quat quaternion quaternions orientation orient ori attitude att")
+_ROTATIONS, _VECTORS, _EULERS = _all("rotation rot"), _all("rotvec axisangle"), _all("euler rpy")
+_STRUCTURE = (
+    _all("field fields msg data pose poses transform state states observation observations obs value stamped")
+    | _all("cartesian actual measured axis tf")
+    | (_POSITIONS | _QUATERNIONS | _ROTATIONS | _VECTORS | _EULERS)
+)
+_LETTERS = {"p", "t", "q"}
+"""Letters that stand for position, translation and quaternion, where they are joined to an axis by `_`."""
+_JOINED = (
+    {f"{word}{axis}": axis for word in ("p", "t", "pos", "position") for axis in AXES}
+    | {f"{axis}pos": axis for axis in AXES}
+    | {f"{word}{axis}": f"q{axis}" for word in ("q", "quat", "quaternion", "o") for axis in "wxyz"}
+    | {f"r{axis}": f"r{axis}" for axis in "wxyz"}
+    | {f"rot{axis}": f"rot{axis}" for axis in "wxyz"}
+    | {axis: axis for axis in (*AXES, "w", *EULER)}
+)
+"""The axis that one word names together with its quantity."""
+_GRIPPERS = _all("gripper grippers grip jaw jaws claw")
+_JOINTS = _all(
+    "joint joints qpos motor servo shoulder elbow forearm wrist waist hip knee ankle torso neck flex pan lift"
+)
+_NUMBERED = _all("j q joint theta motor dof axis servo")
+_BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*")
+_RATE = re.compile(r"[/^]|s-1|^(n|nm|hz|%|v|a|w|kg|c)$", re.IGNORECASE)
+"""Units of what is no coordinate."""
+
+
+@dataclass(frozen=True)
+class _Word:
+    text: str
+    start: int
+    stop: int
+
+
+def read_columns(
+    names: Sequence[str],
+    *,
+    bodies: Sequence[str] = (),
+    kinds: Sequence[str] = (),
+    units: Sequence[str] = (),
+) -> tuple[Column, ...]:
+    """Return what each column of a recording holds, according to its name.
+
+    Parameters
+    ----------
+    names : names of all columns, in their order
+    bodies : names of the bodies above them, "" where there is none
+    kinds : words for the quantity above them, such as Position and Rotation
+    units : units below them
+    """
+
+    def at(row: Sequence[str], number: int) -> str:
+        return row[number].strip() if number < len(row) else ""
+
+    columns = [
+        _read_column(number, name, at(bodies, number), at(kinds, number), at(units, number))
+        for number, name in enumerate(names)
+    ]
+    return tuple(_told_by_others(columns))
+
+
+def bare_name(name: str) -> str:
+    """Return a name without quotation marks, the marks of comments and its unit in brackets.
+
+    >>> [bare_name(name) for name in ("X [mm]", "# Time (Seconds)", "q[0]")]
+    ['X', 'Time', 'q[0]']
+    """
+    return _parted(name)[0]
+
+
+def _parted(name: str) -> tuple[str, str | None]:
+    """Return a name without its unit in brackets, and the unit, None if there is none."""
+    name = name.strip().strip('"').strip().lstrip("#%").strip()
+    found = _BRACKETS.fullmatch(name)
+    if found is None or not found["name"] or found["unit"].strip().isdigit():
+        return name, None
+    return found["name"], found["unit"].strip() or None
+
+
+def _words(name: str) -> list[_Word]:
+    """Return the words of a name: parted at marks, between letters and digits, and before capitals."""
+    return [
+        _Word(found[0].lower(), found.start(), found.end())
+        for found in re.finditer(r"[A-ZÄÖÜ]+(?![a-zäöü])|[A-ZÄÖÜ]?[^\W\d_A-ZÄÖÜ]+|\d+|[^\W\d_]+", name)
+    ]
+
+
+def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Column:
+    """Return what the name of one column says by itself."""
+    core, unit = _parted(name)
+    unit = below.strip("[]() ") or unit
+    words = _words(core)
+    texts = [word.text for word in words]
+    clock = None if body or not words else _time_axis(texts)
+    is_suffix = len(words) > 1 and texts[-1] in UNITS and texts[-1] not in ("in", "min")
+    if unit is None and (is_suffix or clock == "") and (texts[-1] != "m" or texts[-2] in _JOINED):
+        if texts[-1] in UNITS and UNITS[texts[-1]] != "min":
+            unit = texts[-1]
+        if is_suffix:
+            texts, core = texts[:-1], core[: words.pop().start].rstrip(" _./:-|,")
+    said = None if unit is None else unit_named(unit) or unit
+
+    def column(kind: Kind, axis: str = "", own: str = "") -> Column:
+        return Column(number, name.strip(), kind, axis, body or own, said)
+
+    if not words:
+        return column(Kind.OTHER if kind else Kind.INDEX)
+    if not body and texts[0] in _INDICES and all(text in _INDICES or text.isdigit() for text in texts):
+        return column(Kind.INDEX)
+    if clock is not None:
+        return column(Kind.TIME, clock)
+    if (said is not None and _RATE.search(said)) or _DERIVED & set(texts) or _DERIVED & set(_texts(kind)):
+        return column(Kind.OTHER)
+    if (found := _cartesian(core, words, kind)) is not None:
+        of, axis, own = found
+        if axis is not None:
+            return column(of, axis, own)
+    if _GRIPPERS & set(texts):
+        return column(Kind.GRIPPER, core)
+    if _is_joint(texts, said):
+        return column(Kind.JOINT, core)
+    return column(Kind.OTHER, core)
+
+
+def _texts(text: str) -> list[str]:
+    return [word.text for word in _words(text)]
+
+
+def _time_axis(texts: Sequence[str]) -> str | None:
+    """Return the axis of a column of time, "" unless its time is in two columns; None if it is no time."""
+    last, rest = texts[-1], texts
+    if set(texts) <= _OF_CLOCKS | _CLOCKS | _SECONDS | _NANOSECONDS:
+        if last in _SECONDS:
+            return "secs"
+        if last in _NANOSECONDS:
+            return "nsecs"
+    if UNITS.get(last) in TIMES and len(texts) > 1:
+        rest = texts[:-1]
+    if (set(rest) <= _OF_CLOCKS | _CLOCKS and (_CLOCKS & set(rest) or rest == ["ts"])) or rest[-1] in _STAMPS:
+        return ""
+    return (
+        ""
+        if len(texts) == 1 and last in UNITS and len(last) > 1 and UNITS[last] in ("ms", "us", "ns")
+        else None
+    )
+
+
+def _cartesian(core: str, words: Sequence[_Word], above: str) -> tuple[Kind, str, str] | None:
+    """Return the kind, axis and body of a column of a position or an orientation; None for others."""
+    texts = [word.text for word in words]
+    quantity = set(_texts(above))
+    for at in (len(words) - 1, 0):  # the axis is the last word, as in left_x, or the first one, as in x_left
+        axis = _JOINED.get(texts[at])
+        if axis is None and at and texts[at].isdigit() and texts[at - 1] in _JOINED and len(words) == 2:
+            continue
+        if axis is None:
+            continue
+        around = texts[:at][::-1] if at else texts[1:]
+        if at == 0 and len(words) > 1 and not _may_follow(axis, texts[1:]):
+            continue
+        kind = Kind.POSITION if axis in AXES else Kind.ORIENTATION
+        if axis in (*AXES, "w"):
+            word = next((w for w in around if w in _STRUCTURE - {"pose", "axis"} or w in _LETTERS), "")
+            kind, axis = _told_by(axis, quantity, word, _joined_by_line(core, words, at))
+        return (kind, axis, _body(core, words, at)) if axis else None
+    return None
+
+
+def _may_follow(axis: str, rest: Sequence[str]) -> bool:
+    """Return whether words behind a leading axis name its body, as `x_left`, `X1` and `x position` do."""
+    return axis != "w" and not _JOINTS & set(rest)
+
+
+def _joined_by_line(core: str, words: Sequence[_Word], at: int) -> bool:
+    """Return whether the word before an axis is joined to it by `_`, or the name is a single word."""
+    return at > 0 and core[words[at - 1].stop : words[at].start] in ("_", "")
+
+
+def _told_by(axis: str, quantity: set[str], word: str, joined: bool) -> tuple[Kind, str]:
+    """Return the kind and axis of x, y, z or w below or beside words for a quantity."""
+    given = quantity or {word}
+    if given & _POSITIONS or (word in ("p", "t") and not quantity):
+        return Kind.POSITION, axis if axis != "w" else ""
+    if given & _QUATERNIONS or (word == "q" and joined and not quantity):
+        return Kind.ORIENTATION, f"q{axis}"
+    if given & _ROTATIONS:
+        return Kind.ORIENTATION, f"rot{axis}"
+    if given & _VECTORS:
+        return Kind.ORIENTATION, f"r{axis}"
+    if given & _EULERS:
+        return Kind.ORIENTATION, dict(zip((*AXES, "w"), (*EULER, ""), strict=True))[axis]
+    return (Kind.ORIENTATION, "w") if axis == "w" else (Kind.POSITION, axis)
+
+
+def _body(core: str, words: Sequence[_Word], at: int) -> str:
+    """Return the part of a name that names the body: what is left of the axis and the words of structure."""
+    rest = [word for place, word in enumerate(words) if place != at]
+    joined = _joined_by_line(core, words, at)
+
+    def is_structure(word: _Word) -> bool:
+        return word.text in _STRUCTURE or (joined and word.text in _LETTERS)
+
+    while rest and is_structure(rest[-1]):
+        rest.pop()
+    while rest and is_structure(rest[0]):
+        rest.pop(0)
+    return core[rest[0].start : rest[-1].stop] if rest else ""
+
+
+def _is_joint(texts: Sequence[str], unit: str | None) -> bool:
+    if is_angle(unit) or _JOINTS & set(texts):
+        return True
+    if texts[-1].isdigit() and len(texts) > 1 and texts[-2] in _NUMBERED:
+        return True
+    return len(texts) > 1 and texts[-1] in ("pos", "position") and not set(texts[:-1]) <= _STRUCTURE
+
+
+def _told_by_others(columns: list[Column]) -> list[Column]:
+    """Correct what single names leave open: w and rw make quaternions of their neighbours; vectors by index."""
+    columns = _indexed_vectors(columns)
+    by_body: dict[str, list[Column]] = {}
+    for column in columns:
+        by_body.setdefault(column.body, []).append(column)
+    changed = {column.number: column for column in columns}
+    for members in by_body.values():
+        axes = [column.axis for column in members if column.kind in (Kind.POSITION, Kind.ORIENTATION)]
+        if "rw" in axes or "rotw" in axes:
+            mark = "r" if "rw" in axes else "rot"
+            pairs = {f"{mark}{axis}": f"q{axis}" for axis in "wxyz"}
+            found = [column for column in members if column.axis in pairs]
+        elif "w" in axes and not {"qx", "qw"} & set(axes):
+            pairs = {axis: f"q{axis}" for axis in "wxyz"}
+            found = [c for c in members if c.axis in pairs and c.kind in (Kind.POSITION, Kind.ORIENTATION)]
+            if len(found) != 4:  # x, y, z, w, x, y, z: repeated names are chosen by the user
+                continue
+        else:
+            continue
+        for column in found:
+            changed[column.number] = replace(column, kind=Kind.ORIENTATION, axis=pairs[column.axis])
+    return [changed[column.number] for column in columns]
+
+
+def _indexed_vectors(columns: list[Column]) -> list[Column]:
+    """Return columns in which `pos_0, pos_1, pos_2` is a position, as is the begin of `tcp_pose_0` to `_5`."""
+    stems: dict[str, list[Column]] = {}
+    names = {column.number: bare_name(column.name) for column in columns}
+    is_joint_state = any(re.fullmatch(r".*\bname_?\[?0\]?", name) for name in names.values())
+    for column in columns:
+        found = re.fullmatch(r"(.*?)[._\[/ ]?\d+\]?", names[column.number])
+        if column.kind in (Kind.OTHER, Kind.JOINT) and found:
+            stems.setdefault(found[1], []).append(column)
+    changed = {column.number: column for column in columns}
+    for stem, members in stems.items():
+        words = _words(stem)
+        texts = [word.text for word in words]
+        if not texts or texts[-1] not in _POSITIONS | {"pose", "p"} or _DERIVED & set(texts):
+            continue
+        is_pose, n = texts[-1] == "pose", len(members)
+        axes = (*AXES, *ROTATION_VECTOR) if is_pose and n == 6 and "tcp" in texts else AXES
+        if is_joint_state or _JOINTS & set(texts) or n not in ((6, 7) if is_pose else (3,)):
+            if texts[-1] in ("position", "positions", "pos", "p"):
+                changed |= {c.number: replace(c, kind=Kind.JOINT, axis=names[c.number]) for c in members}
+            continue
+        own = _body(stem, [*words, _Word("x", len(stem), len(stem))], len(words))
+        for column, axis in zip(members, axes, strict=False):
+            kind = Kind.POSITION if axis in AXES else Kind.ORIENTATION
+            changed[column.number] = replace(column, kind=kind, axis=axis, body=column.body or own)
+    return [changed[column.number] for column in columns]
+
+
+def bodies_of(columns: Iterable[Column]) -> dict[str, Body]:
+    """Return the bodies that columns belong to, by their names, in the order of their first columns.
+
+    Only bodies with positions or joints count. An orientation without a position of its own belongs to the body whose
+    name begins as its own does, or to the only one. Joints belong to the sides `left` and `right` if each of their
+    names says one.
+    """
+    columns = [column for column in columns if column.kind not in (Kind.TIME, Kind.INDEX, Kind.OTHER)]
+    cartesian: dict[str, list[Column]] = {}
+    for column in columns:
+        if column.kind in (Kind.POSITION, Kind.ORIENTATION):
+            cartesian.setdefault(column.body, []).append(column)
+    placed = {name for name, found in cartesian.items() if any(c.kind is Kind.POSITION for c in found)}
+    for name in [name for name in cartesian if name not in placed]:
+        bare = [one for one in placed if all(c.kind is Kind.POSITION for c in cartesian[one])]
+        near = [one for one in bare if one.startswith(name) or name.startswith(one)] or bare
+        if len(near) == 1:
+            cartesian[near[0]] += cartesian.pop(name)
+    joints = [column for column in columns if column.kind in (Kind.JOINT, Kind.GRIPPER)]
+    sides = sides_of(joints)
+    found: dict[str, Body] = {}
+    for name, members in cartesian.items():
+        position = [c for axis in AXES for c in members if c.kind is Kind.POSITION and c.axis == axis]
+        if position:
+            grippers = [c for c in joints if c.kind is Kind.GRIPPER and _belongs(c, name, sides, len(placed))]
+            found[name] = Body(name, tuple(position), _orientation(members), (), tuple(grippers))
+    if found:
+        return found
+    for side in dict.fromkeys(sides.values()):
+        own = [column for column in joints if sides[column.number] == side]
+        moved = tuple(
+            replace(column, axis=_without_side(column.axis, side))
+            for column in own
+            if column.kind is Kind.JOINT
+        )
+        if moved:
+            found[side] = Body(side, (), (), moved, tuple(c for c in own if c.kind is Kind.GRIPPER))
+    return found
+
+
+def _orientation(members: Iterable[Column]) -> tuple[Column, ...]:
+    """Return the columns of a whole orientation, in their usual order; () if it is not whole."""
+    by_axis: dict[str, list[Column]] = {}
+    for column in members:
+        if column.kind is Kind.ORIENTATION:
+            by_axis.setdefault(column.axis, []).append(column)
+    for axes in (QUATERNION, EULER, ROTATION_VECTOR, MATRIX):
+        if all(len(by_axis.get(axis, ())) == 1 for axis in axes):
+            return tuple(by_axis[axis][0] for axis in axes)
+    return ()
+
+
+def sides_of(columns: Sequence[Column]) -> dict[int, str]:
+    """Return the side of each joint by the number of its column, "" for all of them unless each name says one."""
+    for words in ({"left": "left", "right": "right"}, {"l": "left", "r": "right"}):
+        sides = {
+            column.number: [
+                words[text] for text in (*_texts(column.body), *_texts(column.axis)) if text in words
+            ]
+            for column in columns
+        }
+        if sides and all(len(set(found)) == 1 for found in sides.values()):
+            return {number: found[0] for number, found in sides.items()}
+    return {column.number: "" for column in columns}
+
+
+def _without_side(name: str, side: str) -> str:
+    """Return the name of a joint without the side that it begins or ends with."""
+    if not side:
+        return name
+    mark = f"(?:{side}|{side[0]})"
+    return re.sub(rf"^{mark}[._/ -]+|[._/ -]+{mark}$", "", name, flags=re.IGNORECASE) or name
+
+
+def _belongs(gripper: Column, body: str, sides: Mapping[int, str], n_bodies: int) -> bool:
+    said = {text for text in (*_texts(gripper.body), *_texts(gripper.axis)) if text in SIDES}
+    return n_bodies == 1 or bool(said & set(_texts(body)))
+
+
+def matching_body(name: str, bodies: Iterable[str]) -> str | None:
+    """Return the body that a user means by a name: the same one, in any case, or the only one with these words.
+
+    >>> matching_body("left", ["left_arm_ee", "right_arm_ee"])
+    'left_arm_ee'
+    """
+    bodies = list(bodies)
+    wanted = set(_texts(name))
+    for alike in (
+        [body for body in bodies if body == name],
+        [body for body in bodies if body.lower() == name.lower()],
+        [body for body in bodies if wanted and wanted <= set(_texts(body))],
+    ):
+        if len(alike) == 1:
+            return alike[0]
+    return None
+
+
+def flat_names(names: object, n_columns: int) -> list[str] | None:
+    """Return the names of a LeRobot feature as a list of `n_columns`, None if they are missing or do not fit.
+
+    They may be a list, a mapping of lists (`{"motors": [...]}`), or a mapping of names to places.
+    """
+    if isinstance(names, Mapping):
+        if names and all(isinstance(place, int) for place in names.values()):
+            in_order = sorted(names, key=lambda name: names[name])
+            return flat_names([str(name) for name in in_order], n_columns)
+        sizes = [len(part) if isinstance(part, list | Mapping) else 0 for part in names.values()]
+        inner = [flat_names(part, n) for part, n in zip(names.values(), sizes, strict=True)]
+        if len(inner) == 1:
+            return flat_names(inner[0], n_columns)
+        flat = [
+            name if str(part) in ("motors", "axes") else f"{part}_{name}"
+            for part, found in zip(names, inner, strict=True)
+            for name in found or ()
+        ]
+        return flat_names(flat, n_columns)
+    if not isinstance(names, list) or len(names) != n_columns:
+        return None
+    return [str(name) for name in names]
+
+
+def is_metric(body: Body) -> bool:
+    """Return whether the coordinates of a body are lengths, so that a hand can follow them."""
+    return bool(body.position) and all(c.unit is None or is_length(c.unit) for c in body.position)

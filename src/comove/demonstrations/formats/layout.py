@@ -1,0 +1,417 @@
+"""The layout of text tables: encoding, separators, the rows above the numbers, and what is said above these.
+
+The numbers are found first: the first row that splits into numbers and is followed by rows like it. Directly above
+are the rows of the header: names, and units below or bodies and quantities above them. Everything before is a
+preamble, of which the sampling rate and the unit of lengths are used.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+from comove.demonstrations.columns import Kind, bare_name, read_columns
+from comove.demonstrations.samples import fault
+from comove.demonstrations.units import LENGTHS, UNITS
+from comove.errors import DemonstrationError
+
+PREAMBLE = 200
+"""Lines before the numbers that are looked at."""
+LIKE = 4
+"""Rows after the first one that have to look like it."""
+SEPARATORS = (";", "\t", ",", "|", " ")
+COMMENTS = ("#", "%")
+MISSING = ("", "nan", "-nan", "+nan", "na", "n/a", "null", "none", "-", "--")
+"""Cells, in lower case, in which nothing was measured."""
+_NUMBER = re.compile(r"[+-]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?")
+_INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
+DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}(?:[T ][0-9:.]+(?:Z|\+00:00|\+0000)?)?")
+HOURS = re.compile(r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]+)?")
+_QUANTITIES = {"position", "rotation", "orientation", "quaternion", "translation", "velocity", "acceleration"}
+_RATES = (
+    "export frame rate", "export rate", "capture frame rate", "datarate", "frequency", "frame rate", "framerate",
+    "sample rate", "samplerate", "sampling rate", "sampling frequency", "update rate", "rate", "fps", "hz",
+)  # fmt: skip
+_LENGTH_UNITS = ("length units", "units", "unit", "length unit")
+_VICON = {"trajectories", "objects", "joints", "model outputs", "global angle", "segments"}
+_QUALISYS = ("no_of_frames", "no_of_markers", "marker_names")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the numbers of a table stand in its file.
+
+    Attributes
+    ----------
+    path, encoding : the file and the encoding of its text
+    separator : character between columns; a blank for any number of blanks
+    decimal_comma : whether numbers have commas for points
+    first : number of the first row of numbers, in lines of the file from 1
+    n_cells : number of columns
+    names, bodies, kinds, types, units : the rows of the header; names are () where there is none
+    rate : samples a second that the preamble states [Hz]
+    unit : unit of lengths that the preamble states
+    rotation : type of rotations that the preamble states, in lower case
+    sample : cells of the first rows of numbers
+    """
+
+    path: Path
+    encoding: str
+    separator: str
+    decimal_comma: bool
+    first: int
+    n_cells: int
+    names: tuple[str, ...] = ()
+    bodies: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    types: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    rate: float | None = None
+    unit: str | None = None
+    rotation: str = ""
+    sample: tuple[tuple[str, ...], ...] = ()
+
+    def rows(self) -> Iterator[tuple[int, str]]:
+        """Iterate over the number and text of all rows of numbers; blank lines and comments are passed over."""
+        for row, line in lines_of(self.path, self.encoding):
+            if row >= self.first and line.strip() and not line.lstrip().startswith(COMMENTS):
+                yield row, line
+
+    def cells(self, line: str) -> list[str]:
+        """Return the cells of a line."""
+        return split(line, self.separator)
+
+    def is_number(self, cell: str) -> bool:
+        """Return whether a cell is a number in this table."""
+        return is_number(cell) and ("," not in cell or self.decimal_comma)
+
+
+def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
+    """Iterate over the number, from 1, and the text of each line, with its end."""
+    with open(path, encoding=encoding, newline=None) as file:
+        yield from enumerate(file, start=1)
+
+
+def encoding_of(path: Path) -> str:
+    """Return the encoding of a text: that of its mark, UTF-16 where half the bytes are zero, UTF-8, or Latin-1.
+
+    Raises
+    ------
+    DemonstrationError
+        If the file is no text.
+    """
+    with open(path, "rb") as file:
+        head = file.read(2**12)
+        for mark, encoding in (
+            (codecs.BOM_UTF8, "utf-8-sig"),
+            (codecs.BOM_UTF32_LE, "utf-32"),
+            (codecs.BOM_UTF16_LE, "utf-16"),
+            (codecs.BOM_UTF16_BE, "utf-16"),
+        ):
+            if head.startswith(mark):
+                return encoding
+        if b"\0" in head:
+            for zeros, encoding in ((head[1::2], "utf-16-le"), (head[::2], "utf-16-be")):
+                if zeros.count(b"\0") > 0.9 * len(zeros):
+                    return encoding
+            raise fault(path, None, "it is no text", "name a text table, or give the file its right suffix")
+        decoder = codecs.getincrementaldecoder("utf-8")()
+        try:
+            while head:
+                decoder.decode(head)
+                head = file.read(2**20)
+            decoder.decode(b"", final=True)
+        except UnicodeDecodeError:
+            return "latin-1"
+    return "utf-8"
+
+
+def split(line: str, separator: str) -> list[str]:
+    """Return the cells of a line without blanks and quotation marks around them."""
+    if separator == " ":
+        parts = line.split()
+    elif '"' in line:
+        parts = next(csv.reader([line.strip("\r\n")], delimiter=separator, skipinitialspace=True), [])
+    else:
+        parts = line.split(separator)
+    return [part.strip().strip('"').strip() for part in parts]
+
+
+def is_number(cell: str) -> bool:
+    """Return whether a cell is a finite number, with a point or a comma."""
+    return _NUMBER.fullmatch(cell) is not None
+
+
+def is_missing(cell: str) -> bool:
+    """Return whether nothing was measured in a cell."""
+    return cell.strip().lower() in MISSING
+
+
+def is_time(cell: str) -> bool:
+    """Return whether a cell is a date with or without a time, or a time of the day."""
+    return DATE.fullmatch(cell) is not None or HOURS.fullmatch(cell) is not None
+
+
+def layout_of(path: Path, delimiter: str | None = None) -> Layout:
+    """Return the layout of a text table.
+
+    Parameters
+    ----------
+    path : file that exists
+    delimiter : separator of columns; found unless given
+
+    Raises
+    ------
+    DemonstrationError
+        If the file is empty, is no text, or there is no row of numbers in its first lines.
+    """
+    encoding = encoding_of(path)
+    head = list(islice(lines_of(path, encoding), PREAMBLE + LIKE + 1))
+    text = next((line.strip() for _, line in head if line.strip()), "")
+    if not text:
+        raise fault(path, None, "the file is empty", "name a recording")
+    if text.lower().startswith(("<!doctype html", "<html")):
+        raise fault(path, None, "it is a page of a web site, not the recording", "download the file itself")
+    found = [
+        (at, separator, score)
+        for separator in ((delimiter,) if delimiter else SEPARATORS)
+        for at, score in _first_numbers(head, separator)
+    ]
+    if not found:
+        raise _no_numbers(path, head)
+    at, separator, _ = max(found, key=lambda one: one[2])
+    body = [(row, line) for row, line in head[at:] if line.strip() and not line.lstrip().startswith(COMMENTS)]
+    sample = [split(line, separator) for _, line in body[: LIKE + 1]]
+    n_cells = Counter(map(len, sample)).most_common(1)[0][0]
+    decimal_comma = separator != "," and any(
+        "," in cell and is_number(cell) for row in sample for cell in row
+    )
+    header = _header(head[:at], separator, n_cells)
+    said = _statements([line for _, line in head[:at]], separator)
+    names = header.get("names", ())
+    _require_as_many(path, names, sample, head[:at], separator)
+    rate = next((_positive(said[key]) for key in _RATES if _positive(said.get(key, "")) is not None), None)
+    unit = next((UNITS.get(said[key].lower()) for key in _LENGTH_UNITS if key in said), None)
+    if any(key in said for key in _QUALISYS):  # which writes lengths in mm, and says so nowhere
+        unit = "mm"
+        markers = _markers(head[:at])
+        if not names and markers and n_cells == 3 * len(markers):
+            names = tuple("XYZ" * len(markers))
+            header["bodies"] = tuple(marker for marker in markers for _ in "XYZ")
+    return Layout(
+        path,
+        encoding,
+        separator,
+        decimal_comma,
+        head[at][0],
+        n_cells,
+        names,
+        header.get("bodies", ()),
+        header.get("kinds", ()),
+        header.get("types", ()),
+        header.get("units", ()),
+        rate,
+        unit if unit in LENGTHS else None,
+        said.get("rotation type", "").lower(),
+        tuple(map(tuple, sample)),
+    )
+
+
+def _first_numbers(head: Sequence[tuple[int, str]], separator: str) -> Iterator[tuple[int, int]]:
+    """Yield the place of the first row of numbers, and how many there are in it, if there is one."""
+    rows = [
+        (at, split(line, separator))
+        for at, (_, line) in enumerate(head)
+        if line.strip() and not line.lstrip().startswith(COMMENTS)
+    ]
+    scores = [_score(cells) for _, cells in rows]
+    for place, (at, cells) in enumerate(rows):
+        after = range(place + 1, min(place + 1 + LIKE, len(rows)))
+        alike = all(abs(len(rows[k][1]) - len(cells)) <= 1 and scores[k] for k in after)
+        if scores[place] and (
+            alike or (len(after) > 1 and scores[place] and _mostly_alike(rows, scores, place))
+        ):
+            yield at, scores[place]
+            return
+
+
+def _mostly_alike(rows: Sequence[tuple[int, list[str]]], scores: Sequence[int], place: int) -> bool:
+    """Return whether the next row is like this one, so that a damaged row further down is told by its number."""
+    n_cells = len(rows[place][1])
+    return len(rows[place + 1][1]) == n_cells and scores[place + 1] == scores[place]
+
+
+def _score(cells: Sequence[str]) -> int:
+    """Return how many numbers a row holds; 0 if it does not look like a row of a recording."""
+    if len(cells) < 2:
+        return 0
+    numbers = sum(is_number(cell) for cell in cells)
+    times = sum(is_time(cell) for cell in cells)
+    measured = sum(not is_missing(cell) for cell in cells)
+    leads = is_number(cells[0]) or is_time(cells[0]) or (is_missing(cells[0]) and numbers > 1)
+    if not leads and (len(cells) < 3 or numbers < 2):
+        return 0
+    return numbers + times if 2 * (numbers + times) >= measured and numbers + times else 0
+
+
+def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> dict[str, tuple[str, ...]]:
+    """Return the rows of the header: names, units, bodies, kinds and types, as far as there are any."""
+    rows: list[list[str]] = []
+    for _, line in reversed(above):
+        marked = line.lstrip().startswith(COMMENTS)
+        if not line.strip():
+            if rows:
+                break
+            continue
+        if marked and rows:
+            break
+        text = line.strip()[1:] if line.lstrip()[:2] in ("# ", "% ") or line.strip()[:1] == "#" else line
+        cells = split(text.strip("\r\n"), separator)
+        if not rows and abs(len(cells) - n_cells) > 1:  # names may have separators of their own
+            cells = next((other for mark in SEPARATORS if len(other := split(text, mark)) == n_cells), cells)
+        if marked and not _are_names(cells, n_cells):
+            break
+        leads_blank = separator != " " and len(cells) > 2 and not cells[0]
+        if not (n_cells - 1 <= len(cells) <= n_cells + 1 or (rows and leads_blank)):
+            break
+        if sum(map(is_number, cells)) > (1 if rows else 0) and not (leads_blank and not rows):
+            break
+        rows.append((cells + [""] * n_cells)[: max(n_cells, len(cells))])
+        if marked:
+            break
+    if not rows:
+        return {}
+    found: dict[str, tuple[str, ...]] = {}
+    if len(rows) > 1 and _are_units(rows[0]):
+        found["units"] = tuple(rows.pop(0))
+    names, above_names = rows[0], rows[1:]
+    for row in above_names:
+        label = next((cell.lower() for cell in row[:2] if cell), "")
+        texts = {cell.lower() for cell in row if cell}
+        if label in ("id", "parent"):
+            continue
+        if label == "type":
+            found["types"] = tuple(row)
+        elif texts & _QUANTITIES:
+            found.setdefault("kinds", tuple(row))
+        elif "bodies" not in found:
+            found["bodies"] = _filled(["" if cell.lower() == "name" else cell for cell in row], names)
+    for number, name in enumerate(names):
+        if not name and number < len(found.get("bodies", ())) and number < 2:
+            upper = next((row[number] for row in above_names if row[number]), "")
+            if upper.lower() not in ("name", "type", "id", "parent"):
+                names[number] = upper
+    bodies = found.get("bodies")
+    if bodies is not None:
+        found["bodies"] = tuple(
+            "" if body in (name, names[n]) and n < 2 else body
+            for n, (body, name) in enumerate(zip(bodies, names, strict=False))
+        )
+    return found | {"names": tuple(names)}
+
+
+def _require_as_many(
+    path: Path,
+    names: Sequence[str],
+    sample: Sequence[Sequence[str]],
+    above: Sequence[tuple[int, str]],
+    separator: str,
+) -> None:
+    """Raise if the rows have more or fewer cells than the line that names the columns."""
+    last = next(((row, line) for row, line in reversed(above) if line.strip()), None)
+    if not names and last is not None and not last[1].lstrip().startswith(COMMENTS):
+        others = [split(last[1], mark) for mark in (separator, *SEPARATORS)]
+        names = next((o for o in others if len(o) > 1 and _are_names(o, len(o))), ())
+    n_names = len(names) - (bool(names) and not names[-1])
+    n_cells = len(sample[0]) - (not sample[0][-1] and not any(row[-1] for row in sample))
+    if names and n_names != n_cells and n_cells != len(names) and last is not None:
+        many = separator == "," and n_cells >= 2 * n_names
+        raise fault(
+            path,
+            f"row {last[0] + 1}",
+            f"it has {n_cells} cells and the header has {n_names}",
+            "these look like decimal commas: separate the columns by semicolons"
+            if many
+            else "fill in or remove the row",
+        )
+
+
+def _filled(row: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
+    """Return a row of bodies in which a name also stands for the columns right of it, up to the next one."""
+    filled, last = [], ""
+    for cell, name in zip(row, names, strict=False):
+        last = cell or (last if name else "")
+        filled.append(last)
+    return tuple(filled)
+
+
+def _are_names(cells: Sequence[str], n_cells: int) -> bool:
+    """Return whether the cells of a comment name the columns of a recording."""
+    if len(cells) != n_cells or any(map(is_number, cells)):
+        return False
+    kinds = {column.kind for column in read_columns(cells)}
+    return bool(kinds & {Kind.TIME, Kind.POSITION, Kind.JOINT})
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Return whether a row holds nothing but units."""
+    texts = [cell.strip("[]() ").lower() for cell in cells if cell.strip("[]() -")]
+    return bool(texts) and all(
+        text in UNITS or re.search(r"[/^]|^(n|nm|hz|%|v|mm\.n|n\.mm)$", text) for text in texts
+    )
+
+
+def _statements(lines: Sequence[str], separator: str) -> dict[str, str]:
+    """Return what a preamble states: `key, value` in a row, `key: value`, or keys in a row above values."""
+    said: dict[str, str] = {}
+    rows = [
+        [cell.strip() for cell in split(line.lstrip("#% "), separator if separator != " " else "\t")]
+        for line in lines
+    ]
+    for at, cells in enumerate(rows):
+        for pair in zip(cells[::2], cells[1::2], strict=False):
+            said.setdefault(pair[0].lower(), pair[1])
+        if len(cells) == 1 and (match := re.fullmatch(r"([^:=]+?)\s*[:=]\s*(.+?)", cells[0])):
+            said.setdefault(match[1].lower(), match[2])
+        below = rows[at + 1] if at + 1 < len(rows) else []
+        if len(cells) == 1 and cells[0].lower() in _VICON and len(below) and is_number(below[0]):
+            said.setdefault("rate", below[0])
+        if len(cells) > 2 and len(cells) == len(below) and not any(map(is_number, cells)):
+            for key, value in zip(cells, below, strict=True):
+                said.setdefault(key.lower(), value)
+    return said
+
+
+def _markers(above: Sequence[tuple[int, str]]) -> list[str]:
+    """Return the names of markers in a preamble of QTM."""
+    for _, line in above:
+        cells = split(line, "\t")
+        if cells[0].upper() == "MARKER_NAMES":
+            return [cell for cell in cells[1:] if cell]
+    return []
+
+
+def _positive(text: str) -> float | None:
+    found = re.match(r"[0-9]+(?:[.,][0-9]+)?", text)
+    value = float(found[0].replace(",", ".")) if found else 0.0
+    return value if value > 0.0 else None
+
+
+def _no_numbers(path: Path, head: Sequence[tuple[int, str]]) -> DemonstrationError:
+    text = [line for _, line in head if line.strip()]
+    names = max((split(line, separator) for line in text for separator in SEPARATORS), key=len)
+    if len(text) == 1 and len(names) > 1:
+        return fault(path, None, "there are no rows below the header", "record two rows at least")
+    first = bare_name(text[0])[:40]
+    return fault(
+        path,
+        None,
+        f"there is no table of numbers in it; it begins with {first!r}",
+        "give a table of a row a sample, or name the separator: --delimiter",
+    )

@@ -1,0 +1,254 @@
+"""What the numbers of a recording look like: units of time and length, holes, jumps, and standing still.
+
+Every recording passes here, whatever file it comes from. Readers convert their stamps by `seconds`, which infers a
+unit that nobody states where the numbers leave no doubt, and refuses them otherwise. `doubts` finds what looks wrong
+in a movement that is already in metres (or radians) and seconds: a `Demonstration` warns of it, and commands that
+keep what they read refuse it where `Doubt.is_unit` holds. What a file or a user states is never questioned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.demonstrations.samples import IN_MEMORY, TIME, UNIT, Origin, fault
+from comove.demonstrations.units import ANGLES, LENGTHS, TIMES
+from comove.errors import DemonstrationError
+
+Array = NDArray[np.float64]
+
+SLOW = 1.0
+"""Steps of a recorded movement are shorter than this [s]."""
+STEPS = (4e-3, 0.1)
+"""Steps by which an unstated unit of time is recognised [s]: 10 to 250 samples a second."""
+SHORTEST_INFERRED = 0.2
+"""A recording whose unit of time is inferred lasts at least as long [s]."""
+FEW, MANY = 5, 20
+"""With fewer samples the steps of stamps say nothing about their unit, and in seconds nothing that is warned of."""
+EPOCHS = {"s": (1e9, 1e10), "ms": (1e12, 1e13), "us": (1e15, 1e16), "ns": (1e18, 1e19)}
+"""Stamps between these count from 1970, in this unit: they lie between the years 2001 and 2286."""
+EXTENTS = {"m": 5.0, "rad": 4.0 * np.pi}
+"""A movement of a hand or a joint with a larger extent than this was probably recorded in another unit."""
+LOOKS_LIKE = {"m": "looks like millimetres", "rad": "looks like degrees"}
+"""What a movement in this unit looks like when its numbers are too large."""
+STILL = 1e-6
+"""Movements with a smaller extent are none [m or rad]."""
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Something in a recording that looks wrong.
+
+    Attributes
+    ----------
+    mark : the phrase by which notes show that this was told before
+    message : what looks wrong, with where and how much
+    way_out : what to do about it
+    key : option that settles it; "" if none does
+    """
+
+    mark: str
+    message: str
+    way_out: str
+    key: str = ""
+
+    @property
+    def is_unit(self) -> bool:
+        """Return whether it is about a unit, so that all numbers are wrong if it is justified."""
+        return bool(self.key)
+
+    def __str__(self) -> str:
+        return f"{self.message}; {self.way_out}"
+
+
+def unit_of_time(stamps: NDArray) -> str | None:
+    """Return the unit of stamps that the numbers show without doubt, None if they do not.
+
+    Stamps of the order of 1e9, 1e12, 1e15 or 1e18 count s, ms, us or ns from 1970. Steps below `SLOW` are seconds.
+    Steps that are 4 to 100 ms (or us, ns) are these, unless the whole recording would be shorter than 0.2 s.
+
+    Parameters
+    ----------
+    stamps : array, shape (n_steps,), of integers or floats
+    """
+    first = float(np.abs(stamps[0])) if len(stamps) else 0.0
+    for unit, (least, most) in EPOCHS.items():
+        if least <= first < most:
+            return unit
+    passed = np.diff(stamps).astype(np.float64)
+    step = float(np.median(passed[passed > 0.0])) if (passed > 0.0).any() else 0.0
+    if step < SLOW or (len(stamps) < FEW and step < STEPS[0] / TIMES["ms"]):
+        return "s"
+    for unit in ("ms", "us", "ns"):
+        is_usual = STEPS[0] <= step * TIMES[unit] <= STEPS[1] * (1.0 + 1e-9)
+        if is_usual and passed.sum() * TIMES[unit] >= SHORTEST_INFERRED:
+            return unit
+    return None
+
+
+def seconds(
+    stamps: NDArray,
+    unit: str | None = None,
+    *,
+    name: str = "time",
+    origin: Origin = IN_MEMORY,
+    way_out: str = "",
+) -> tuple[Array, tuple[str, ...]]:
+    """Return stamps in seconds, and notes about what was inferred.
+
+    Stamps that count from 1970 become seconds since the first one, computed from integers where they are integers, so
+    that no nanosecond is lost.
+
+    Parameters
+    ----------
+    stamps : array, shape (n_steps,), of integers or floats
+    unit : unit that is stated, one of `TIMES`; inferred by `unit_of_time` if None
+    name : name of the stamps in messages
+    origin : place of the stamps, for messages
+    way_out : how to state the unit; by default by the option `time`
+
+    Raises
+    ------
+    DemonstrationError
+        If no unit is stated and the numbers do not show one.
+    """
+    notes: list[str] = []
+    if len(stamps) == 0 or not np.isfinite(stamps[0]):
+        return np.asarray(stamps, dtype=np.float64), ()  # the checks of a `Demonstration` tell
+    found = unit or unit_of_time(stamps)
+    if found is None:
+        raise doubtful_time(stamps, name, origin, way_out)
+    if unit is None and found != "s":
+        notes.append(f"{name} is taken to be in {found}, after its size")
+    least, most = EPOCHS.get(found, (np.inf, np.inf))
+    if least <= abs(float(stamps[0])) < most:
+        begin = datetime.fromtimestamp(float(stamps[0]) * TIMES[found], UTC)
+        notes.append(f"time counts from {begin:%Y-%m-%d %H:%M:%S} UTC")
+        stamps = stamps - stamps[0]
+    return np.asarray(stamps, dtype=np.float64) * TIMES[found], tuple(notes)
+
+
+def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "") -> DemonstrationError:
+    """Return the error about stamps whose unit neither a name nor their size shows."""
+    step = float(np.median(np.diff(stamps).astype(np.float64)))
+    return fault(
+        origin.file,
+        name,
+        f"its steps are {step:g}, and nothing says whether these are milliseconds, seconds or frames",
+        way_out or f"name the unit: --time '{name} [ms]', or '{name} [s]'; or give --rate HZ of the frames",
+    )
+
+
+def doubts(
+    time: Array,
+    position: Array,
+    unit: str = "m",
+    orientation: Array | None = None,
+    *,
+    stated: Collection[str] = (),
+    origin: Origin = IN_MEMORY,
+) -> tuple[Doubt, ...]:
+    """Return what looks wrong in a movement.
+
+    Parameters
+    ----------
+    time : array, shape (n_steps,), [s], increasing
+    position : array, shape (n_steps, n_dims), in `unit`
+    unit : unit of `position`
+    orientation : array, shape (n_steps, 4), unit quaternions; None if none was recorded
+    stated : what is not questioned: `TIME`, `UNIT`
+    origin : names of the samples in messages
+    """
+    extent = float(np.ptp(position, axis=0).max())
+    found = [_still(extent, unit, orientation)]
+    if UNIT not in stated:
+        found.append(_wrong_unit(extent, unit))
+    if TIME not in stated:
+        found.append(_wrong_time(time))
+    found += [_hole(time, origin), _jump(time, position, unit, extent, origin)]
+    return tuple(doubt for doubt in found if doubt is not None)
+
+
+def unit_doubt(position: Array, unit: str = "m") -> Doubt | None:
+    """Return the doubt about the unit of positions that are too large for it, None if they are not."""
+    return _wrong_unit(float(np.ptp(position, axis=0).max()), unit)
+
+
+def _wrong_unit(extent: float, unit: str) -> Doubt | None:
+    if extent <= EXTENTS.get(unit, np.inf):
+        return None
+    smaller = "mm" if unit in LENGTHS else "deg"
+    return Doubt(
+        LOOKS_LIKE[unit],
+        f"the movement spans {extent:.4g} {unit}: {LOOKS_LIKE[unit]}",
+        f"give the unit: --unit {smaller}, or --unit {unit} if it is right",
+        "--unit",
+    )
+
+
+def _wrong_time(time: Array) -> Doubt | None:
+    step = float(np.median(np.diff(time)))
+    if step < SLOW or len(time) < MANY:
+        return None
+    years = float(time[-1]) / (365.25 * 86400.0)
+    lasts = f"{years:.3g} years" if years > 1.0 else f"{time[-1]:.4g} s"
+    return Doubt(
+        "in steps of",
+        f"time passes in steps of {step:.4g} s, {lasts} in all",
+        "give its unit, --time 'NAME [ms]', or the samples a second, --rate HZ",
+        "--time",
+    )
+
+
+def _still(extent: float, unit: str, orientation: Array | None) -> Doubt | None:
+    if extent > STILL or (orientation is not None and np.ptp(orientation, axis=0).max() > STILL):
+        return None
+    if unit not in LENGTHS and unit not in ANGLES:
+        return None
+    return Doubt(
+        "nothing moves",
+        f"nothing moves in it: the position stays within {extent:.2g} {unit}",
+        "choose other columns, or another recording",
+    )
+
+
+def _hole(time: Array, origin: Origin) -> Doubt | None:
+    """Return the doubt about time without samples: 25 usual steps or more, and 1 s at least."""
+    steps = np.diff(time)
+    if len(steps) < 10:
+        return None
+    usual = float(np.median(steps))
+    long = np.flatnonzero(steps > max(25.0 * usual, 1.0))
+    if not long.size:
+        return None
+    at = int(long[np.argmax(steps[long])])
+    others = f", and {len(long) - 1} shorter ones" if len(long) > 1 else ""
+    return Doubt(
+        "without samples",
+        f"{steps[at]:.4g} s without samples from {time[at]:.4g} s on, among steps of {usual:.2g} s "
+        f"({origin.time(at + 1)}){others}",
+        "cut the recording there",
+    )
+
+
+def _jump(time: Array, position: Array, unit: str, extent: float, origin: Origin) -> Doubt | None:
+    """Return the doubt about a jump between two samples: a tenth of the extent, 20 times what is usual around it."""
+    lengths = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    half = 5
+    if len(lengths) < 6 * half or extent <= STILL:
+        return None
+    padded = np.pad(lengths, half, mode="edge")
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
+    jumps = np.flatnonzero((lengths > 0.1 * extent) & (lengths > 20.0 * usual))
+    if not jumps.size:
+        return None
+    at = int(jumps[np.argmax(lengths[jumps])])
+    return Doubt(
+        "it jumps",
+        f"it jumps by {lengths[at]:.3g} {unit} at {time[at + 1]:.4g} s ({origin.position(at + 1, 0)})",
+        "cut the recording there, or take out what the tracker lost",
+    )

@@ -1,0 +1,139 @@
+"""What a result was made from, kept in its folder, so that it can be moved, looked at and made again elsewhere.
+
+Files keep their places relative to each other, below `FOLDER`; `LIST` says where they came from, and the command.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shlex
+import shutil
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path, PurePosixPath
+from types import MappingProxyType
+from typing import Any
+
+from comove.errors import ComoveWarning, ResultError
+from comove.io.files import telling, whole_file
+from comove.io.folders import FOLDER, LIST
+from comove.scenes.demonstration import library_file
+from comove.scenes.model import canonical
+from comove.scenes.scene import Scene
+
+MOST = 2**28
+"""What is copied at most [bytes]; of more, only origin and checksum are kept."""
+
+Words = Sequence[str | Path]
+
+
+def write_inputs(
+    folder: Path,
+    scene: Scene,
+    *,
+    files: Iterable[Path] = (),
+    command: Words = (),
+    made: Mapping[Path, bytes] = MappingProxyType({}),
+) -> None:
+    """Copy what a result was made from into its folder, with the command that makes it again.
+
+    Parameters
+    ----------
+    folder : result folder, which exists
+    scene : scene that was solved; its file is copied, and every file that it names
+    files : further files and folders, such as a robot's description and models
+    command : words after ``comove``; paths are files that were read. Empty for results made in Python
+    made : contents of files that are nowhere yet, by the paths at which they would be
+
+    Raises
+    ------
+    ResultError
+        If something cannot be read or written.
+    """
+    place, made = place_of_scene(scene), {_whole(path): data for path, data in made.items()}
+    places = {} if scene.path is None else {_whole(scene.path): place}  # a stored scene lies beside its files
+    if scene.path is None:
+        made[place] = canonical(scene.file) + b"\n"
+    read = [*files_of_scene(scene), *files, *(word for word in command if isinstance(word, Path))]
+    places = {path: path for path in map(_whole, read)} | places
+    root = Path(os.path.commonpath([path.parent for path in [*places.values(), *made]]))
+    entries: dict[str, dict[str, Any]] = {}
+    for path, data in made.items():
+        target = folder / _inside(path, root)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(data)
+        entries[_inside(path, root)] = {"from": None, "sha256": hashlib.sha256(data).hexdigest()}
+    for source, kept in places.items():
+        if source not in made:
+            entries |= _copied(source, folder, _inside(kept, root))
+    told = {
+        "command": [_inside(places[_whole(w)], root) if isinstance(w, Path) else w for w in command],
+        "scene": _inside(place, root),
+        "files": entries,
+    }
+    with whole_file(folder / LIST, ResultError) as file:
+        file.write(json.dumps(told, indent=2, ensure_ascii=False).encode() + b"\n")
+
+
+def place_of_scene(scene: Scene) -> Path:
+    """Return the path of a scene's file, or that which the file of a scene made in Python would have."""
+    return _whole(scene.folder / ("scene.json" if scene.path is None else scene.path.name))
+
+
+def files_of_scene(scene: Scene) -> list[Path]:
+    """Return the files and folders that a scene names, but the description of its robot."""
+    parts = [*scene.file.obstacles, scene.file.load, scene.file.demonstration]
+    named = [getattr(part, "file", None) for part in parts if part is not None]
+    files = [scene.folder / name for name in named if name is not None]
+    source = scene.file.demonstration
+    if source is not None and source.library is not None:
+        files.append(library_file(scene, source.library))
+    return files
+
+
+def command_again(folder: Path, out: str = "again") -> str | None:
+    """Return the command that makes a result again, to be given in its folder; None where none is known."""
+    try:
+        words = json.loads((folder / LIST).read_text(encoding="utf-8"))["command"]
+        return shlex.join(["comove", *words, "--out", out]) if words else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _whole(path: Path) -> Path:
+    """Return an absolute path, links as they are."""
+    return Path(os.path.abspath(path))
+
+
+def _inside(path: Path, root: Path) -> str:
+    return (Path(FOLDER) / path.relative_to(root)).as_posix()
+
+
+def _copied(source: Path, folder: Path, place: str) -> dict[str, dict[str, Any]]:
+    """Copy a file, or a folder with all files in it; return where each came from, and its checksum, by its place."""
+    entries: dict[str, dict[str, Any]] = {}
+    with telling(source, "copied", ResultError):
+        found = sorted(path for path in source.rglob("*") if path.is_file()) if source.is_dir() else [source]
+        size = sum(path.stat().st_size for path in found)
+        small = size <= MOST
+        if not small:
+            message = (
+                f"{source}: {size / 2**20:.0f} MB are not copied into the result; keep them to make it again"
+            )
+            warnings.warn(message, ComoveWarning, stacklevel=4)
+        for path in found:
+            name = (PurePosixPath(place) / path.relative_to(source).as_posix()).as_posix()
+            entries[name] = {"from": str(path), "sha256": _sha256(path)} | (
+                {} if small else {"copied": False}
+            )
+            if small:
+                (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, folder / name)
+    return entries
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

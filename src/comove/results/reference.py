@@ -1,0 +1,183 @@
+"""The scene that a stored result is verified against: one that is trusted, or else the folder's own.
+
+A result may not loosen its own verification. What a trusted scene leaves open is therefore not taken from the folder:
+limits that it leaves out are the documented ones where its duration is open, else none. Only the duration, where it
+is open, is that of the result, and of several grasps the one that the result has.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from comove.errors import ComoveWarning, InputError, ResultError
+from comove.io.folders import require_folder, scene_folder
+from comove.results.sealed import AGAIN, Summary, read_json
+from comove.scenes.scene import Scene
+
+SCENE = "scene.json"
+SCENE_BYTES = 2**24  # of scene.json
+MESHES_IN = (
+    "robot.json",
+    "meshes_in",
+)  # file and entry that say where the meshes of the folder's own scene are
+
+
+class Stored(Protocol):
+    """A stored result: its folder, and its summary."""
+
+    @property
+    def folder(self) -> Path: ...
+    @property
+    def summary(self) -> Summary: ...
+
+
+@dataclass(frozen=True)
+class Result:
+    """A folder, and the contents of a summary in it: all that is asked of a stored result here."""
+
+    folder: Path
+    summary: Summary
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """The scene that a stored result is verified against.
+
+    Attributes
+    ----------
+    scene : the scene
+    file : its file
+    is_own : whether it is the folder's own, which nobody vouches for
+    """
+
+    scene: Scene
+    file: Path
+    is_own: bool
+
+    def __str__(self) -> str:
+        if self.is_own:
+            return f"the folder's own scene, {self.file}"
+        return f"the scene '{self.scene.name}'" if self.scene.path is None else f"{self.file}"
+
+    def for_result(self, stored: Stored) -> Reference:
+        """Return the reference with what its scene leaves open filled in; see `filled_in`."""
+        return Reference(filled_in(self.scene, stored), self.file, self.is_own)
+
+
+def reference_of(folder: Path, scene: Scene | None = None) -> Reference:
+    """Return the scene that the result in a folder is verified against.
+
+    Parameters
+    ----------
+    scene : a trusted scene; the folder's own unless given
+
+    Raises
+    ------
+    ResultError
+        If none is given, and the folder holds none that can be read.
+    """
+    if scene is not None:
+        return Reference(scene, scene.path or scene.folder / "scene", False)
+    return Reference(own_scene(folder), folder / SCENE, True)
+
+
+def own_scene(folder: Path) -> Scene:
+    """Return the scene that a result folder holds.
+
+    Raises
+    ------
+    ResultError
+        If there is none, or it cannot be read.
+    """
+    path = require_folder(folder, "comove solve SCENE --out DIR") / SCENE
+    if not path.is_file():
+        raise ResultError(
+            "the folder does not say which scene was solved",
+            file=folder,
+            way_out="name the scene as well: comove verify SCENE DIR",
+        )
+    data = read_json(path, AGAIN, SCENE_BYTES)
+    try:
+        with warnings.catch_warnings():  # what there is to warn of was said when it was solved
+            warnings.simplefilter("ignore", ComoveWarning)
+            if scene_folder(path) != folder:  # where what it was made from is kept
+                return Scene.load(path)
+            return Scene.from_dict(data, folder=_folder_of_meshes(folder, data))
+    except InputError as error:
+        raise ResultError(str(error), file=path, way_out=AGAIN) from error
+
+
+def _folder_of_meshes(folder: Path, data: dict[str, Any]) -> Path | None:
+    """Return the folder of the meshes that a folder's own scene names; None where it names none.
+
+    Without meshes nothing of the scene is looked for in any folder: what it was demonstrated by may be gone.
+    """
+    obstacles = data.get("obstacles")
+    parts = [*(obstacles if isinstance(obstacles, list) else []), data.get("load")]
+    if not any(isinstance(part, dict) and part.get("shape") == "mesh" for part in parts):
+        return None
+    file, key = MESHES_IN
+    if (folder / file).is_file():
+        named = read_json(folder / file, AGAIN).get(key)
+        if isinstance(named, str) and Path(named).is_dir():
+            return Path(named)
+    return folder
+
+
+def filled_in(scene: Scene, stored: Stored) -> Scene:
+    """Return the scene with what it leaves open: documented limits, the result's duration, and one of its grasps.
+
+    Raises
+    ------
+    ResultError
+        If the duration is open and the result does not state it.
+    """
+    hasty = scene.file.objective is not None and scene.file.objective.type == "least_time"
+    if hasty or not scene.is_timed:
+        path = stored.folder / SCENE
+        try:
+            duration = _positive(read_json(path, AGAIN, SCENE_BYTES)["duration"])
+        except (ValueError, TypeError, KeyError, ResultError) as error:
+            why = error.message if isinstance(error, ResultError) else str(error)
+            raise ResultError(
+                f"the scene leaves its duration open, and the result does not say it: {why}",
+                file=path,
+                way_out=AGAIN,
+            ) from error
+        scene = scene.with_limits().timed(duration)
+    solved = stored.summary.get("scene_sha256")
+    return next((choice for choice in scene.alternatives if choice.sha256 == solved), scene)
+
+
+def changes_to(scene: Scene, stored: Stored, file: Path) -> dict[str, float]:
+    """Return the changes of duration and limits by which a scene, read from `file`, becomes the one that was solved.
+
+    There are none if it is that scene, or if no such changes make it.
+    """
+    solved = stored.summary.get("scene_sha256")
+    if scene.sha256 == solved:
+        return {}
+    try:
+        found = read_json(stored.folder / SCENE, AGAIN, SCENE_BYTES)
+        limits = found.get("limits") or {}
+        limits = {
+            key: limits.get(key) for key, own in scene.file.limits if limits.get(key) not in (None, own)
+        }
+        changes: dict[str, Any] = {"limits": limits} if limits else {}
+        if found.get("duration") not in (None, scene.file.duration):
+            changes["duration"] = found["duration"]
+        if Scene.load(file, changes).sha256 != solved:
+            return {}
+    except (ValueError, TypeError, AttributeError, InputError):  # the folder is not trusted
+        return {}
+    return {key: value for key, value in changes.items() if key != "limits"} | limits
+
+
+def _positive(value: object) -> float:
+    if not isinstance(value, (int, float)) or not 0 < value < math.inf:
+        raise ValueError(f"{value!r} is not a positive number")
+    return float(value)

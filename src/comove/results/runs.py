@@ -1,0 +1,207 @@
+"""A stored execution, `run.npz` and `run.json`: read, and verified from its poses and the scene.
+
+`run.npz` holds, at every control period, `time` (n_steps,) [s], `position` (n_steps, n_manipulators, n_dims) [m], and
+`obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles; it also holds the
+poses from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
+(n_steps, n_groups, 4), w x y z, of the rigid groups. `scene.json` is the scene that was executed, so that the folder
+can be judged anew and played without other files.
+
+The verification takes poses and times from the run, and everything else from the scene, the obstacles' positions too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.errors import ResultError, shortened
+from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, require_types
+from comove.results.reference import SCENE, own_scene
+from comove.results.sealed import Arrays, ResultKind, Summary
+from comove.scenes.scene import Scene
+from comove.ties import first_largest
+from comove.verification.cost import WEIGHTS, unit_terms_of
+from comove.verification.record import ExecutionReport, Record, verify_execution
+
+Array = NDArray[np.float64]
+
+FITS = 1e-9  # m, s and of a quaternion's length, to which what a run says twice agrees
+SAME = 1e-6  # relative, by which measures may differ from those of the summary
+FEWEST = 3  # steps
+
+_TYPES = (
+    dict.fromkeys(("verified", "interrupted"), TRUTH)
+    | dict.fromkeys(("scene", "scene_sha256", "method", "version"), TEXT)
+    | {"reasons": TEXTS, "duration_s": NUMBER}
+)
+
+RUN = ResultKind(
+    summary="run.json",
+    arrays="run.npz",
+    checksum="motion_sha256",
+    made_by="comove run SCENE --out DIR",
+    hint="run it again",
+    required=("time", "position", "obstacle_center", "center", "quaternion"),
+    unsealed=(
+        "time_to_first_verified_s",
+        "wall_time_s",
+        "planning_s_median",
+        "evading_s_median",
+        "control_s_median",
+        "control_s_p999",
+    ),
+    require_entries=lambda summary, file: require_types(summary, _TYPES, file),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredRun:
+    """Contents of the folder of an execution.
+
+    Attributes
+    ----------
+    folder : path of the folder
+    summary : the contents of run.json
+    arrays : the contents of run.npz
+    scene : the scene on which it is looked at
+    """
+
+    folder: Path
+    summary: Summary
+    arrays: Arrays
+    scene: Scene
+
+    @cached_property
+    def record(self) -> Record:
+        """Return what happened, with obstacles where the run says that they were.
+
+        Raises
+        ------
+        ResultError
+            If the arrays are of another shape or type, or not finite.
+        """
+        scene, arrays, n = self.scene, self.arrays, self.arrays["time"].size
+        shapes = {
+            "time": (n,),
+            "position": (n, len(scene.manipulators), scene.n_dims),
+            "obstacle_center": (n, len(scene.motions), scene.n_dims),
+            "center": (n, len(scene.groups), 3),
+            "quaternion": (n, len(scene.groups), 4),
+        }
+        for name, shape in shapes.items():
+            found = arrays[name]
+            if found.shape != shape or n < FEWEST or found.dtype != np.float64:
+                self._refuse(name, f"it holds {found.dtype.name} of shape {found.shape}")
+            if name != "obstacle_center" and not np.isfinite(found).all():  # nobody may know where one was
+                self._refuse(name, "it holds what is no number")
+        if not (np.diff(arrays["time"]) > 0).all():
+            self._refuse("time", "the times do not increase")
+        obstacles = np.pad(arrays["obstacle_center"], ((0, 0), (0, 0), (0, 3 - scene.n_dims)))
+        sagitta = scene.obstacle_sagittas(arrays["time"])
+        return Record(scene, arrays["time"], arrays["center"], arrays["quaternion"], obstacles, sagitta)
+
+    def _refuse(self, key: str, why: str) -> None:
+        raise ResultError(why, file=self.folder / RUN.arrays, key=key, way_out=RUN.hint)
+
+
+def read_run(folder: str | Path, scene: Scene | None = None) -> StoredRun:
+    """Read the folder of an execution; nothing of it is verified.
+
+    Parameters
+    ----------
+    scene : the scene that was executed; the folder's own unless given
+
+    Raises
+    ------
+    ResultError
+        If a file is missing, incomplete or unreadable.
+    """
+    folder = Path(folder)
+    summary, arrays = RUN.read(folder)
+    return StoredRun(folder, summary, arrays, own_scene(folder) if scene is None else scene)
+
+
+def verify_run(stored: StoredRun) -> ExecutionReport:
+    """Verify a stored execution on its scene, from its poses and times alone; return the report.
+
+    Raises
+    ------
+    ResultError
+        If the arrays do not belong to the scene, or are no numbers.
+    """
+    scene, recorded = stored.scene, stored.record
+    moved = scene.centers + scene.offsets(recorded.time)
+    record = replace(recorded, obstacles=moved)
+    report = verify_execution(record)
+    reasons = [*report.reasons, *_impossible(record), *_elsewhere(recorded, record)]
+    reasons += RUN.broken_seals(stored.summary, stored.arrays)
+    if stored.summary.get("scene_sha256") != scene.sha256:
+        reasons.append(
+            f"the scene is not the one that was executed: its checksum differs from that in {SCENE}"
+        )
+    apart = np.abs(stored.arrays["position"] - record.position)
+    if not apart.max() <= FITS:
+        step, hand, _ = np.unravel_index(first_largest(apart), apart.shape)
+        reasons.append(
+            f"'position' in {RUN.arrays} was edited: at {record.time[step]:.2f} s '{scene.manipulators[hand]}' is "
+            f"{apart.max():.3g} m from where the poses place it"
+        )
+    reasons += RUN.mistyped(stored.summary)
+    if stored.summary.get("verified") is not True:
+        reasons.append(f"{RUN.summary} does not claim a verified execution")
+    elif not reasons:
+        reasons += _misstated(stored.summary, report, record)
+    return replace(report, reasons=tuple(reasons))
+
+
+def _impossible(record: Record) -> list[str]:
+    """List what no execution on the scene could have recorded, in words."""
+    scene, time, reasons = record.scene, record.time, []
+    even = np.linspace(0.0, time[-1], len(time))
+    if not np.abs(time - even).max() <= FITS:
+        reasons.append(f"the times in {RUN.arrays} are not evenly spaced from 0 s")
+    if not np.abs(np.linalg.norm(record.quaternion, axis=2) - 1.0).max() <= FITS:
+        reasons.append(f"a quaternion in {RUN.arrays} is not of unit length")
+    if scene.n_dims == 2 and (record.center[..., 2].any() or record.quaternion[..., 1:3].any()):
+        reasons.append(f"a pose in {RUN.arrays} leaves the plane of the scene")
+    return reasons
+
+
+def _elsewhere(recorded: Record, record: Record) -> list[str]:
+    """List the obstacles that were, by the run's own record, where the scene does not move them, in words."""
+    n_dims = record.scene.n_dims
+    apart = np.linalg.norm((recorded.obstacles - record.obstacles)[..., :n_dims], axis=2)
+    reasons = []
+    for number in np.flatnonzero(~(apart.max(axis=0, initial=0.0) <= FITS)):
+        step = first_largest(apart[:, number])
+        far = apart[step, number]
+        where = f"{far:.3g} m from" if np.isfinite(far) else "anywhere but"
+        reasons.append(
+            f"{record.scene.name_of(int(number))} was, by the run's own record alone, {where} where the scene moves "
+            f"it at {record.time[step]:.2f} s"
+        )
+    return reasons
+
+
+def _misstated(summary: Summary, report: ExecutionReport, record: Record) -> list[str]:
+    """List the measures in the summary that are not those of the run, in words."""
+    right: dict[str, float | None] = {**report.asdict(), "duration_s": float(record.time[-1])}
+    right.pop("reasons")
+    units = unit_terms_of(record.position)
+    terms = {name: weight * units.get(name, 0.0) for name, weight in WEIGHTS.items()}
+    right["cost"] = sum(terms.values())
+    stated = summary.get("cost_terms")
+    reasons = RUN.differences(summary, right, _near)
+    reasons += RUN.differences(stated if isinstance(stated, dict) else {}, terms, _near, "cost_terms.")
+    if summary.get("scene") != record.scene.name:
+        told = shortened(str(summary.get("scene")))
+        reasons.append(f"{RUN.summary} names another scene: {told}")
+    return reasons
+
+
+def _near(name: str, value: float) -> float:
+    return SAME * max(1e-3, abs(value))

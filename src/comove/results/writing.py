@@ -1,0 +1,78 @@
+"""The writing of a solution into a result folder."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from comove._version import __version__
+from comove.coordination.motion import CoordinatedMotion
+from comove.planning.objective import Objective
+from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
+from comove.planning.objectives.own import name_of
+from comove.planning.solution import Solution
+from comove.results.sealed import Summary, finite
+from comove.results.solution import SAME, SOLUTION, motion_arrays, smoothness_of
+from comove.verification.cost import WEIGHTS
+
+NAMES = {kind: name for name, kind in OBJECTIVES.items()}
+RECOMPUTED = ("goal", "velocity", "obstacle")  # resemblance needs a movement that is not in the folder
+
+
+def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summary:
+    """Write `solution.npz` and `solution.json` into an existing folder, and return the summary."""
+    return SOLUTION.write(folder, _summary_of(solution, wall_time_s), motion_arrays(solution.attempt))
+
+
+def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
+    """Return the contents of solution.json."""
+    report, cost = solution.report, solution.cost
+    terms = {name: getattr(cost, name) for name in WEIGHTS}
+    return {
+        "verified": solution.verified,
+        "interrupted": solution.interrupted,
+        "reasons": list(solution.reasons),
+        "scene": solution.scene.name,
+        "duration": solution.scene.duration,
+        "method": solution.method,
+        "seed": solution.seed,
+        "version": __version__,
+        "cost": cost.total,
+        "cost_terms": terms,
+        "cost_weights": _weights_of(terms, solution.attempt),
+        **{name: finite(value) for name, value in report.asdict().items()},
+        "objective": _said_of(solution.objective),
+        "demonstration": None if solution.followed is None else vars(solution.followed),
+        **smoothness_of(solution.attempt),
+        "evaluations": solution.evaluations,
+        "generations": solution.generations,
+        **({"log": dict(solution.log)} if solution.log else {}),
+        "time_to_first_verified_s": solution.time_to_first_verified_s,
+        "wall_time_s": wall_time_s,
+        "scene_sha256": solution.scene.sha256,
+    }
+
+
+def _said_of(objective: object) -> dict[str, Any]:
+    """Return the summary's description of the objective."""
+    if not isinstance(objective, OwnFunctions):
+        return {"type": NAMES[type(objective)], **vars(objective)}
+    function = None if objective.function is None else name_of(objective.function)
+    return {"type": "own", "function": function, "constraints": [name_of(c) for c in objective.constraints]}
+
+
+def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[str, float]:
+    """Compute the weights of those terms of J that follow from the motion; the usual weight where a term is 0."""
+    weights = {}
+    for name, unit in _unit_terms(motion).items():
+        usual = WEIGHTS[name]
+        weight = terms[name] / unit if unit > 0 else usual
+        weights[name] = usual if abs(weight - usual) <= SAME * usual else float(f"{weight:.12g}")
+    return weights
+
+
+def _unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
+    """Compute the terms of J that follow from the motion alone, each with weight 1."""
+    cost = Objective(motion.scene, motion.coordinates, PaperCost(1.0, 1.0, 1.0)).cost(motion)
+    return {name: getattr(cost, name) for name in RECOMPUTED}
