@@ -139,7 +139,9 @@ def scene(
         ("next", f"comove robot solve {out} --out carried"),
     ]
     if proposal.unreached:
-        rows.append(("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}"))
+        rows.append(
+            ("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}")
+        )
     print(f"{out}: a scene for {loaded.name}")
     print(*in_rows(rows), sep="\n")
     return VERIFIED
