@@ -303,7 +303,10 @@ def test_the_checksum_tells_robots_apart_by_description_model_srdf_and_meshes(tm
     ("body", "told"),
     [
         ("", ["the arm 'left' has a collision body", "the arm 'left' has a mass"]),
-        (shape('<sphere radius="0.1"/>'), ["guessed from collision bodies, at 1000 kg/m^3: upper 4.19 kg, hand"]),
+        (
+            shape('<sphere radius="0.1"/>'),
+            ["guessed from collision bodies, at 1000 kg/m^3: upper 4.19 kg, hand"],
+        ),
     ],
 )
 def test_what_a_model_leaves_out_is_said(body, told, tmp_path):

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from comove.cli.app import since_process_start
+from comove.cli.streams import terminal
 
 ONCE = "compiling, once after installation"
 
@@ -62,7 +63,8 @@ class _Bar:
 
         self.budget, self.doing, self.kernels = budget, doing, 0
         columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-        self.bar = Progress(*columns, console=Console(stderr=True), transient=True)
+        console = Console(file=terminal(), force_terminal=True)
+        self.bar = Progress(*columns, console=console, transient=True)
         self.task = self.bar.add_task(doing, total=budget)
         if budget is not None:
             self.bar.start()

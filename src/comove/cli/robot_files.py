@@ -10,6 +10,7 @@ import typer
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb_of
 from comove.cli.robot import group
+from comove.cli.texts import say
 from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
@@ -38,7 +39,7 @@ def convert(
         (draft / MESHES).mkdir()
         for name, data in found.meshes.items():
             (draft / MESHES / name).write_bytes(data)
-    print(f"{out / found.name}.urdf; next: comove robot new {out / found.name}.urdf")
+    say(f"{out / found.name}.urdf; next: comove robot new {out / found.name}.urdf")
     return VERIFIED
 
 
@@ -78,7 +79,7 @@ def new(
         draft.write(proposal.text().encode())
     print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")
     for note in proposal.notes:
-        print(f"  - {note}")
+        say(f"  - {note}")
     return _told(proposal.robot, examine(proposal.robot), out)
 
 
@@ -138,7 +139,7 @@ def scene(
         ("solved", f"first verified motion after {found.time_to_first_verified_s:.2g} s"),
         ("next", f"comove robot solve {out} --out carried"),
     ]
-    print(f"{out}: a scene for {loaded.name}")
+    say(f"{out}: a scene for {loaded.name}")
     print(*in_rows(rows), sep="\n")
     return VERIFIED
 
@@ -158,7 +159,7 @@ def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = N
     from comove.cli.texts import in_rows
     from comove.views import draw_robot, save
 
-    print(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
+    say(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
     rows = [
         (
             f"arm {arm.name}",

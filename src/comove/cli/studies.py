@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comove.cli.app import INTERRUPTED
-from comove.errors import OptionError
+from comove.cli.streams import terminal
+from comove.errors import OptionError, printable
 
 if TYPE_CHECKING:
     from comove.studies import StudyProgress, StudyReport
@@ -129,7 +130,7 @@ def _progress_line() -> Iterator[Callable[[Any], None]]:
     def show(progress: StudyProgress) -> None:
         left = "" if progress.left is None else f", {_time(progress.left)} left"
         text = f"{progress.done} of {progress.total} runs, {progress.rate:.1f} a second{left}"
-        print(f"\r{text:70s}", end="", file=sys.stderr, flush=True)
+        print(f"\r{text:70s}", end="", file=terminal(), flush=True)
 
     try:
         yield show
@@ -153,4 +154,4 @@ def statuses_text(report: StudyReport) -> str:
 
 def reason_lines(report: StudyReport) -> list[str]:
     """Return the most frequent reasons of runs that were not verified, with their numbers, a line each."""
-    return [f"  {count:5d} x        {reason}" for reason, count in report.reasons.items()]
+    return [printable(f"  {count:5d} x        {reason}") for reason, count in report.reasons.items()]

@@ -230,8 +230,8 @@ class Executor:
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         if np.isfinite(scene.jerk_limit):
             message = (
-                f"limits.jerk ({scene.jerk_limit:g} m/s^3) does not bind an execution, whose accelerations change from "
-                "step to step; speed, acceleration and clearance do"
+                f"limits.jerk ({scene.jerk_limit:g} m/s^3) does not bind an execution, whose accelerations change "
+                "from step to step; speed, acceleration and clearance do"
             )
             warnings.warn(message, ComoveWarning, stacklevel=2)
         self.demonstration = movements_of(demonstration, scene)
