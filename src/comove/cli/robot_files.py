@@ -139,6 +139,10 @@ def scene(
         ("solved", f"first verified motion after {found.time_to_first_verified_s:.2g} s"),
         ("next", f"comove robot solve {out} --out carried"),
     ]
+    if proposal.unreached:
+        rows.append(
+            ("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}")
+        )
     say(f"{out}: a scene for {loaded.name}")
     print(*in_rows(rows), sep="\n")
     return VERIFIED

@@ -34,7 +34,6 @@ from comove.scenes.scene import Scene
 from comove.simulators import GRASPS, Execution, Perturbation, simulate
 from comove.studies.cameras import CamerasPart, videos_of
 from comove.studies.episode import (
-    CUT,
     DAMAGED,
     Made,
     measured,
@@ -155,8 +154,7 @@ def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
             budget=how.budget,
             found=lambda motion: firsts.append(now() - begun),
         )
-        cut_short = int(now() - begun > CUT * how.budget)  # it may solve several times
-        run = replace(measured(run, found.solution, how.budget), cut_short=cut_short)
+        run = measured(run, found.solution)
         if found.motion is None:
             reasons = "; ".join(found.solution.reasons or found.verdict.reasons)
             return replace(run, status="not verified", reason=reasons[:LONGEST]), None

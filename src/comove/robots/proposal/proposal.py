@@ -25,6 +25,7 @@ from comove.robots.model import Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
+from comove.robots.proposal.rules import clearance_at_home
 from comove.robots.proposal.tree import ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import resolve
@@ -164,7 +165,7 @@ def propose(
     robot = _without(robot, pairs)
     homes: Homes = homes_of(robot, seed, settings.home)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
-        data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
+        data["arms"][arm.name]["home"] = home.tolist()
     notes += homes.notes
     weak = overloaded(_robot(data, file))
     if weak:
@@ -219,12 +220,6 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
         data["limits"] = limits
     notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
     return data, notes
-
-
-def _written(home: Array, lower: Array, upper: Array) -> list[float]:
-    """Return joints in thousandths, or in all digits where rounding would lead out of their limits."""
-    rounded = home.round(3)
-    return np.where((rounded < lower) | (rounded > upper), home, rounded).tolist()
 
 
 def _name_of(file: Path) -> str:
@@ -546,7 +541,7 @@ def _left_out(
     drawn = rng.uniform(robot.lower, robot.upper, (how.n_samples, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
     always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= how.always}
-    never = near_but_apart(robot, how.n_samples, rng)
+    never = near_but_apart(robot, clearance_at_home(robot), how.n_samples, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     for part, ((a, b), reason) in product(parts, reasons.items()):

@@ -156,7 +156,7 @@ def bodies_of(
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
         pull[rod] = max(amount for _, amount in pulls) * lever
-    taken = np.array([0.0 if base[a] == base[b] else pull[a] + pull[b] for a, b, _ in pairs]) + COAL_ERROR
+    taken = _taken([(a, b) for a, b, _ in pairs], pull, base)
     taken[kind == LOAD] += miss * lever
     return Bodies(
         robot=robot,
@@ -170,6 +170,29 @@ def bodies_of(
         rods=rods,
         surfaces=scene.surfaces,
     )
+
+
+def links_apart(robot: Robot) -> Array:
+    """Return the distance that each pair of links keeps in every scene; array, shape (n_pairs,) [m].
+
+    Pairs are those of the robot's collision geometry; distances are as coal computes them.
+    """
+    geometry, bases = robot.collision, Bases(robot, robot.description.uncertainty)
+    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    _, pull, base = _links_of(geometry, bases, names)
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    return ROBOT_CLEARANCE + _taken(pairs, pull, base)
+
+
+def _taken(pairs: list[tuple[int, int]], pull: Array, base: NDArray[np.int64]) -> Array:
+    """Return by how much the true distance of pairs may be less than the computed one; array, shape (n_pairs,) [m].
+
+    Parameters
+    ----------
+    pull, base : as `_links_of` returns them
+    """
+    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return np.where(base[first] == base[second], 0.0, pull[first] + pull[second]) + COAL_ERROR
 
 
 def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
