@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
-from typing import ClassVar
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 LONGEST_WORD, LONGEST_MESSAGE = 300, 3000
 """Characters of one word, and of a whole message, beyond which the middle is left out."""
@@ -93,6 +94,9 @@ class DemonstrationError(InputError):
     comove.errors.DemonstrationError: hand.csv: row 3, column y: the cell is empty; fill in what was measured, or
         remove the row
     """
+
+    options: Mapping[str, Any] = MappingProxyType({})
+    """Options of reading the recording that settle the matter."""
 
 
 class LibraryError(InputError):

@@ -44,7 +44,7 @@ def add(
     from comove.cli.texts import learned_text
     from comove.primitives import Library, learn, read_primitive
     from comove.primitives.files import renamed
-    from comove.primitives.recordings import read_recordings, require_plausible
+    from comove.primitives.recordings import read_recordings
 
     library, primitives = Library(folder), []
     library.require_room()
@@ -54,11 +54,9 @@ def add(
             primitives.append(renamed(primitive, name or primitive.name))
             continue
         for recording in read_recordings(demo, **reading.arguments):
-            require_plausible(recording.demonstration, demo)
+            movement = reading.movement(recording.demonstration, demo)
             called, source = name or recording.name, recording.source
-            primitives.append(
-                learn(recording.demonstration, name=called, source=source, **learning.arguments)
-            )
+            primitives.append(learn(movement, name=called, source=source, **learning.arguments))
     names = [primitive.name for primitive in primitives]
     if name is not None and len(names) > 1:
         raise OptionError(

@@ -93,7 +93,7 @@ def solve(
                 demonstration=movements,
                 seed=seed,
                 method=None if smooth else chosen,
-                budget=o.budget_left(budget, loaded, saving=2.0),
+                budget=budget,
                 progress=progress,
                 objective=wanted,
             )

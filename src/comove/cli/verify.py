@@ -66,7 +66,10 @@ def verify(
         if scene is not None:
             _say_changes(parts[0], folder, scenes[0])
         return NOT_VERIFIED
-    print(f"{folder}: verified")
+    proved = any(part.is_proof for part in parts)
+    print(
+        f"{folder}: {'verified' if proved else 'as it should be, at samples: nothing is proved in between'}"
+    )
     _say_against(parts)
     _say_measures(parts)
     return VERIFIED

@@ -72,6 +72,11 @@ class Verification:
     online: OnlineRecord | None = None
 
     @property
+    def is_proof(self) -> bool:
+        """Return whether the measures hold at every instant, and not at samples."""
+        return self.part not in (Part.ROBOT_RUN, Part.SIMULATION)
+
+    @property
     def verified(self) -> bool:
         """Return whether nothing speaks against it."""
         return not self.reasons

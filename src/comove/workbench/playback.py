@@ -344,7 +344,7 @@ def _of_part(checked: Verification) -> Playback:
         reasons,
         checked.robot,
         touches,
-        proved=checked.part not in (Part.SIMULATION, Part.ROBOT_RUN),
+        proved=checked.is_proof,
         against=checked.against,
     )
 

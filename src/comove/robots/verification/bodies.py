@@ -15,7 +15,7 @@ on different bases, are reduced by their effect.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -316,6 +316,35 @@ def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, i
         (convex if _is_convex(item.geometry) else others)[number] = geometry.addGeometryObject(hull)
         names.append(names[number])
     return convex, others
+
+
+def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]:
+    """Compute how deep two bodies are in each other.
+
+    Of meshes coal tells that they meet, not how deep; so their hulls are taken.
+
+    Parameters
+    ----------
+    shapes, places : both bodies' shapes, by coal, and placements, as Pinocchio's SE3
+
+    Returns
+    -------
+    depth : 0 where it is not known, as coal builds no hull of a mesh [m]
+    is_bound : whether it is an upper bound, as a mesh is not convex
+    """
+    hulls, is_bound = list(shapes), False
+    for k, shape in enumerate(shapes):
+        if isinstance(shape, coal.BVHModelBase):
+            try:
+                if shape.convex is None:
+                    shape.buildConvexHull(True, "Qt")
+            except RuntimeError:
+                return 0.0, False
+            hulls[k], is_bound = shape.convex, is_bound or not _is_convex(shape)
+    placed = [coal.Transform3s(place.rotation, place.translation) for place in places]
+    result = coal.DistanceResult()
+    coal.distance(hulls[0], placed[0], hulls[1], placed[1], coal.DistanceRequest(), result)
+    return max(0.0, -float(result.min_distance)), is_bound
 
 
 def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:
