@@ -201,10 +201,7 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
             finding.where[name] = bodies.name(found.pair), found.time
         required = float(bodies.required[kind])
         if not found.upper >= required:
-            still = not bodies.reach[found.pair].any()
-            finding.reasons.append(
-                _contact(bodies.name(found.pair), found.upper, required, still, found.time, kind)
-            )
+            finding.reasons.append(_contact(bodies.name(found.pair), found.upper, required, found.time, kind))
         elif not found.lower >= required and not unsought:
             finding.reasons.append(
                 f"{bodies.name(found.pair)} are {found.upper:.4g} m apart at {found.time:.2f} s, and it could not be "
@@ -213,13 +210,8 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
     return finding
 
 
-def _contact(pair: str, distance: float, required: float, still: bool, time: float, kind: int) -> str:
+def _contact(pair: str, distance: float, required: float, time: float, kind: int) -> str:
     how = f"come within {distance:.3g} m of each other" if distance > 0 else f"meet, {-distance:.3g} m deep"
-    if still:
-        return (
-            f"{pair} {how.replace('come', 'are')}, which no motion changes ({required:g} m is to be kept); move the "
-            "obstacle, or correct where the robot's base stands"
-        )
     way_out = {
         SCENE: "find another motion, or ask for less by limits: {clearance: ..}",
         LOAD: "find another motion, or another grasp",
