@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 pytest.importorskip("pinocchio")
 
 from comove.errors import ComoveWarning, RobotError
-from comove.robots import Robot, RobotCarrier, bundled_robots
+from comove.robots import Robot, RobotCarrier, bundled_robots, plan_transfers
 from comove.robots.ends import EndJoints
 from comove.robots.kernels import TWO_ARMS
-from comove.robots.proposal import propose_scene
-from comove.robots.proposal.first_scene import largest_rectangle
+from comove.robots.proposal import first_scene, propose_scene
+from comove.robots.proposal.first_scene import FirstSceneSettings, largest_rectangle
 from comove.robots.proposal.homes import floor_of
 from comove.scenes import Scene
 
@@ -58,6 +58,31 @@ def test_a_first_scene_is_solved_and_its_rail_is_in_the_way():
     nearest = np.clip(rail.center, bar.min(axis=0), bar.max(axis=0))
     assert np.abs(nearest - rail.center)[:2] == pytest.approx([0, 0]), "the straight way leads through it"
     assert scene.lower[2] >= floor_of(robot) - 1e-3
+
+
+def test_a_first_scene_can_be_approached_from_home_and_left_for_it():
+    proposal = propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS))
+    assert proposal.unreached == ""
+    transfers = plan_transfers(proposal.found.motion)
+    home = proposal.found.robot.home
+    np.testing.assert_array_equal(
+        [transfers.approach.position[0], transfers.release.position[-1]], [home, home]
+    )
+
+
+def test_what_keeps_hands_from_approaching_is_told(monkeypatch):
+    """Other scenes are tried first; then one is proposed without."""
+    tried = []
+
+    def refuse(motion, **_):
+        tried.append(motion)
+        raise RobotError("at home, an arm and the load come too near to each other", key="home")
+
+    monkeypatch.setattr(first_scene, "plan_transfers", refuse)
+    proposal = propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS))
+    assert proposal.found.verified
+    assert "at home, an arm and the load" in proposal.unreached
+    assert len(tried) == FirstSceneSettings().n_carried
 
 
 @pytest.mark.slow

@@ -16,9 +16,10 @@ LINKS = '<link name="base"/><link name="hand"/>'
 JOINT = '<joint name="j" type="revolute"><parent link="base"/><child link="hand"/>{}</joint>'
 LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
 TURNED = '<origin rpy="${pi/2} 0 0"/>'
+XACRO = "http://www.ros.org/wiki/xacro"
 TEXTS = {
     "a URDF": f'<robot name="r">{LINKS}{JOINT.format(LIMIT)}</robot>',
-    "a xacro (<xacro:include>)": '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="a"/></robot>',
+    "a xacro (<xacro:include>)": f'<robot xmlns:xacro="{XACRO}"><xacro:include filename="a"/></robot>',
     'a xacro (rpy="${pi/2} 0 0")': f"<robot>{LINKS}{JOINT.format(TURNED)}</robot>",
     "a model of MuJoCo's (MJCF)": '<mujoco><worldbody><body><joint/><geom size="1"/></body></worldbody></mujoco>',
     "an SRDF": '<robot name="r"><disable_collisions link1="a" link2="b" reason="Never"/></robot>',

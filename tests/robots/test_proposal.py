@@ -1,5 +1,6 @@
 """Proposed descriptions: arms that the tree of links has, tools, homes, limits and pairs of links."""
 
+import json
 import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -132,7 +133,34 @@ def test_the_hands_share_less_where_bases_are_further_apart_and_nothing_beyond_t
         found = examine(propose([panda, panda], tmp_path / "pandas.yaml", apart=apart).robot)
         shares.append(found.shared["left", "right"])
     assert shares[0] > shares[1] > shares[2] == 0.0
-    assert any("no place in common" in fault for fault in found.faults)
+    assert found.sound
+    assert any("as long" in doubt for doubt in found.doubts)
+
+
+@pytest.mark.parametrize(
+    ("places", "pairs"),
+    [
+        (((0, 0), (0, 3)), {"01"}),
+        (((0, 0), (0, 3), (0, 6)), {"01", "12"}),
+        (((0, 6), (0, 0), (0, 3)), {"12", "02"}),
+        (((0, 0), (0, 3), (3, 0), (3, 3)), {"01", "02", "13", "23"}),
+        (((0, 0), (0, 0), (0, 3)), {"02", "12"}),
+    ],
+)
+def test_only_neighbours_are_said_to_share_no_place(tmp_path, places, pairs):
+    """A payload may be as long as its hands are apart: that is to be looked at, and no fault."""
+    written(tmp_path, urdf(link("base"), arm("", "base")))
+    n = len(places)
+    models = [
+        {"urdf": "made.urdf", "prefix": f"{k}_", "base": {"position": [*places[k], 0]}} for k in range(n)
+    ]
+    arms = {f"arm{k}": {"tip": f"{k}_link5", "home": [0, 0.5, 0, 0.5, 0, 0.5]} for k in range(n)}
+    file = tmp_path / "row.yaml"
+    file.write_text(json.dumps({"name": "row", "models": models, "arms": arms}), encoding="utf-8")
+    found = examine(Robot.load(file))
+    told = {"".join(re.findall(r"'arm(\d)'", doubt)) for doubt in found.doubts if "come no nearer" in doubt}
+    assert told == pairs
+    assert not any("hands" in fault for fault in found.faults)
 
 
 @pytest.mark.parametrize("approach", [(0, 0, 1), (1, 0, 0), (0, -1, 0)])
@@ -587,6 +615,60 @@ def test_a_home_at_a_limit_is_within_it(tmp_path):
     proposal = propose([written(tmp_path, text)], file)
     file.write_text(proposal.text(), encoding="utf-8")
     assert (Robot.load(file).home[0] >= 1.2006) and (Robot.load(file).home[0] <= 1.2008)
+
+
+def limits_of(seed):
+    """An arm whose limits are drawn, so that hands can point down near some of them only."""
+    rng, text = np.random.default_rng(seed), urdf(link("base"), arm("", "base"))
+    for _ in range(6):
+        lower, upper = -rng.uniform(0.1, 2.5), rng.uniform(0.1, 2.5)
+        text = text.replace(LIMIT, f'<limit lower="{lower}" upper="{upper}" velocity="2" effort="40"/>', 1)
+    return text
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_home_keeps_what_search_and_approach_demand(tmp_path, seed):
+    """Its distance from limits and between links is computed here from the raw file and coal's distances."""
+    proposal = propose([written(tmp_path, limits_of(seed))], tmp_path / "made.yaml")
+    robot = proposal.robot
+    limits = [limit.attrib for limit in ET.fromstring(limits_of(seed)).iter("limit")]
+    lower, upper = (np.array([float(limit[key]) for limit in limits]) for key in ("lower", "upper"))
+    margin = np.minimum(robot.home - lower, upper - robot.home)
+    assert (margin >= 0.02 - 1e-9).all()
+    assert examine(robot).clearance >= 0.005 or any("no home" in note for note in proposal.notes)
+    assert not any("at home" in fault for fault in examine(robot).faults)
+
+
+@pytest.mark.parametrize("home", [[2.0, 0.5, 0, 0.5, 0, 0.5], [0, -1.99, 0, 0.5, 0, 0.5]])
+def test_a_home_at_a_limit_is_a_fault_and_the_advice_helps(tmp_path, home):
+    path = written(tmp_path, urdf(link("base"), arm("", "base")))
+    file = tmp_path / "made.yaml"
+    proposal = propose([path], file, settings=CHEAP)
+    (entry,) = proposal.data["arms"].values()
+    entry["home"] = home
+    file.write_text(proposal.text(), encoding="utf-8")
+    (fault,) = (fault for fault in examine(Robot.load(file)).faults if "limit" in fault)
+    name, lower, upper = re.search(r"'joint(\d)'.* between (\S+) and (\S+)$", fault).groups()
+    entry["home"] = [
+        float(np.clip(value, float(lower), float(upper))) if k == int(name) else value
+        for k, value in enumerate(home)
+    ]
+    file.write_text(proposal.text(), encoding="utf-8")
+    assert not any("limit" in fault for fault in examine(Robot.load(file)).faults)
+
+
+@pytest.mark.parametrize(("gap", "sound"), [(-0.002, False), (0.003, False), (0.007, False), (0.012, True)])
+def test_links_that_are_too_near_at_home_are_a_fault(tmp_path, gap, sound):
+    """The verification asks for 5 mm, approach and release for 4 more; two bases may stand as near as one likes."""
+    (tmp_path / "made.urdf").write_text(urdf(link("base"), arm("", "base")), encoding="utf-8")
+    places = ([0, 0, 0], [0, 0.05 + gap, 0])
+    models = [{"urdf": "made.urdf", "prefix": f"{k}_", "base": {"position": places[k]}} for k in (0, 1)]
+    arms = {f"arm{k}": {"tip": f"{k}_link5", "home": [0.0] * 6} for k in (0, 1)}
+    file = tmp_path / "two.yaml"
+    file.write_text(json.dumps({"name": "two", "models": models, "arms": arms}), encoding="utf-8")
+    faults = [fault for fault in examine(Robot.load(file)).faults if "at home" in fault]
+    assert (not faults) == sound
+    assert all(("touch" if gap < 0 else "mm apart, and have to keep 9.1 mm") in fault for fault in faults)
 
 
 def test_links_that_are_drawn_and_collide_with_nothing_are_told(tmp_path):

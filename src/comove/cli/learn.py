@@ -9,6 +9,7 @@ import typer
 
 from comove.cli import recordings as r
 from comove.cli.app import verb
+from comove.cli.texts import say
 
 
 @verb
@@ -69,5 +70,5 @@ def learn(
         save_picture(draw_primitive(primitive, recording), drawn)
     write_primitive(out, primitive)
     print(learned_text(primitive))
-    print(f"  saved as       {out}" + (f", drawn as {drawn}" if drawn is not None else ""))
+    say(f"  saved as       {out}" + (f", drawn as {drawn}" if drawn is not None else ""))
     return 0

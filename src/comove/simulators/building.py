@@ -88,9 +88,9 @@ def _require_masses(model: Any, moving: Iterable[str]) -> None:
     for name in moving:
         if model.body_subtreemass[model.joint(name).bodyid[0]] < LIGHTEST:
             raise RobotError(
-                f"nothing that the joint '{name}' moves has a mass or a collision body, and so it cannot be simulated",
-                way_out='write one into its link in the URDF: <inertial><mass value="0.5"/><inertia ixx="1e-3" ixy="0" '
-                'ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>',
+                f"nothing that the joint '{name}' moves has a mass or a collision body, so it cannot be simulated",
+                way_out='write one into its link in the URDF: <inertial><mass value="0.5"/><inertia ixx="1e-3" '
+                'ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>',
             )
 
 

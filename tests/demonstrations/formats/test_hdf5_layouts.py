@@ -156,6 +156,20 @@ def test_refusals_print_the_options_that_then_read_it(path, datasets, expected):
         np.testing.assert_array_equal(follow(written(path, datasets)).position, expected)
 
 
+def test_names_of_columns_are_used_where_the_file_has_them(path):
+    """Beside the numbers, as pandas writes them, or in an attribute."""
+    table, names = np.c_[0.1 * np.arange(N), PATH, XYZW], ["t", "x", "y", "z", "qx", "qy", "qz", "qw"]
+    pandas = {"df/block0_values": table, "df/block0_items": np.array([name.encode() for name in names])}
+    own = written(path.with_name("b.hdf5"), {"df/table": table}, {"df/table@columns": names})
+    for file in (written(path, pandas), own):
+        demo = follow(file)
+        np.testing.assert_array_equal(demo.position, PATH)
+        np.testing.assert_allclose(demo.orientation, WXYZ, atol=1e-12)
+        np.testing.assert_allclose(demo.time, table[:, 0], atol=1e-12)
+    flat = load(own, dataset="df/table", columns=["x", "3"])
+    np.testing.assert_array_equal(flat.position, PATH[:, :2])
+
+
 def test_matrices_are_poses_in_either_order(path):
     poses = np.tile(np.eye(4), (N, 1, 1))
     poses[:, :3, :3], poses[:, :3, 3] = TURN.as_matrix(), PATH
@@ -193,7 +207,7 @@ def test_columns_of_a_dataset_are_chosen_by_their_numbers(path):
     np.testing.assert_allclose(joints.position, np.deg2rad(table[:, 4:]))
     assert (joints.unit, joints.axes) == ("rad", ("table[4]", "table[5]"))
     for columns in (["7"], ["0"], ["x"], ["1", "1"]):
-        with pytest.raises(OptionError, match="columns"):
+        with pytest.raises(OptionError, match="column"):
             load(path, dataset="table", columns=columns)
     with pytest.raises(OptionError, match="--dataset PATH"):
         load(path, columns=["1"])

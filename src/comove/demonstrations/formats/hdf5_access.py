@@ -122,6 +122,18 @@ class HDF5File:
         is_numeric = isinstance(node, extra("h5py", self.path).Dataset) and node.dtype.kind in "iuf"
         return None if not is_numeric or node.shape is None else tuple(node.shape)
 
+    def texts(self, key: str) -> list[bytes] | None:
+        """Return the texts of a short dataset of one dimension; None if there is none."""
+        node, h5py = self.node(key), extra("h5py", self.path)
+        if (
+            not isinstance(node, h5py.Dataset)
+            or node.dtype.kind != "S"
+            or node.ndim != 1
+            or node.size > MAX_DIMS
+        ):
+            return None
+        return node[()].tolist()
+
     def attribute(self, key: str, names: tuple[str, ...]) -> tuple[str, object] | None:
         """Return the first attribute with one of the names, of a group or dataset, and its name."""
         node = self.node(key)

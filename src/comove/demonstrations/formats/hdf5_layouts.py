@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -131,11 +130,12 @@ class EpisodeReader:
         if shape is not None and shape[1:] == (4, 4):
             return {"": self._matrices(key)}
         values = self.file.array(key)
-        names = _column_names(stem, values.shape[1])
+        names = self._names(key) or _column_names(stem, values.shape[1])
         if columns is not None:
-            numbers = _numbers_of(self.file, columns, values.shape[1])
+            numbers = _numbers_of(self.file, columns, names)
             is_joints = is_angle(self.unit) or read_columns(names)[numbers[0]].kind is Kind.JOINT
-            axes = tuple(f"{stem}[{number}]" for number in numbers) if is_joints else ()
+            named = [names[i] if self._names(key) else f"{stem}[{i}]" for i in numbers]
+            axes = tuple(named) if is_joints else ()
             return {"": self._samples(key, values[:, numbers], axes=axes, numbers=numbers)}
         bodies = list(bodies_of(read_columns(names)).values())
         if len(bodies) != 1:
@@ -150,6 +150,15 @@ class EpisodeReader:
 
     def _places(self, *below: str) -> list[str]:
         return [place for one in below if self.file.is_group(place := _joined(self.group, one))]
+
+    def _names(self, key: str) -> list[str] | None:
+        """Return the names of a dataset's columns: those of an attribute, or beside it, as pandas keeps them."""
+        width = (self.file.shape(key) or (0, 0))[-1]
+        found = self.file.attribute(key, ("columns", "column_names", "names", "labels"))
+        items = self.file.texts(f"{key.removesuffix('_values')}_items") if key.endswith("_values") else None
+        said = np.ravel(np.asarray(found[1])).tolist() if found else items
+        names = [one.decode(errors="replace") if isinstance(one, bytes) else str(one) for one in said or ()]
+        return names if len(names) == width else None
 
     def _hands(self) -> dict[str, RecordedSamples]:
         """Return the movements of hands that simulators observe."""
@@ -241,7 +250,7 @@ class EpisodeReader:
             shape = self.file.shape(_joined(place, name)) or ()
             width = 1 if len(shape) == 1 else shape[1] if len(shape) == 2 else MAX_DIMS + 1
             if width <= MAX_DIMS:
-                names += _column_names(name, width)
+                names += self._names(_joined(place, name)) or _column_names(name, width)
                 keys += [_joined(place, name)] * width
                 lengths[keys[-1]] = shape[0]
         found = {}
@@ -342,7 +351,14 @@ class EpisodeReader:
         frames = np.arange(n_steps)
         if self.rate is not None:
             return frames / self.rate, True, ()
-        above = key
+        origin, above = Origin(self.file.path), key
+        for column in read_columns(self._names(key) or ()):
+            if column.kind is Kind.TIME and not column.axis:
+                stamps = self.file.array(key, exact=True)[:, column.number]
+                found, notes = seconds(
+                    stamps, column.unit, name=column.name, origin=origin, way_out=_SAY_RATE
+                )
+                return found, column.unit is not None, (f"time from {column.name}", *notes)
         while above:
             above = above.rpartition("/")[0]
             for name in self.file.members(above):
@@ -352,7 +368,6 @@ class EpisodeReader:
                     place = _joined(above, name)
                     stamps = self.file.array(place, (None,) * len(shape), exact=True).ravel()
                     unit = self._unit(place) or column.unit
-                    origin = Origin(self.file.path)
                     found, notes = seconds(stamps, unit, name=place, origin=origin, way_out=_SAY_RATE)
                     return found, unit is not None, (f"time from {place}", *notes)
         rate, notes = self._recorded_rate(key)
@@ -375,7 +390,7 @@ class EpisodeReader:
                 return ROBOMIMIC_RATE, (_usual(ROBOMIMIC_RATE, "robosuite"),)
         if _MANISKILL.match(key):
             return MANISKILL_RATE, (_usual(MANISKILL_RATE, "ManiSkill"),)
-        if key == "observations/qpos":
+        if key.startswith("observations/") and self.file.shape("observations/qpos") is not None:
             return ALOHA_RATE, (_usual(ALOHA_RATE, "ALOHA"),)
         raise self.file.fault(key, "nothing says when its rows were recorded", _SAY_RATE, rate=50)
 
@@ -425,17 +440,17 @@ def _column_names(stem: str, width: int) -> list[str]:
     return [f"{stem}_{i}" for i in range(width)]
 
 
-def _numbers_of(file: HDF5File, columns: Sequence[str], n_columns: int) -> list[int]:
-    """Return the numbers from 0 of columns that are given by numbers from 1."""
-    numbers = [int(text) - 1 for text in columns if text.strip().isdecimal()]
-    counted = Counter(numbers)
-    if len(numbers) != len(columns) or not numbers or max(numbers) >= n_columns or min(numbers) < 0:
-        raise OptionError(
-            f"{','.join(columns)} are no columns of it",
-            file=file.path,
-            key="columns",
-            way_out=f"give numbers from 1 to {n_columns}",
-        )
-    if counted.most_common(1)[0][1] > 1:
+def _numbers_of(file: HDF5File, columns: Sequence[str], names: Sequence[str]) -> list[int]:
+    """Return the numbers from 0 of columns that are given by their names, or by numbers from 1."""
+    numbers = []
+    for text in columns:
+        if text in names:
+            numbers.append(names.index(text))
+        elif text.strip().isdecimal() and 1 <= int(text) <= len(names):
+            numbers.append(int(text) - 1)
+        else:
+            way_out = f"give numbers from 1 to {len(names)}"
+            raise OptionError(f"there is no column {text!r}", file=file.path, key="columns", way_out=way_out)
+    if len(set(numbers)) < len(numbers):
         raise OptionError("a column stands twice", file=file.path, key="columns", way_out="give each once")
     return numbers

@@ -419,7 +419,7 @@ def _times(
             f"row {first + row}, column timestamp",
             f"time goes back from {stamps[row - 1]:.6g} s to {stamps[row]:.6g} s",
             f"say how many samples a second there are, instead of the stamps: --rate {dataset.fps:g}",
-            rate=dataset.fps,
+            rate=f"{dataset.fps:g}",
         )
     frames_a_step = float(np.median(passed)) * dataset.fps
     for unit in ("s", "ms", "us", "ns"):

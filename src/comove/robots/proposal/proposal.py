@@ -25,7 +25,8 @@ from comove.robots.model import Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
-from comove.robots.proposal.tree import ArmShape, Chain, Tree, has_word
+from comove.robots.proposal.rules import clearance_at_home
+from comove.robots.proposal.tree import GUESSED, ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import resolve
 from comove.robots.verification.reach import joint_axes
@@ -34,9 +35,6 @@ Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 SIDES = ("left", "right")
-TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}  # rad/s, N m; m/s, N
-# By kind of joint, where a URDF states nothing above 0.
-GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
 TOLD = {
     "Always": "touch in every configuration",
     "Never": "come near each other, but were never seen to touch",
@@ -164,11 +162,11 @@ def propose(
     robot = _without(robot, pairs)
     homes: Homes = homes_of(robot, seed, settings.home)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
-        data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
+        data["arms"][arm.name]["home"] = home.tolist()
     notes += homes.notes
     weak = overloaded(_robot(data, file))
     if weak:
-        data["springs"] = dict.fromkeys(weak, settings.springs)
+        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, settings.springs)
         notes.append(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
             f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
@@ -182,6 +180,7 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
     notes = [note for part in parts for note in part.notes]
     limits: dict[str, dict[str, float]] = {}
     posture: dict[str, float] = {}
+    springs: dict[str, float] = {}
     for part in parts:
         prefix, joints = part.prefix, {joint.name: joint for joint in part.tree.joints}
         for chain in part.chains:
@@ -201,11 +200,16 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
             posture |= trunk
         guessed = _limits_of(part, settings.endless)
         limits |= guessed
-        if guessed:
+        keys = {joint: " and ".join(given) for joint, given in guessed.items()}
+        for told in dict.fromkeys(keys.values()):
+            names = [joint for joint, lacks in keys.items() if lacks == told]
             notes.append(
-                f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
+                f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
                 "put the maker's there"
             )
+        own = {joint for chain in part.chains for joint in chain.joints}
+        held = {prefix + joint: joints[joint].springs for joint in own if joints[joint].springs > 0.0}
+        springs |= {joint: held[joint] for joint in sorted(held)}
         lost = [joint for joint in part.tree.joints if joint.leader not in (None, *joints)]
         posture |= {prefix + joint.name: joint.nearest_to_0 for joint in lost}
         notes += [
@@ -217,14 +221,15 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
         data["posture"] = posture
     if limits:
         data["limits"] = limits
-    notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
+    if springs:
+        data["springs"] = springs
+        notes.append(f"the model takes weight off the motors of {', '.join(springs)}, as `springs` says")
+    states = (joint.states_acceleration for part in parts for joint in part.tree.joints if joint.moves)
+    if not all(states):
+        notes.append(
+            "where a URDF states no acceleration, it is 5 rad/s^2 unless `acceleration` says otherwise"
+        )
     return data, notes
-
-
-def _written(home: Array, lower: Array, upper: Array) -> list[float]:
-    """Return joints in thousandths, or in all digits where rounding would lead out of their limits."""
-    rounded = home.round(3)
-    return np.where((rounded < lower) | (rounded > upper), home, rounded).tolist()
 
 
 def _name_of(file: Path) -> str:
@@ -296,7 +301,8 @@ def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
     for joint in part.tree.joints:
-        stated, usual = joint.limits, GUESSED.get(joint.kind, {})
+        usual = GUESSED.get(joint.kind, {})
+        stated = {key: value for key, value in joint.limits.items() if key not in joint.guessed}
         missing = {key: value for key, value in usual.items() if key not in stated}
         if joint.name in moving:
             missing = {key: value for key, value in usual.items() if not (stated.get(key) or 0.0) > 0.0}
@@ -546,7 +552,7 @@ def _left_out(
     drawn = rng.uniform(robot.lower, robot.upper, (how.n_samples, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
     always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= how.always}
-    never = near_but_apart(robot, how.n_samples, rng)
+    never = near_but_apart(robot, clearance_at_home(robot), how.n_samples, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     for part, ((a, b), reason) in product(parts, reasons.items()):

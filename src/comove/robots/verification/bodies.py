@@ -3,14 +3,15 @@
 ======== ================================================================ ==========================
 kind     pairs                                                            keep
 ======== ================================================================ ==========================
-`SCENE`  every link, the robot's base included, with every obstacle       the scene's clearance
+`SCENE`  every link that a joint moves with every obstacle                the scene's clearance
 `LOAD`   the load with every link but those beyond a holder's last joint  the scene's clearance
 `SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
 ======== ================================================================ ==========================
 
-The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Where the
-places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies
-on different bases, are reduced by their effect.
+The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Links that
+no joint moves may touch obstacles, as a base does that stands on a table: no motion changes it. Where the places of
+the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies on
+different bases, are reduced by their effect.
 """
 
 from __future__ import annotations
@@ -156,7 +157,7 @@ def bodies_of(
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
         pull[rod] = max(amount for _, amount in pulls) * lever
-    taken = np.array([0.0 if base[a] == base[b] else pull[a] + pull[b] for a, b, _ in pairs]) + COAL_ERROR
+    taken = _taken([(a, b) for a, b, _ in pairs], pull, base)
     taken[kind == LOAD] += miss * lever
     return Bodies(
         robot=robot,
@@ -172,9 +173,32 @@ def bodies_of(
     )
 
 
+def links_apart(robot: Robot) -> Array:
+    """Return the distance that each pair of links keeps in every scene; array, shape (n_pairs,) [m].
+
+    Pairs are those of the robot's collision geometry; distances are as coal computes them.
+    """
+    geometry, bases = robot.collision, Bases(robot, robot.description.uncertainty)
+    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    _, pull, base = _links_of(geometry, bases, names)
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    return ROBOT_CLEARANCE + _taken(pairs, pull, base)
+
+
+def _taken(pairs: list[tuple[int, int]], pull: Array, base: NDArray[np.int64]) -> Array:
+    """Return by how much the true distance of pairs may be less than the computed one; array, shape (n_pairs,) [m].
+
+    Parameters
+    ----------
+    pull, base : as `_links_of` returns them
+    """
+    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return np.where(base[first] == base[second], 0.0, pull[first] + pull[second]) + COAL_ERROR
+
+
 def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
-    """Add the scene's obstacles; returns the pairs with all links."""
-    links, pairs = range(geometry.ngeoms), []
+    """Add the scene's obstacles; returns the pairs with all links that a joint moves."""
+    links, pairs = np.flatnonzero(_joints(geometry)).tolist(), []
     for i in range(len(scene.file.obstacles)):
         names.append(scene.name_of(i))
         number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1]))
