@@ -1,8 +1,8 @@
 """The clock of budgets, which compiled loops read as well: processor time, and a count of work.
 
-A budget bounds the processor time of this process with all its threads: other programs and waiting cost nothing. Shares
-of a budget, and the budgets of what must come out alike on every machine, are counts of work: computed distances, and
-for other steps as many distances as would take about as long.
+A budget bounds the processor time of this process with all its threads: other programs and waiting cost nothing.
+Shares of a budget, and the budgets of what must come out alike on every machine, are counts of work: computed
+distances, and for other steps as many distances as would take about as long.
 
 Kernels add to the count, and read the time after every few milliseconds of work. Once the budget is spent, they
 report every configuration as not free, so that their loops end; the caller checks the clock as well and ends the
