@@ -9,6 +9,7 @@ import typer
 
 from comove.cli import recordings as r
 from comove.cli.app import verb
+from comove.cli.texts import say
 
 
 @verb
@@ -57,5 +58,5 @@ def learn(
         primitive = learn(movement, name=name, source=read.source, **learning.arguments)
     write_primitive(out, primitive)
     print(learned_text(primitive))
-    print(f"  saved as       {out}")
+    say(f"  saved as       {out}")
     return 0

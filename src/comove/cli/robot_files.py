@@ -10,6 +10,7 @@ import typer
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb_of
 from comove.cli.robot import group
+from comove.cli.texts import say
 from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
@@ -41,11 +42,11 @@ def convert(
         (draft / MESHES).mkdir()
         for name, data in found.meshes.items():
             (draft / MESHES / name).write_bytes(data)
-    print(f"{out / found.name}.urdf: to be checked:" if found.notes else f"{out / found.name}.urdf")
+    say(f"{out / found.name}.urdf: to be checked:" if found.notes else f"{out / found.name}.urdf")
     for note in found.notes:
-        print(f"  - {note}")
+        say(f"  - {note}")
     if found.obstacles is not None:
-        print(f"{out / found.name}-obstacles.yaml: floor and furniture, as obstacles of a scene")
+        say(f"{out / found.name}-obstacles.yaml: floor and furniture, as obstacles of a scene")
     given = "" if found.obstacles is None else f" --obstacles {out / found.name}-obstacles.yaml"
     rows = [("next", f"comove robot new {out / found.name}.urdf --out robot.yaml")]
     rows += [("then", f"comove robot scene robot.yaml{given}")]
@@ -89,7 +90,7 @@ def new(
         draft.write(proposal.text().encode())
     print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")
     for note in proposal.notes:
-        print(f"  - {note}")
+        say(f"  - {note}")
     return _told(proposal.robot, examine(proposal.robot), out)
 
 
@@ -158,7 +159,7 @@ def scene(
         rows.append(
             ("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}")
         )
-    print(f"{out}: a scene for {loaded.name}")
+    say(f"{out}: a scene for {loaded.name}")
     print(*in_rows(rows), sep="\n")
     return VERIFIED
 
@@ -206,7 +207,7 @@ def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = N
     from comove.cli.texts import in_rows
     from comove.views import draw_robot, save
 
-    print(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
+    say(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
     rows = [
         (
             f"arm {arm.name}",

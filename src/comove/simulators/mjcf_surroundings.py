@@ -88,7 +88,7 @@ class Surroundings:
                 found.append({"name": name, **entry})
         for joint in range(self.model.njnt):
             if int(self.model.body_rootid[self.model.jnt_bodyid[joint]]) in self.roles.standing:
-                name = self.model.joint(joint).name or joint
+                name = str(self.model.joint(joint).name or joint)
                 self.notes.append(f"no actuator drives '{name}', which stands around the robot and stays")
         return found
 
