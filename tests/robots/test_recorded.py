@@ -79,6 +79,8 @@ def test_joints_are_found_by_their_names(two_arms, axes):
     path = end_effector_path(joints(axes, SHOULDER, ELBOW), two_arms)
     is_closed_form(path)
     assert "end effector of 'left' of the robot 'small'" in path.notes[-1]
+    degrees = joints(axes, np.rad2deg(SHOULDER), np.rad2deg(ELBOW), unit="deg")
+    is_closed_form(end_effector_path(degrees, two_arms))
     beside = joints(("left_gripper", *axes[::-1], "torso"), TIME, ELBOW, SHOULDER, TIME)
     is_closed_form(end_effector_path(beside, two_arms))
 

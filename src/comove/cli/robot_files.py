@@ -28,6 +28,7 @@ def convert(
     out: Annotated[Path, typer.Option(help="Folder for the URDF and its meshes; new or empty.")],
 ) -> int:
     """Write a model of MuJoCo's as a URDF with its meshes, from which a robot can be described."""
+    from comove.cli.texts import in_rows
     from comove.io.folders import Contents, whole_folder
     from comove.simulators.mjcf import MESHES, urdf_of
 
@@ -36,10 +37,20 @@ def convert(
         (draft / f"{found.name}.urdf").write_text(found.urdf, encoding="utf-8")
         if found.srdf is not None:
             (draft / f"{found.name}.srdf").write_text(found.srdf, encoding="utf-8")
+        if found.obstacles is not None:
+            (draft / f"{found.name}-obstacles.yaml").write_text(found.obstacles, encoding="utf-8")
         (draft / MESHES).mkdir()
         for name, data in found.meshes.items():
             (draft / MESHES / name).write_bytes(data)
-    say(f"{out / found.name}.urdf; next: comove robot new {out / found.name}.urdf")
+    say(f"{out / found.name}.urdf: to be checked:" if found.notes else f"{out / found.name}.urdf")
+    for note in found.notes:
+        say(f"  - {note}")
+    if found.obstacles is not None:
+        say(f"{out / found.name}-obstacles.yaml: floor and furniture, as obstacles of a scene")
+    given = "" if found.obstacles is None else f" --obstacles {out / found.name}-obstacles.yaml"
+    rows = [("next", f"comove robot new {out / found.name}.urdf --out robot.yaml")]
+    rows += [("then", f"comove robot scene robot.yaml{given}")]
+    print(*in_rows(rows), sep="\n")
     return VERIFIED
 
 

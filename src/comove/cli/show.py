@@ -26,7 +26,8 @@ def show(
 ) -> int:
     """Print the summary of a result, verified anew, and of its simulation, and name its pictures."""
     from comove.cli.progress import progress_bar
-    from comove.cli.texts import PICTURES
+    from comove.cli.texts import PICTURES, in_rows
+    from comove.results.inputs import command_again
     from comove.stored import Part, Verification, parts_of, verify_folder
 
     code, found, why = VERIFIED, dict[Part, Verification](), ""
@@ -51,6 +52,8 @@ def show(
     if against:
         first, *others = against
         say(f"  verified against {first}", *(f"  {words}" for words in others))
+    if again := command_again(folder):
+        say(*in_rows([("made again, in the folder", again)]))
     if open_pictures:
         for name in PICTURES:
             typer.launch(str(folder / name))

@@ -145,11 +145,11 @@ def _time(seconds: float) -> str:
 
 
 def statuses_text(report: StudyReport) -> str:
-    """Return the numbers of runs by status in words, and of those that time was too short for."""
+    """Return the numbers of runs by status in words, and of those whose budget ran out."""
     text = ", ".join(f"{count} {status}" for status, count in report.statuses.items()) or "none"
     if not report.cut_short:
         return text
-    return f"{text}; {report.cut_short} used up their budget, and may come out otherwise on another machine"
+    return f"{text}; the time budget of {report.cut_short} ran out: they may come out otherwise on another machine"
 
 
 def reason_lines(report: StudyReport) -> list[str]:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
 PICTURES = ("motion.png", "progress.png")
+RAN_OUT = "ran out while the motion was improved: a larger --budget may find a better one"
 
 
 def number(value: object, factor: float = 1.0) -> str:
@@ -86,6 +87,7 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
             f"by {summary.get('method')}, seed {summary.get('seed')}, first verified motion after {first} ms, "
             f"all of it {wall} s",
         ),
+        *([("time budget", RAN_OUT)] if summary.get("timed_out") and summary.get("verified") is True else []),
         ("pictures", ", ".join(str(folder / name) for name in PICTURES)),
     ]
     head = printable(f"{summary.get('scene')}: {verdict}")

@@ -57,8 +57,8 @@ class Pace:
     period : control period [s]
     watch : time between two checks of whether the plan still holds [s]
     patience : time between two attempts to plan [s]; it doubles while they fail
-    leisure, haste : work of the first attempt to plan and of any later one, as `Budget.work`: about as many seconds, but
-        counted, so that a run is the same on every machine
+    leisure, haste : work of the first attempt to plan and of any later one, as `Budget.work`: about as many seconds,
+        but counted, so that a run is the same on every machine
     """
 
     period: float = 0.01

@@ -1,12 +1,12 @@
 """The clock of budgets, which compiled loops read as well: processor time, and a count of work.
 
-A budget bounds the processor time of this process, all its threads included: other programs and waiting cost nothing.
-Shares of a budget, and the budgets of what must come out alike on every machine, are counts of work: computed distances,
-and for other steps as many distances as would take about as long.
+A budget bounds the processor time of this process with all its threads: other programs and waiting cost nothing.
+Shares of a budget, and the budgets of what must come out alike on every machine, are counts of work: computed
+distances, and for other steps as many distances as would take about as long.
 
-Kernels add to the count, and read the time after every few milliseconds of work. Once the budget is spent, they report
-every configuration as not free, so that their loops end; the caller checks the clock as well and ends the search. Until
-then the clock does not change any result.
+Kernels add to the count, and read the time after every few milliseconds of work. Once the budget is spent, they
+report every configuration as not free, so that their loops end; the caller checks the clock as well and ends the
+search. Until then the clock does not change any result.
 """
 
 from __future__ import annotations
@@ -44,21 +44,25 @@ class Budget:
         result on every machine
     size : work of which stages get shares, in the same units; the smaller of the two bounds unless given
     given : the whole budget of which this one is a part, for messages [s]; None where it was no time
+    option : how a larger one is given, for messages
     """
 
     seconds: float = np.inf
     work: float = np.inf
     size: float = np.nan
     given: float | None = None
+    option: str = "--budget"
 
     def __post_init__(self) -> None:
         if np.isnan(self.size):
             object.__setattr__(self, "size", min(self.seconds, self.work))
 
     @classmethod
-    def of(cls, budget: float | Budget) -> Budget:
+    def of(cls, budget: float | Budget, option: str = "--budget") -> Budget:
         """Return a number of seconds as a budget, and a budget as it is."""
-        return budget if isinstance(budget, Budget) else cls(float(budget), given=float(budget))
+        if isinstance(budget, Budget):
+            return budget
+        return cls(float(budget), given=float(budget), option=option)
 
     @property
     def is_spent(self) -> bool:
@@ -81,7 +85,7 @@ class Budget:
             return "the search was ended before a motion was verified"
         return (
             f"the time budget of {self.given:g} s ran out before a motion was verified: "
-            f"--budget {max(2.0 * self.given, ENOUGH):g} lets the search go on"
+            f"{self.option} {max(2.0 * self.given, ENOUGH):g} lets the search go on"
         )
 
 

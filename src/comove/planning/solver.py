@@ -261,8 +261,7 @@ def _solved(problem: Problem) -> Solution:
         slow = _in_least_time(replace(problem, budget=left))
         if slow.verified:
             return _at_pace(slow, problem).after(solution)
-        stopped = {"interrupted": slow.interrupted, "timed_out": slow.timed_out}
-        solution = replace(solution, **stopped).after(slow)
+        solution = replace(solution, interrupted=slow.interrupted, timed_out=slow.timed_out).after(slow)
     if solution.timed_out:
         return solution
     return replace(solution, reasons=(*solution.reasons, too_short(problem.scene, needed)))
@@ -402,7 +401,8 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> S
             key="duration",
             way_out="give one",
         )
-    hasty, done, started, whole = isinstance(problem.objective, LeastTime), [], now(), problem.budget
+    hasty, done = isinstance(problem.objective, LeastTime), list[Solution]()
+    started, whole = now(), problem.budget
     asked, method = with_limits(problem.scene), problem.method
     if hasty:
         problem = replace(problem, taught=None, objective=LeastJerk())

@@ -36,7 +36,7 @@ def end_effector_path(recording: Demonstration, robot: Robot, arm: str | None = 
 
     Parameters
     ----------
-    recording : movement of joints [rad, m for prismatic joints], with their names as `axes`
+    recording : movement of joints, with their names as `axes`; angles in any unit
     robot : robot that was recorded
     arm : name of the arm; by default the only one whose joints were recorded
 
@@ -55,7 +55,7 @@ def end_effector_path(recording: Demonstration, robot: Robot, arm: str | None = 
     ComoveWarning
         If a joint was recorded beyond its limits.
     """
-    name = recording.name or None
+    name, recording = recording.name or None, recording.in_base_unit()
     if not recording.is_joints:
         message = f"it holds positions in {recording.unit}, not joints of the robot '{robot.name}'"
         raise fault(name, "robot", message, "leave the robot out, or choose joints of the recording")

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError, SceneError
-from comove.planning import movements_of
+from comove.planning import Budget, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
@@ -35,6 +35,7 @@ from comove.simulators import GRASPS, Execution, Perturbation, simulate
 from comove.studies.cameras import CamerasPart, videos_of
 from comove.studies.episode import (
     DAMAGED,
+    OPTION,
     Made,
     measured,
     packed,
@@ -151,7 +152,7 @@ def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
             demonstration=movements,
             seed=run.seed,
             method=how.method,
-            budget=how.budget,
+            budget=Budget.of(how.budget, option=OPTION),
             found=lambda motion: firsts.append(now() - begun),
         )
         run = measured(run, found.solution)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, InputError, ResultError
-from comove.planning import Solution, solve
+from comove.planning import Budget, Solution, solve
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
 from comove.results.solution import CURVE, motion_arrays, rebuild
@@ -33,6 +33,7 @@ from comove.verification.bounds import largest_jerk, node_bounds
 
 Made = tuple[StudyRun, StoredMotion | None]
 
+OPTION = "budget:"  # of a study, in words
 DAMAGED = "copy the store again, or generate the episode again in a new folder"
 
 
@@ -46,7 +47,8 @@ def solved_run(run: StudyRun, scene: Scene, method: Method, budget: float) -> Ma
     """
 
     def search(run: StudyRun) -> Made:
-        solution = solve(scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=budget)
+        bounds = Budget.of(budget, option=OPTION)
+        solution = solve(scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=bounds)
         motion = stored(run.key, solution.attempt) if solution.verified else None
         return measured(run, solution), motion
 

@@ -154,7 +154,9 @@ def minimum(
     absent, free = np.ones(k + m, dtype=bool), np.ones(len(trust.moves), dtype=bool)
     near, beyond = np.flatnonzero(least > -settings.nearly), np.zeros(0, dtype=int)
     cut, limit = limits.cuts(np.zeros(n), 0.0, settings.active)
-    for solved in range(1, settings.rounds + 1):
+    programmes = 0
+    for _ in range(settings.rounds):
+        programmes += 1
         block = np.zeros((len(near) + len(beyond) + len(cut), matrix.shape[1]))
         block[:, :n] = np.concatenate([rows[of_row[near]], trust.moves[beyond], cut]) @ whiten.T
         block[np.arange(len(near)), slack_of[near]] = UNIT
@@ -183,7 +185,7 @@ def minimum(
         if not (len(near) or len(beyond) or len(cut)):
             break
     short = float(((x[n + 1 : n + 1 + more] * UNIT) ** 2).sum())
-    return Minimum(x[:n], float(x[n]) * UNIT, short, slower, solved)
+    return Minimum(x[:n], float(x[n]) * UNIT, short, slower, programmes)
 
 
 def _worst(broken: Array, few: int) -> NDArray[np.int64]:
