@@ -12,6 +12,7 @@ from comove.errors import printable
 if TYPE_CHECKING:
     from comove.primitives import Primitive
 
+HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
 PICTURES = ("motion.png", "progress.png")
 RAN_OUT = "ran out while the motion was improved: a larger --budget may find a better one"
 
