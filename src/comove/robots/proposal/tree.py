@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf, pi
 
-from comove.robots.soundness import number
+from comove.robots.joint_limits import stated_limits
 
 MOVING = ("revolute", "continuous", "prismatic")
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_A-Za-z]+")
@@ -186,7 +186,7 @@ class Tree:
                 joint.find("parent").get("link", ""),  # type: ignore[union-attr]  # sound
                 joint.find("child").get("link", ""),  # type: ignore[union-attr]
                 next((mimic.get("joint", "") for mimic in joint.findall("mimic")), None),
-                {key: number(text) for limit in joint.findall("limit") for key, text in limit.attrib.items()},
+                stated_limits(joint),
             )
             for joint in top.findall("joint")
         )
