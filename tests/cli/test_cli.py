@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from comove.cli.progress import ONCE
+from comove.results.solution import SOLUTION
 from tests.commands import invoke
 
 SCENE = """\
@@ -256,8 +257,23 @@ def test_show(result):
     _, folder, outcome = result
     shown = invoke("show", folder)
     assert shown.exit_code == 0
-    assert shown.stdout == outcome.stdout
+    assert shown.stdout.startswith(outcome.stdout)
     assert str(folder / "motion.png") in shown.stdout
+    assert f"verified against the folder's own scene, {folder / 'scene.json'}" in shown.stdout
+
+
+def test_show_verifies_what_it_shows(result, tmp_path):
+    """Numbers that a forger wrote, with the checksums that go with them."""
+    _, folder = copied(result, tmp_path)
+    summary, arrays = SOLUTION.read(folder)
+    SOLUTION.write(folder, summary | {"clearance_min": 0.777, "speed_max": 0.001}, arrays)
+    shown = invoke("show", folder)
+    assert shown.exit_code == 1
+    assert "NOT VERIFIED" in shown.stdout and "says clearance_min = 0.777" in shown.stdout
+    assert "777 mm" not in shown.stdout
+    (folder / "scene.json").unlink()  # without which nothing can be verified
+    shown = invoke("show", folder)
+    assert shown.exit_code == 1 and "AS STORED, NOT VERIFIED" in shown.stdout
 
 
 # --- Not verified: 1; interrupted: 130 ---

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from comove.errors import ResultError, RobotError
 from comove.io import arrays as archives
-from comove.results.sealed import checksum
+from comove.results.sealed import checksum, finite
 from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
 from comove.robots.files import JOINTS, read_joints, verified_motion, verify_stored

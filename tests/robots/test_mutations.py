@@ -269,7 +269,7 @@ IN_MILLIMETRES = JOINT.replace("revolute", "prismatic").replace("2.8", "400").re
         ('<child link="left_l1"/>', '<child link="base"/>', ""),
         ('<parent link="base"/>', '<parent link="left_l6"/>', "circle"),
         ('joint name="left_j2"', 'joint name="left_j1"', "left_j1"),
-        ('link name="left_l2"', 'link name="left_l1"', "left_l1"),
+        ('link name="left_l2"', 'link name="left_l1"', "'left_l2', which is not there"),
         ('joint name="left_j1"', 'joint name=""', "a joint has the name ''"),
         ('joint name="left_j1"', 'joint name="universe"', "Pinocchio's own"),
         ('type="revolute"', 'type="ball"', "ball"),

@@ -10,6 +10,7 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, sub_application, verb_of
+from comove.cli.texts import say
 from comove.errors import ComoveError, InputError, OptionError, ResultError, RobotError
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def solve(
                 demonstration=movements,
                 seed=seed,
                 method=None if smooth else chosen,
-                budget=o.budget_left(budget, loaded, saving=2.0),
+                budget=budget,
                 progress=progress,
                 objective=wanted,
             )
@@ -169,7 +170,7 @@ def simulate(
             if film:
                 print(*in_rows([("film", str(draw_film(execution, folder / "simulation.mp4")))]))
         except ComoveError as error:  # what was simulated counts without them
-            print(f"warning: no pictures: {error}", file=sys.stderr)
+            say(f"warning: no pictures: {error}", file=sys.stderr)
     return VERIFIED if summary["delivered"] else NOT_VERIFIED
 
 
@@ -204,11 +205,11 @@ def export(
     except RobotError as error:
         if transfers:
             raise
-        print(f"warning: the carry alone is exported: {error}", file=sys.stderr)
+        say(f"warning: the carry alone is exported: {error}", file=sys.stderr)
     written = export(motion, folder, kind, rate=rate, transfers=planned)
-    print(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
+    say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
     for path in written:
-        print(f"  {path}")
+        say(f"  {path}")
     return 0
 
 
@@ -242,9 +243,9 @@ def send(
     except SendError as error:
         if error.outcome is None:  # nothing has moved
             raise
-        print(f"stopped: {error}", file=sys.stderr)
+        say(f"stopped: {error}", file=sys.stderr)
         return NOT_VERIFIED
-    print(
+    say(
         f"{motion.scene.name}: {part} done, arms {1e3 * outcome.apart:.0f} ms apart at the end, "
         f"{outcome.deviation:.3g} rad from the motion at most"
     )

@@ -10,6 +10,7 @@ import typer
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb_of
 from comove.cli.robot import group
+from comove.cli.texts import say
 from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def convert(
     out: Annotated[Path, typer.Option(help="Folder for the URDF and its meshes; new or empty.")],
 ) -> int:
     """Write a model of MuJoCo's as a URDF with its meshes, from which a robot can be described."""
+    from comove.cli.texts import in_rows
     from comove.io.folders import Contents, whole_folder
     from comove.simulators.mjcf import MESHES, urdf_of
 
@@ -35,10 +37,20 @@ def convert(
         (draft / f"{found.name}.urdf").write_text(found.urdf, encoding="utf-8")
         if found.srdf is not None:
             (draft / f"{found.name}.srdf").write_text(found.srdf, encoding="utf-8")
+        if found.obstacles is not None:
+            (draft / f"{found.name}-obstacles.yaml").write_text(found.obstacles, encoding="utf-8")
         (draft / MESHES).mkdir()
         for name, data in found.meshes.items():
             (draft / MESHES / name).write_bytes(data)
-    print(f"{out / found.name}.urdf; next: comove robot new {out / found.name}.urdf")
+    say(f"{out / found.name}.urdf: to be checked:" if found.notes else f"{out / found.name}.urdf")
+    for note in found.notes:
+        say(f"  - {note}")
+    if found.obstacles is not None:
+        say(f"{out / found.name}-obstacles.yaml: floor and furniture, as obstacles of a scene")
+    given = "" if found.obstacles is None else f" --obstacles {out / found.name}-obstacles.yaml"
+    rows = [("next", f"comove robot new {out / found.name}.urdf --out robot.yaml")]
+    rows += [("then", f"comove robot scene robot.yaml{given}")]
+    print(*in_rows(rows), sep="\n")
     return VERIFIED
 
 
@@ -78,7 +90,7 @@ def new(
         draft.write(proposal.text().encode())
     print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")
     for note in proposal.notes:
-        print(f"  - {note}")
+        say(f"  - {note}")
     return _told(proposal.robot, examine(proposal.robot), out)
 
 
@@ -139,8 +151,10 @@ def scene(
         ("next", f"comove robot solve {out} --out carried"),
     ]
     if proposal.unreached:
-        rows.append(("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}"))
-    print(f"{out}: a scene for {loaded.name}")
+        rows.append(
+            ("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}")
+        )
+    say(f"{out}: a scene for {loaded.name}")
     print(*in_rows(rows), sep="\n")
     return VERIFIED
 
@@ -160,7 +174,7 @@ def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = N
     from comove.cli.texts import in_rows
     from comove.views import draw_robot, save
 
-    print(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
+    say(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
     rows = [
         (
             f"arm {arm.name}",

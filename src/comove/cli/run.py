@@ -13,6 +13,7 @@ from comove.errors import OptionError
 
 SHORTEST = 1e-4  # s, of control periods: ten times what the fastest controllers of arms take
 MAX_STEPS = 2_000_000  # that a run may take
+FORESEEN = 10.0  # work of the search for the duration of a scene that has none
 LONGEST = 3.0  # times the scene's duration, that a run may last unless it is said
 
 
@@ -46,7 +47,7 @@ def run(
     from comove.experiments.modulation.comparison import compare as compare_all
     from comove.experiments.modulation.pictures import animate_comparison, draw_comparison
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, load_kernels, solve
+    from comove.planning import Budget, SceneKind, load_kernels, solve
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.scenes import Scene, demonstration_of
@@ -64,7 +65,9 @@ def run(
     with progress_bar():
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
-            planned = solve(loaded, demonstration=demonstration_of(loaded), seed=seed, budget=10.0)
+            planned = solve(
+                loaded, demonstration=demonstration_of(loaded), seed=seed, budget=Budget(work=FORESEEN)
+            )
             if planned.interrupted:
                 return INTERRUPTED
             loaded = planned.scene

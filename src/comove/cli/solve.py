@@ -121,7 +121,7 @@ def solve(
             seed=seed,
             method=chosen,
             planner=not no_planner,
-            budget=o.budget_left(budget, loaded),
+            budget=budget,
             objective=wanted,
             obstacles=obstacles.value,
             progress=progress,

@@ -164,7 +164,7 @@ class Paper(Method):
             weights = dmp.weights + request.x.reshape(-1, *shape)
             if request.constraints:
                 missed = self._errors(dmp, weights) - bands
-                search.evaluations += len(weights)
+                search.count(len(weights))
                 if len(weights) == self.population:
                     share = (missed <= 0).all(axis=1).mean()
                 run.tell(None, missed)

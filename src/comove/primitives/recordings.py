@@ -65,18 +65,19 @@ def read_recordings(
                 Demonstration.from_lasa(shape, count), f"{LASA}{shape}:{count}", f"{shape}-{count}"
             )
         ]
-    path = Path(named)
-    source = path.name.encode(errors="replace").decode()
     if (manipulator, episode, topic) == (None, None, None) and not options:
+        path = Path(named)
         found = Demonstration.load_all(path)
         alone = len(found) == 1
         return [
-            NamedRecording(one, source, name_from(path.stem if alone else one.name or path.stem))
+            NamedRecording(one, _source(path), name_from(path.stem if alone else one.name or path.stem))
             for one in found
         ]
-    one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
-    chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
-    return [NamedRecording(one, source, name_from(chosen))]
+    return [read_recording(named, manipulator, episode, topic, **options)]
+
+
+def _source(path: Path) -> str:
+    return path.name.encode(errors="replace").decode()
 
 
 def is_several(named: str) -> bool:
@@ -144,14 +145,16 @@ def read_recording(
     topic: str | None = None,
     **options: Any,
 ) -> NamedRecording:
-    """Return the only movement of a recording, or the chosen one; arguments and errors as of `read_recordings`."""
-    found = read_recordings(named, manipulator, episode, topic, **options)
-    if len(found) > 1:
-        Demonstration.load(named)  # which says what there is to choose from
-        raise DemonstrationError(
-            f"it holds {len(found)} movements", file=named, way_out="choose one by --manipulator or --episode"
-        )
-    return found[0]
+    """Return the only movement of a recording, or the chosen one; nothing else is read.
+
+    Arguments and errors are those of `read_recordings`; if there are several movements, the error lists them.
+    """
+    if named.startswith(LASA):
+        return read_recordings(named)[0]
+    path = Path(named)
+    one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
+    chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
+    return NamedRecording(one, _source(path), name_from(chosen))
 
 
 def recording_of(primitive: Primitive) -> Demonstration | None:

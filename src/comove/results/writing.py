@@ -32,6 +32,7 @@ def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
     return {
         "verified": solution.verified,
         "interrupted": solution.interrupted,
+        "timed_out": solution.timed_out,
         "reasons": list(solution.reasons),
         "scene": solution.scene.name,
         "duration": solution.scene.duration,

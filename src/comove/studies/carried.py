@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError, SceneError
-from comove.planning import movements_of
+from comove.planning import Budget, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
@@ -34,8 +34,8 @@ from comove.scenes.scene import Scene
 from comove.simulators import GRASPS, Execution, Perturbation, simulate
 from comove.studies.cameras import CamerasPart, videos_of
 from comove.studies.episode import (
-    CUT,
     DAMAGED,
+    OPTION,
     Made,
     measured,
     packed,
@@ -152,11 +152,10 @@ def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
             demonstration=movements,
             seed=run.seed,
             method=how.method,
-            budget=how.budget,
+            budget=Budget.of(how.budget, option=OPTION),
             found=lambda motion: firsts.append(now() - begun),
         )
-        cut_short = int(now() - begun > CUT * how.budget)  # it may solve several times
-        run = replace(measured(run, found.solution, how.budget), cut_short=cut_short)
+        run = measured(run, found.solution)
         if found.motion is None:
             reasons = "; ".join(found.solution.reasons or found.verdict.reasons)
             return replace(run, status="not verified", reason=reasons[:LONGEST]), None

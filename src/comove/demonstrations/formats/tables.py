@@ -115,8 +115,8 @@ def read(
     with telling(path):
         _check_length(path)
         table = _Table.of(request)
-        clock = table.clock()
         bodies = table.bodies()
+        clock = table.clock()
         together = [bodies] if not drop_missing else [{name: body} for name, body in bodies.items()]
         found: dict[str, RecordedSamples] = {}
         for some in together:
@@ -400,7 +400,7 @@ class _Table:
 
     def _is_readable(self, column: Column) -> bool:
         cells = self._sample(column.number)
-        return all(self.layout.is_number(cell) or is_time(cell) for cell in cells)
+        return bool(cells) and (self.layout.is_number(cells[0]) or is_time(cells[0]))
 
     def _sample(self, number: int) -> list[str]:
         return [row[number] for row in self.layout.sample if number < len(row)]
@@ -628,12 +628,16 @@ class _Table:
                 f"there are no positions beside time in {names}",
                 "record them as well",
             )
+        first = candidates[0]
+        time = "1" if not self.layout.names and first.number == 0 and self._grows(0) else self.request.time
+        if time == "1" and len(candidates) > 1:
+            candidates = candidates[1:]
         asked = [str(c.number + 1) if len(self._named(c.name)) > 1 else c.name for c in candidates[:3]]
         return fault(
             self.request.path,
             "columns",
             f"no column is named as a position or a joint is; there are {names}",
-            f"name them: {self.request.command(columns=asked)}",
+            f"name them: {self.request.command(columns=asked, time=time)}",
         )
 
     def _is_number(self, number: int) -> bool:
@@ -898,4 +902,4 @@ def _short(text: str) -> str:
 
 
 def _warn(path: Path, text: str) -> None:
-    warnings.warn(f"{path}: {text}", ComoveWarning, stacklevel=5)
+    warnings.warn(f"{path}: {text}", ComoveWarning, stacklevel=6)

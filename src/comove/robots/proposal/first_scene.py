@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
+from comove.planning.clock import Budget
 from comove.planning.kernels import SceneKind
 from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
@@ -51,8 +52,8 @@ class FirstSceneSettings:
     rails : heights of the rail that are tried, as shares of what the load can be lifted by
     n_tried : scenes that are solved, of those that both hands reach
     n_carried : scenes that are carried out, until one is left without approach and release
-    rounds : time to solve each, and to carry, in turn [s]: most that can be carried is solved in the first, and a
-        joint may be slow
+    rounds : work to solve each, as `Budget.work`, and time to carry [s], in turn: most that can be carried is solved
+        in the first, and a joint may be slow
     """
 
     n_cells: int = 11
@@ -223,10 +224,10 @@ def propose_scene(
         )
     reasons, first, n_carried = list[str](), None, 0
     tried = list(product(places, settings.rails))[: settings.n_tried]
-    for (budget, duration), (place, rail) in product(settings.rounds, tried):
+    for (work, duration), (place, rail) in product(settings.rounds, tried):
         data = place.data(named, rail, duration)
         try:
-            found = carry(Scene.from_dict(data), robot, seed=seed, budget=budget)
+            found = carry(Scene.from_dict(data), robot, seed=seed, budget=Budget(work=work))
         except SceneError as error:
             reasons.append(str(error))
             continue
@@ -239,7 +240,7 @@ def propose_scene(
                     continue
                 return first
             return SceneProposal(data, found)
-        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found in time")[:1]
+        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found")[:1]
     if first is not None:
         return first
     raise RobotError(

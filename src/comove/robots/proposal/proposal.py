@@ -26,7 +26,7 @@ from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, pla
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
 from comove.robots.proposal.rules import clearance_at_home
-from comove.robots.proposal.tree import ArmShape, Chain, Tree, has_word
+from comove.robots.proposal.tree import GUESSED, ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import resolve
 from comove.robots.verification.reach import joint_axes
@@ -35,9 +35,6 @@ Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 SIDES = ("left", "right")
-TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}  # rad/s, N m; m/s, N
-# By kind of joint, where a URDF states nothing above 0.
-GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
 TOLD = {
     "Always": "touch in every configuration",
     "Never": "come near each other, but were never seen to touch",
@@ -169,7 +166,7 @@ def propose(
     notes += homes.notes
     weak = overloaded(_robot(data, file))
     if weak:
-        data["springs"] = dict.fromkeys(weak, settings.springs)
+        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, settings.springs)
         notes.append(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
             f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
@@ -183,6 +180,7 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
     notes = [note for part in parts for note in part.notes]
     limits: dict[str, dict[str, float]] = {}
     posture: dict[str, float] = {}
+    springs: dict[str, float] = {}
     for part in parts:
         prefix, joints = part.prefix, {joint.name: joint for joint in part.tree.joints}
         for chain in part.chains:
@@ -202,11 +200,16 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
             posture |= trunk
         guessed = _limits_of(part, settings.endless)
         limits |= guessed
-        if guessed:
+        keys = {joint: " and ".join(given) for joint, given in guessed.items()}
+        for told in dict.fromkeys(keys.values()):
+            names = [joint for joint, lacks in keys.items() if lacks == told]
             notes.append(
-                f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
+                f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
                 "put the maker's there"
             )
+        own = {joint for chain in part.chains for joint in chain.joints}
+        held = {prefix + joint: joints[joint].springs for joint in own if joints[joint].springs > 0.0}
+        springs |= {joint: held[joint] for joint in sorted(held)}
         lost = [joint for joint in part.tree.joints if joint.leader not in (None, *joints)]
         posture |= {prefix + joint.name: joint.nearest_to_0 for joint in lost}
         notes += [
@@ -218,7 +221,14 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
         data["posture"] = posture
     if limits:
         data["limits"] = limits
-    notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
+    if springs:
+        data["springs"] = springs
+        notes.append(f"the model takes weight off the motors of {', '.join(springs)}, as `springs` says")
+    states = (joint.states_acceleration for part in parts for joint in part.tree.joints if joint.moves)
+    if not all(states):
+        notes.append(
+            "where a URDF states no acceleration, it is 5 rad/s^2 unless `acceleration` says otherwise"
+        )
     return data, notes
 
 
@@ -291,7 +301,8 @@ def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
     for joint in part.tree.joints:
-        stated, usual = joint.limits, GUESSED.get(joint.kind, {})
+        usual = GUESSED.get(joint.kind, {})
+        stated = {key: value for key, value in joint.limits.items() if key not in joint.guessed}
         missing = {key: value for key, value in usual.items() if key not in stated}
         if joint.name in moving:
             missing = {key: value for key, value in usual.items() if not (stated.get(key) or 0.0) > 0.0}

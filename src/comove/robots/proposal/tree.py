@@ -14,8 +14,13 @@ from functools import cached_property
 from math import inf, pi
 
 from comove.robots.joint_limits import stated_limits
+from comove.robots.soundness import number
 
 MOVING = ("revolute", "continuous", "prismatic")
+# By kind of joint, where a model states nothing above 0 [rad/s, N m, m/s, N].
+TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}
+GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
+GUESSES, SPRINGS = "comove:guessed", "comove:springs"  # attributes of a URDF (`comove.simulators.mjcf`)
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_A-Za-z]+")
 OTHERS = re.compile(r"[lr]?(leg|hip|knee|ankle|foot|toe|wheel|thigh|calf|neck|head|gaze)s?")
 FINGERS = re.compile(r"[lr]?(finger|gripper|jaw|knuckle|thumb|claw)s?")
@@ -76,6 +81,8 @@ class Joint:
     parent, child : links that it connects
     leader : name of the joint that it goes along with; None where it moves by itself
     limits : the numbers that are stated, by name; None where a text is none
+    guessed : names of those of them that are guesses
+    springs : share of the weight that is taken off its motor
     """
 
     name: str
@@ -84,11 +91,18 @@ class Joint:
     child: str
     leader: str | None
     limits: Mapping[str, float | None]
+    guessed: tuple[str, ...] = ()
+    springs: float = 0.0
 
     @property
     def moves(self) -> bool:
         """Return whether it has a motor of its own."""
         return self.kind in MOVING and self.leader is None
+
+    @property
+    def states_acceleration(self) -> bool:
+        """Return whether an acceleration is stated, with any prefix."""
+        return any(key.rpartition(":")[2] == "acceleration" for key in self.limits)
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -187,6 +201,8 @@ class Tree:
                 joint.find("child").get("link", ""),  # type: ignore[union-attr]
                 next((mimic.get("joint", "") for mimic in joint.findall("mimic")), None),
                 stated_limits(joint),
+                tuple(word for limit in joint.findall("limit") for word in limit.get(GUESSES, "").split()),
+                number(joint.get(SPRINGS, "0")) or 0.0,
             )
             for joint in top.findall("joint")
         )

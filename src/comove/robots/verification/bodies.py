@@ -3,14 +3,15 @@
 ======== ================================================================ ==========================
 kind     pairs                                                            keep
 ======== ================================================================ ==========================
-`SCENE`  every link, the robot's base included, with every obstacle       the scene's clearance
+`SCENE`  every link that a joint moves with every obstacle                the scene's clearance
 `LOAD`   the load with every link but those beyond a holder's last joint  the scene's clearance
 `SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
 ======== ================================================================ ==========================
 
-The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Where the
-places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies
-on different bases, are reduced by their effect.
+The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Links that
+no joint moves may touch obstacles, as a base does that stands on a table: no motion changes it. Where the places of
+the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies on
+different bases, are reduced by their effect.
 """
 
 from __future__ import annotations
@@ -196,8 +197,8 @@ def _taken(pairs: list[tuple[int, int]], pull: Array, base: NDArray[np.int64]) -
 
 
 def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
-    """Add the scene's obstacles; returns the pairs with all links."""
-    links, pairs = range(geometry.ngeoms), []
+    """Add the scene's obstacles; returns the pairs with all links that a joint moves."""
+    links, pairs = np.flatnonzero(_joints(geometry)).tolist(), []
     for i in range(len(scene.file.obstacles)):
         names.append(scene.name_of(i))
         number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1]))

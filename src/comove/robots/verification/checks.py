@@ -247,9 +247,8 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
             finding.where[name] = bodies.name(found.pair), found.time
         required = float(bodies.required[kind])
         if not found.upper >= required:
-            still = not bodies.reach[found.pair].any()
             how = _how_near(bodies, carried, curve, found)
-            finding.reasons.append(_contact(bodies.name(found.pair), how, required, still, found.time, kind))
+            finding.reasons.append(_contact(bodies.name(found.pair), how, required, found.time, kind))
         elif not found.lower >= required and not unsought:
             finding.reasons.append(
                 f"{bodies.name(found.pair)} are {found.upper:.4g} m apart at {found.time:.2f} s, and it could not be "
@@ -269,12 +268,7 @@ def _how_near(bodies: Bodies, carried: LoadMotion, curve: PPoly, found: LinkClea
     return f"meet, {'at most ' if is_bound else ''}{depth:.3g} m deep" if depth > 0.0 else "meet"
 
 
-def _contact(pair: str, how: str, required: float, still: bool, time: float, kind: int) -> str:
-    if still:
-        return (
-            f"{pair} {how.replace('come', 'are')}, which no motion changes ({required:g} m is to be kept); move the "
-            "obstacle, or correct where the robot's base stands"
-        )
+def _contact(pair: str, how: str, required: float, time: float, kind: int) -> str:
     way_out = {
         SCENE: "find another motion, or ask for less by limits: {clearance: ..}",
         LOAD: "find another motion, or another grasp",
