@@ -32,15 +32,6 @@ settings.load_profile("quick")
 gc.disable()
 
 
-@pytest.fixture(autouse=True)
-def budgets_of_work():
-    """Let budgets count processor time: what a search finds must not depend on what else the machine does."""
-    from comove.planning.clock import processor_time
-
-    with processor_time():
-        yield
-
-
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Mark slow tests before pytest looks for marks."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
-from typing import ClassVar
+from collections.abc import Iterable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 LONGEST_WORD, LONGEST_MESSAGE = 300, 3000
 """Characters of one word, and of a whole message, beyond which the middle is left out."""
@@ -93,6 +94,9 @@ class DemonstrationError(InputError):
     comove.errors.DemonstrationError: hand.csv: row 3, column y: the cell is empty; fill in what was measured, or
         remove the row
     """
+
+    options: Mapping[str, Any] = MappingProxyType({})
+    """Options of reading the recording that settle the matter."""
 
 
 class LibraryError(InputError):
@@ -318,14 +322,42 @@ def readable(message: str) -> str:
     return shortened(words, LONGEST_MESSAGE)
 
 
+def printable(text: str) -> str:
+    """Return a text in one line, whose unprintable characters are escaped as Python does.
+
+    A terminal shows it safely, whatever file it comes from. Bytes of a path that the environment's encoding lacks are
+    shown as the letters that they are in UTF-8.
+
+    >>> printable("over\\x1b[2Jwritten")
+    'over\\\\x1b[2Jwritten'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in letters(text))
+
+
+def letters(text: str) -> str:
+    """Return a text in which the bytes of a path that stand for themselves are letters, as UTF-8 has them.
+
+    Where an environment's encoding lacks letters, Python has bytes of paths in their places.
+
+    >>> letters("gro\\udcc3\\udc9f")
+    'groß'
+    """
+
+    def decoded(found: re.Match[str]) -> str:
+        return found[0].encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+
+    return re.sub("[\udc80-\udcff]+", decoded, text)
+
+
 def plain(message: str) -> str:
     """Return a message whose unprintable characters are escaped as Python does, so that a terminal shows it safely.
 
     An indented line continues the message. A line that is not indented comes from quoted text: its line break is
     escaped too.
     """
-    lines = re.split(r"\n(?=  )", message)
-    return "\n".join("".join(c if c.isprintable() else repr(c)[1:-1] for c in line) for line in lines)
+    return "\n".join(map(printable, re.split(r"\n(?=  )", message)))
 
 
 def near_name(name: str, names: Iterable[str]) -> str:

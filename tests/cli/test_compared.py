@@ -10,7 +10,7 @@ from comove.experiments.examples import example_path
 from comove.primitives import DMP, Library, Primitive
 from tests.commands import invoke
 
-FILES = {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json"}
+FILES = {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json", "inputs", "inputs.json"}
 FAILING = ["unconstrained", "leader-follower", "speed-scaled", "task-priority"]
 
 

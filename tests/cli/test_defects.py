@@ -11,13 +11,12 @@ import pytest
 
 from comove.cli import main
 from comove.errors import InputError, near_name, plain, readable, shortened
-from comove.results import ResultKind
 
 BREAKING = """
 import sys
-from comove.results import ResultKind
-def read(self, folder, **options): 1 / 0
-ResultKind.read = read
+from comove.stored import parts
+def read(folder): 1 / 0
+parts.parts_of = read
 sys.argv = ["comove", "show", "x"]
 from comove.cli import main
 main()
@@ -29,10 +28,10 @@ def ended_by(monkeypatch, capsys):
     """Exit code, standard output and standard error of `comove show` where reading a result ends so."""
 
     def call(statement):
-        def read(self, folder, **options):
-            exec(statement, {"read": read, "self": self, "folder": folder})
+        def read(folder):
+            exec(statement, {"read": read, "folder": folder})
 
-        monkeypatch.setattr(ResultKind, "read", read)
+        monkeypatch.setattr("comove.stored.parts.parts_of", read)
         monkeypatch.setattr(sys, "argv", ["comove", "show", "x"])
         for of_the_process in ("guard_streams", "_unwind_when_ended"):
             monkeypatch.setattr(f"comove.cli.app.{of_the_process}", lambda: None)
@@ -43,9 +42,7 @@ def ended_by(monkeypatch, capsys):
     return call
 
 
-@pytest.mark.parametrize(
-    "statement", ["1 / 0", "raise AssertionError", "read(self, folder)", "import no_such"]
-)
+@pytest.mark.parametrize("statement", ["1 / 0", "raise AssertionError", "read(folder)", "import no_such"])
 def test_a_defect_is_told_in_one_sentence_and_reported_in_a_file(ended_by, tmp_path, monkeypatch, statement):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     code, said, told = ended_by(statement)

@@ -72,7 +72,7 @@ def run(folder):
 
 
 @pytest.mark.parametrize(
-    ("made", "most"), [(hands, 90), (run, 90), (joints, 107)], ids=["hands", "run", "joints"]
+    ("made", "most"), [(hands, 90), (run, 90), (joints, 112)], ids=["hands", "run", "joints"]
 )
 def test_the_verifier_loads_no_maker_of_motions(made, most, tmp_path):
     names = loaded("verify", *made(tmp_path / "result"))

@@ -157,7 +157,7 @@ def test_show_tells_an_edit(copy):
 
 def test_verify_and_show_speak_of_the_robot(solved):
     result = invoke("verify", SCENE, solved)
-    assert result.exit_code == 0 and "baxter:" in text_of(result)
+    assert result.exit_code == 0 and "baxter" in text_of(result)
     assert "share of joint speeds" in text_of(invoke("show", solved))
 
 

@@ -1,8 +1,11 @@
 """The reader takes what people write and refuses, with line and way out, what would mislead."""
 
 import math
+import tempfile
+from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -120,8 +123,59 @@ def test_a_byte_order_mark_is_skipped(write):
     assert read_yaml(write("\ufeffa: 1"))[0] == {"a": 1}
 
 
-def test_a_merge_key_is_a_key_like_others(write):
-    assert read_yaml(write("<<: {a: 1}"))[0] == {"<<": {"a": 1}}
+def test_a_merge_key_in_quotes_is_a_key_like_others(write):
+    assert read_yaml(write("'<<': {a: 1}"))[0] == {"<<": {"a": 1}}
+
+
+DUMPED = st.recursive(
+    st.none() | st.booleans() | st.integers(-99, 99) | st.sampled_from(["a", "b c", "left"]),
+    lambda parts: st.lists(parts, max_size=3) | st.dictionaries(st.sampled_from("abc"), parts, max_size=3),
+    max_leaves=12,
+)
+
+
+@examples(100)
+@given(DUMPED, st.data())
+def test_what_safe_dump_writes_of_data_that_share_parts_is_read_as_it_was(part, data):
+    """PyYAML writes an anchor where the same list or mapping stands in several places."""
+    other = [part, data.draw(DUMPED)]
+    whole = {"one": part, "two": {"three": part, "four": other}, "five": [other, part, other]}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "dumped.yaml"
+        path.write_text(yaml.safe_dump(whole), encoding="utf-8")
+        read, lines = read_yaml(path)
+    assert read == whole
+    assert read["one"] is not read["two"]["three"] or not isinstance(part, list | dict)
+    assert set(lines) == set(_places(whole))
+
+
+def _places(part, path=()):
+    items = part.items() if isinstance(part, dict) else enumerate(part) if isinstance(part, list) else ()
+    for key, value in items:
+        yield (*path, key)
+        yield from _places(value, (*path, key))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "a: &x {b: 1, c: [2, 3]}\nd: *x",
+        "a: &x {b: 1, c: &y [2, 3]}\nd: {<<: *x, c: *y}",
+        "a: &x {b: 1}\nd:\n  c: [2, 3]\n  <<: *x",
+        "a: &x {b: 7, c: [2, 3]}\ny: &y {b: 1}\nd: {<<: [*y, *x]}",
+        "a: &x {b: 7}\nd: {<<: *x, <<: {c: [2, 3]}, b: 1}",
+    ],
+)
+def test_aliases_and_merge_keys_are_as_in_pyyaml(write, content):
+    data, lines = read_yaml(write(content))
+    assert data["d"] == {"b": 1, "c": [2, 3]} == yaml.safe_load(content)["d"]
+    assert {("d", "b"), ("d", "c"), ("d", "c", 0)} <= set(lines)
+
+
+def test_a_mistake_in_what_is_repeated_is_told_where_it_stands(write):
+    _, lines = read_yaml(write("a: 1\nx: &x\n  b: 2\ny: *x\nz:\n  <<: *x\n"))
+    assert lines[("y",)] == 4
+    assert lines[("y", "b")] == lines[("z", "b")] == 3
 
 
 @pytest.mark.parametrize(
@@ -136,10 +190,14 @@ def test_duplicate_keys_name_both_lines(write, content):
 @pytest.mark.parametrize(
     ("content", "key", "words"),
     [
-        ("a: &x 1\nb: 2", "line 1", "anchor '&x'"),
-        ("b: 2\na: *x", "line 2", "alias '*x'"),
-        ("&x a: 1", "line 1", "anchor '&x'"),
-        ("*x : 1", "line 1", "alias '*x'"),
+        ("b: 2\na: *x", "line 2", "alias '*x' repeats no anchor before it"),
+        ("a: &x [1, *x]", "line 1", "alias '*x' repeats no anchor before it"),
+        ("a: *x\nb: &x 1", "line 1", "alias '*x' repeats no anchor before it"),
+        ("a: &y 1\nb: *x", "line 2", "alias '*x' repeats no anchor before it"),
+        ("&x a: 1", "line 1", "used as a key"),
+        ("a: &x b\n*x : 1", "line 2", "used as a key"),
+        ("a: &x 1\nb: {<<: *x}", "line 2", "'<<' merges no mapping"),
+        ("a: &x !!float 1", "line 1", "tag '!!float'"),
         ("a:\n  - !!float 1", "line 2", "tag '!!float'"),
         ("a: ! x", "line 1", "tag"),
         ("!!python/object/apply:os.system [ls]", "line 1", "tag"),
@@ -203,7 +261,21 @@ def test_64_levels_are_read(write):
 
 def test_aliases_do_not_explode(write):
     lines = ["a0: &a0 [x, x]"] + [f"a{i}: &a{i} [*a{i - 1}, *a{i - 1}]" for i in range(1, 60)]
-    assert refusal(write("\n".join(lines))).key == "line 1"
+    error = refusal(write("\n".join(lines)))
+    assert "repeat more than 20000 values" in error.message
+    assert error.key == "line 13"
+    merged = ["a0: &a0 {x: [x, x]}"] + [f"a{i}: &a{i} {{x: *a{i - 1}, y: *a{i - 1}}}" for i in range(1, 60)]
+    assert "repeat more than 20000 values" in refusal(write("\n".join(merged))).message
+
+
+def test_aliases_do_not_nest_deeper_than_lists(write):
+    lines = ["a0: &a0 [x]"] + [f"a{i}: &a{i} [*a{i - 1}]" for i in range(1, 100)]
+    assert refusal(write("\n".join(lines))).message == "the nesting is deeper than 64 levels"
+
+
+def test_many_anchors_are_read_in_time(write):
+    data, _ = read_yaml(write("\n".join(f"a{i}: &a{i} [{i}]" for i in range(40_000))))
+    assert len(data) == 40_000
 
 
 def test_large_files_are_refused(write):

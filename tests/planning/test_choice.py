@@ -127,9 +127,3 @@ def test_the_solver_carries_every_variant_by_the_similarity_of_its_ends(variant)
 
 def test_bumps_alone_do_not_pass():
     assert not any(c.passes for c in best_movement(bumps(), two_gaps()).ranking)
-
-
-def test_a_library_is_looked_at_until_time_is_up():
-    scene = two_gaps(gap=0.3, bar=None, upper=0.65, lower=0.65)
-    hurried = best_movement(LASA, scene, budget=0.0)
-    assert [c.name for c in hurried.ranking] == list(LASA)[:1]

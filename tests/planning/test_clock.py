@@ -1,14 +1,12 @@
 """A deadline holds inside compiled loops, and changes nothing before it has come."""
 
 import time
-from contextlib import nullcontext
-from contextvars import Context
 
 import numpy as np
 import pytest
 
 from comove.coordination.coordinates import load_coordinates
-from comove.planning.clock import LOOKS, STRIDE, UP, clock_until, now, processor_time, wind, worked
+from comove.planning.clock import LOOKS, STRIDE, UP, WORK, Budget, clock_until, now, wind, worked
 from comove.planning.configurations import clearance_of, configuration_space, edge_is_free
 from comove.planning.planner import plan
 from comove.planning.spacetime import plan_in_time, spacetime
@@ -60,7 +58,7 @@ def test_the_time_is_looked_at_after_some_work_only():
 
 
 def test_time_that_is_not_up_changes_nothing():
-    clock = clock_until(time.perf_counter() + 1e6)
+    clock = clock_until(now() + 1e6)
     for _ in range(10):
         assert not worked(clock, STRIDE + 1)
     assert clock[LOOKS] == 10
@@ -141,19 +139,28 @@ def test_an_end_that_is_hardly_free_can_be_left():
     assert edge_is_free(space, away, start, 0.05 - 1e-5, scratch, nodes)
 
 
-def test_a_budget_of_processor_time_is_not_spent_while_others_work():
-    """A sleep costs no processor time, and nothing of the budget; on the wall they do."""
+def test_a_budget_is_not_spent_while_others_work():
+    """A sleep costs no processor time, and nothing of the budget."""
+    clock, begun = clock_until(now() + 0.5), now()
+    time.sleep(0.6)
+    assert not worked(clock, 2 * STRIDE) and now() - begun < 0.5
+    while now() - begun < 0.5:
+        pass
+    assert worked(clock, 2 * STRIDE)
 
-    def left(context):
-        with context:
-            clock, begun = clock_until(now() + 1.0), now()
-            time.sleep(1.2)
-            return worked(clock, 2 * STRIDE), now() - begun
 
-    def both():
-        up, passed = left(processor_time())
-        assert not up and passed < 1.0
-        up, passed = left(nullcontext())  # the context is left behind
-        assert up and passed > 1.0
+def test_a_count_of_work_ends_a_search_at_the_same_step_on_every_machine():
+    clock = clock_until(work=10.0)
+    assert [worked(clock, 4.0) for _ in range(4)] == [False, False, True, True]
+    assert clock[LOOKS] == 0 and clock[WORK] == 16.0
+    wind(clock, np.inf)  # a postponed deadline does not give more work
+    assert worked(clock, 0.0)
 
-    Context().run(both)  # not that of all tests, which counts processor time
+
+def test_shares_of_a_budget_do_not_depend_on_how_long_anything_took():
+    whole = Budget.of(30.0)
+    quick, slow = whole.after(1.0, 5.0), whole.after(29.0, 5.0)
+    assert quick.size == slow.size == 25.0
+    assert quick.within(0.5 * quick.size).work == slow.within(0.5 * slow.size).work == 12.5
+    assert not slow.is_spent and slow.after(2.0).is_spent
+    assert Budget(work=3.0).size == 3.0 and Budget.of(Budget(work=3.0)) == Budget(work=3.0)

@@ -80,7 +80,7 @@ class Slow(Method):
         kernel()(1.0)
         search.log["took"] = search.compiled.seconds
         search.compiled.seconds += 1000.0  # a slower machine's
-        search.log["left"] = search.time_left()
+        search.log["left"] = search.budget.seconds - search.elapsed()
 
 
 def test_compiling_costs_nothing_of_a_budget():
@@ -96,9 +96,10 @@ class Delayed(Comove):
     def run(self, search, *, planner):
         """Plan with a budget that is spent until what was compiled has been counted."""
         coordinates = load_coordinates(search.scene)
-        space, ends = configuration_space(search.scene, coordinates), coordinates.boundary()
+        space = configuration_space(search.scene, coordinates, clock=search.clock)
+        ends = coordinates.boundary()
         targets_of, found = _planner(search, space, ends, self), []
-        search.deadline = -1e9
+        search.started -= 1e9
         for seconds in (0.0, 2e9):
             search.compiled.seconds += seconds
             space.clock[LEFT] = 0.0  # the next look at the time comes at once

@@ -63,7 +63,7 @@ def arrays_of(folder):
 
 def same_again(folder):
     """Give the command that the folder tells, in it, and compare what it made bit for bit."""
-    words = shlex.split(command_again(folder, "../again"))
+    words = shlex.split(command_again(folder))
     assert words[0] == "comove"
     done = invoke(*words[1:], folder=folder)
     assert done.exit_code == 0, done.output

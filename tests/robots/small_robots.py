@@ -122,11 +122,19 @@ def _numbers(values: np.ndarray) -> str:
     return " ".join(f"{value:.17g}" for value in values)
 
 
-def gantry(folder: Path) -> Path:
-    """Two hands that slide along x, y and z under a ceiling and turn about the vertical; they point down at 0."""
-    parts = "".join(_slides(name, home) for name, home in (("left", 0.4), ("right", -0.4)))
+def gantry(folder: Path, nearer: float = 0.0) -> Path:
+    """Two hands that slide along x, y and z under a ceiling and turn about the vertical; they point down at 0. At
+    home each is `nearer` to the middle than 0.4 m.
+    """
+    sides = {"left": 1.0, "right": -1.0}
+    parts = "".join(_slides(name, 0.4 * side) for name, side in sides.items())
     arms = {
-        name: {"tip": f"{name}_yaw", "tool": {"quaternion_wxyz": [0, 0, 1, 0]}} for name in ("left", "right")
+        name: {
+            "tip": f"{name}_yaw",
+            "tool": {"quaternion_wxyz": [0, 0, 1, 0]},
+            "home": [0.0, -nearer * side, -0.5, 0.0],
+        }
+        for name, side in sides.items()
     }
     return written(folder, {"gantry.urdf": urdf(parts)}, {"models": [{"urdf": "gantry.urdf"}], "arms": arms})
 

@@ -14,7 +14,7 @@ import yaml
 from comove.errors import RobotError, SceneError
 from comove.planning import solve
 from comove.planning.methods import UNPOLISHED
-from comove.robots import VerifiedJointMotion, carry, robot_method
+from comove.robots import Robot, VerifiedJointMotion, carry, robot_method
 from comove.robots.carrying import RobotCarrier
 from comove.robots.ends import EndSettings
 from comove.robots.search.following import MET
@@ -22,7 +22,7 @@ from comove.robots.search.tracking import sampled_nodes
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.robots.known_carry import TABLE, known_carry, on_scene, posts, scene_data
-from tests.robots.small_robots import EXAMPLES, gantry_scene, movement, robot, task
+from tests.robots.small_robots import EXAMPLES, gantry, gantry_scene, movement, robot, task
 
 EXAMPLES_DIR = Path(__file__).parents[2] / "examples" / "robots"
 NAMES = ("gantry", "gap_30", "two_pandas", "ur5_and_panda")
@@ -469,6 +469,30 @@ def test_what_the_verification_of_joints_has_against_a_motion_are_the_reasons():
     verdict = verify(on_scene(motion, scene), [carrier.reasons])
     assert verdict.verified is None
     assert set(reasons) <= set(verdict.reasons)
+
+
+def test_links_that_a_verification_finds_too_near_are_known_to_the_search_from_then_on(tmp_path):
+    """Two square columns 28 mm apart at home, whose capsules nearly meet there, pass each other corner by corner."""
+    machine = Robot.load(gantry(tmp_path, nearer=0.356))
+    hands = [
+        ("left", [-0.3, 0.044, 0.3], [0.344, 0.0, 0.3]),
+        ("right", [-0.3, -0.044, 0.3], [0.256, 0.0, 0.3]),
+    ]
+    scene = gantry_scene(
+        (),
+        load={"shape": "bar", "length": 0.088, "radius": 0.01, "mass": 1.0},
+        manipulators=[{"name": name, "start": start, "goal": goal} for name, start, goal in hands],
+    )
+    carrier, motion = RobotCarrier(machine, scene), movement(scene)
+    columns = np.ascontiguousarray(motion.at(np.linspace(0.0, 1.0, 81))[0].T[None])
+    nodes = motion.coordinates.nodes(columns)
+    _, possible = carrier.ask(nodes)
+    (reason,) = carrier.reasons(motion)
+    assert "left_z and right_z come within 0.00" in reason
+    _, still = carrier.ask(nodes)
+    assert possible and not still
+    assert not carrier.stricter().ask(nodes)[1]
+    assert (carrier.arms.links.wider <= RobotCarrier(machine, scene).arms.links.wider).all()
 
 
 def test_ends_out_of_reach_are_told_before_a_search_begins():

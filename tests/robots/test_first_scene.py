@@ -6,19 +6,21 @@ from itertools import product
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 pytest.importorskip("pinocchio")
 
 from comove.errors import ComoveWarning, RobotError
-from comove.robots import Robot, RobotCarrier, bundled_robots
+from comove.robots import Robot, RobotCarrier, bundled_robots, plan_transfers
 from comove.robots.ends import EndJoints
 from comove.robots.kernels import TWO_ARMS
-from comove.robots.proposal import propose_scene
-from comove.robots.proposal.first_scene import largest_rectangle
+from comove.robots.proposal import first_scene, propose_scene
+from comove.robots.proposal.first_scene import FirstSceneSettings, largest_rectangle
 from comove.robots.proposal.homes import floor_of
 from comove.scenes import Scene
+from tests.commands import invoke
 
 N_CELLS, FEWEST, MOST = 11, 3, 5
 
@@ -60,6 +62,31 @@ def test_a_first_scene_is_solved_and_its_rail_is_in_the_way():
     assert scene.lower[2] >= floor_of(robot) - 1e-3
 
 
+def test_a_first_scene_can_be_approached_from_home_and_left_for_it():
+    proposal = propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS))
+    assert proposal.unreached == ""
+    transfers = plan_transfers(proposal.found.motion)
+    home = proposal.found.robot.home
+    np.testing.assert_array_equal(
+        [transfers.approach.position[0], transfers.release.position[-1]], [home, home]
+    )
+
+
+def test_what_keeps_hands_from_approaching_is_told(monkeypatch):
+    """Other scenes are tried first; then one is proposed without."""
+    tried = []
+
+    def refuse(motion, **_):
+        tried.append(motion)
+        raise RobotError("at home, an arm and the load come too near to each other", key="home")
+
+    monkeypatch.setattr(first_scene, "plan_transfers", refuse)
+    proposal = propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS))
+    assert proposal.found.verified
+    assert "at home, an arm and the load" in proposal.unreached
+    assert len(tried) == FirstSceneSettings().n_carried
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", bundled_robots())
 def test_every_robot_that_comes_with_comove_has_a_first_scene(name):
@@ -92,3 +119,22 @@ def test_hands_that_are_out_of_reach_of_a_bar_are_told(monkeypatch):
     monkeypatch.setattr(EndJoints, "reaches", lambda *_: False)
     with pytest.raises(RobotError, match="no place was found about home"):
         propose_scene(Robot.load(TWO_ARMS), "robot.yaml")
+
+
+def test_obstacles_around_the_robot_are_in_the_scene_and_their_files_are_found(tmp_path):
+    """A crate beside the arms, as a mesh whose file is beside the list of obstacles, not beside the scene."""
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "crate.obj").write_text(
+        "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", encoding="utf-8"
+    )
+    entry = {"name": "crate", "shape": "mesh", "file": "crate.obj", "center": [3.0, 0.0, 0.0]}
+    around = tmp_path / "made" / "around.yaml"
+    around.write_text(yaml.safe_dump({"obstacles": [entry]}), encoding="utf-8")
+    scene = tmp_path / "scene.yaml"
+    result = invoke("robot", "scene", TWO_ARMS, "--out", scene, "--obstacles", around)
+    assert result.exit_code == 0, result.output
+    assert [obstacle.name for obstacle in Scene.load(scene).file.obstacles] == [None, "crate"]
+    around.write_text("tables: []", encoding="utf-8")
+    result = invoke("robot", "scene", TWO_ARMS, "--out", tmp_path / "other.yaml", "--obstacles", around)
+    assert result.exit_code == 2
+    assert not (tmp_path / "other.yaml").exists()

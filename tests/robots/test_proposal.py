@@ -1,5 +1,8 @@
 """Proposed descriptions: arms that the tree of links has, tools, homes, limits and pairs of links."""
 
+import json
+import re
+import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +15,9 @@ from comove.errors import RobotError
 from comove.robots import Robot
 from comove.robots.description import load_description
 from comove.robots.proposal import examine, propose
-from comove.robots.proposal.tree import Tree
+from comove.robots.proposal.homes import HomeSettings
+from comove.robots.proposal.proposal import ProposalSettings
+from comove.robots.proposal.tree import Tree, words_of
 
 ROBOTS = "package://example-robot-data/robots"
 LIMIT = '<limit lower="-2" upper="2" velocity="2" effort="40"/>'
@@ -56,6 +61,10 @@ def urdf(*parts):
     return f'<robot name="made">{"".join(parts)}</robot>'
 
 
+def tree_of(text):
+    return Tree.of(ET.fromstring(text))
+
+
 def written(tmp_path, text, name="made.urdf"):
     (tmp_path / name).write_text(text, encoding="utf-8")
     return str(tmp_path / name)
@@ -63,7 +72,7 @@ def written(tmp_path, text, name="made.urdf"):
 
 @pytest.mark.parametrize("n", [4, 6, 7])
 def test_an_arm_ends_where_its_fingers_begin(n):
-    (chain,) = Tree.of(urdf(link("base"), arm("", "base", n=n, gripper=(0, 0, 1)))).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("", "base", n=n, gripper=(0, 0, 1)))).chains()
     assert chain.joints == tuple(f"joint{k}" for k in range(n))
     assert chain.fingers == ("slide_a", "slide_b")
     assert chain.trunk == ()
@@ -73,16 +82,16 @@ def test_what_arms_hang_on_is_a_trunk_and_belongs_to_none():
     trunk = link("base") + link("chest") + joint("waist", "base", "chest")
     head = link("face") + joint("nod", "chest", "face")
     both = arm("left_", "chest", (0, 0.2, 0)) + arm("right_", "chest", (0, -0.2, 0))
-    left, right = Tree.of(urdf(trunk, head, both)).chains()
+    left, right = tree_of(urdf(trunk, head, both)).chains()
     assert left.trunk == right.trunk == ("waist",)
     assert {name.partition("_")[0] for name in left.joints} == {"left"}
     assert len(left.joints) == len(right.joints) == 6
 
 
 def test_legs_are_no_arms_and_short_chains_are_none():
-    (chain,) = Tree.of(urdf(link("base"), arm("left_leg_", "base"))).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("left_leg_", "base"))).chains()
     assert chain.is_other
-    assert Tree.of(urdf(link("base"), arm("", "base", n=3))).chains() == ()
+    assert tree_of(urdf(link("base"), arm("", "base", n=3))).chains() == ()
 
 
 def test_the_arms_of_a_known_robot(tmp_path):
@@ -124,7 +133,34 @@ def test_the_hands_share_less_where_bases_are_further_apart_and_nothing_beyond_t
         found = examine(propose([panda, panda], tmp_path / "pandas.yaml", apart=apart).robot)
         shares.append(found.shared["left", "right"])
     assert shares[0] > shares[1] > shares[2] == 0.0
-    assert any("no place in common" in fault for fault in found.faults)
+    assert found.sound
+    assert any("as long" in doubt for doubt in found.doubts)
+
+
+@pytest.mark.parametrize(
+    ("places", "pairs"),
+    [
+        (((0, 0), (0, 3)), {"01"}),
+        (((0, 0), (0, 3), (0, 6)), {"01", "12"}),
+        (((0, 6), (0, 0), (0, 3)), {"12", "02"}),
+        (((0, 0), (0, 3), (3, 0), (3, 3)), {"01", "02", "13", "23"}),
+        (((0, 0), (0, 0), (0, 3)), {"02", "12"}),
+    ],
+)
+def test_only_neighbours_are_said_to_share_no_place(tmp_path, places, pairs):
+    """A payload may be as long as its hands are apart: that is to be looked at, and no fault."""
+    written(tmp_path, urdf(link("base"), arm("", "base")))
+    n = len(places)
+    models = [
+        {"urdf": "made.urdf", "prefix": f"{k}_", "base": {"position": [*places[k], 0]}} for k in range(n)
+    ]
+    arms = {f"arm{k}": {"tip": f"{k}_link5", "home": [0, 0.5, 0, 0.5, 0, 0.5]} for k in range(n)}
+    file = tmp_path / "row.yaml"
+    file.write_text(json.dumps({"name": "row", "models": models, "arms": arms}), encoding="utf-8")
+    found = examine(Robot.load(file))
+    told = {"".join(re.findall(r"'arm(\d)'", doubt)) for doubt in found.doubts if "come no nearer" in doubt}
+    assert told == pairs
+    assert not any("hands" in fault for fault in found.faults)
 
 
 @pytest.mark.parametrize("approach", [(0, 0, 1), (1, 0, 0), (0, -1, 0)])
@@ -173,6 +209,80 @@ def test_hands_at_home_stand_side_by_side_where_arms_reach_best(tmp_path, front)
         assert pose[:3, 2] == pytest.approx([0, 0, -1], abs=0.02)
 
 
+APPROACHES = {  # of published models, by what their makers say of these frames, or their meshes show
+    "ur_description/urdf/ur3_robot": {"arm": ("tool0", "z")},
+    "ur_description/urdf/ur5_robot": {"arm": ("tool0", "z")},
+    "ur_description/urdf/ur10_joint_limited_robot": {"arm": ("tool0", "z")},
+    "xarm_description/urdf/xarm7": {"arm": ("link_eef", "z")},
+    "kinova_description/robots/kinova": {"arm": ("j2s6s200_end_effector", "x")},
+    "tiago_description/robots/tiago_no_hand": {"arm": ("arm_tool_link", "x")},
+    "z1_description/urdf/z1": {"arm": ("gripperStator", "x")},
+    "panda_description/urdf/panda": {"arm": ("panda_hand_tcp", "z")},
+    "so_arm_description/urdf/so101": {"arm": ("gripper_link", "-z")},
+    "alex_description/urdf/alex_nub_hands": {"left": ("leftNub", "-z"), "right": ("rightNub", "-z")},
+    "g1_description/urdf/g1_29dof_rev_1_0": dict.fromkeys(("left", "right"), (None, "x")),
+    "romeo_description/urdf/romeo_small": {"left": ("l_gripper", "x"), "right": ("r_gripper", "x")},
+    "icub_description/robots/icub_reduced": {"left": ("l_gripper", "x"), "right": ("r_gripper", "x")},
+    "simple_humanoid_description/urdf/simple_humanoid": dict.fromkeys(("left", "right"), (None, "-z")),
+    "human_description/robots/human": dict.fromkeys(("left", "right"), (None, "-y")),
+    "talos_data/robots/talos_reduced": dict.fromkeys(("left", "right"), (None, "-z")),
+    "tiago_pro_description/robots/tiago_pro": dict.fromkeys(("left", "right"), (None, "z")),
+    "pr2_description/urdf/pr2": dict.fromkeys(("left", "right"), (None, "x")),
+}
+CHEAP = ProposalSettings(n_samples=1, home=HomeSettings(n_drawn=10, n_tried=1, n_steps=1))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow) if k > 3 else name for k, name in enumerate(APPROACHES)],
+)
+def test_published_models_approach_as_their_makers_say(tmp_path, name):
+    robot = propose([f"{ROBOTS}/{name}.urdf"], tmp_path / "made.yaml", settings=CHEAP).robot
+    assert {arm.name for arm in robot.arms} == set(APPROACHES[name])
+    for arm in robot.arms:
+        tip, axis = APPROACHES[name][arm.name]
+        assert arm.tip == (tip or arm.tip)
+        wanted = np.eye(3)["xyz".index(axis[-1])] * (-1 if axis[0] == "-" else 1)
+        np.testing.assert_allclose(arm.tool[:3, 2], wanted, atol=1e-5)
+
+
+def behind(at):
+    """An arm whose last link is a flange: its frame is at the face, and all of the link lies behind it."""
+    text = urdf(link("base"), arm("", "base"))
+    inertial = f'<inertial><origin xyz="{at[0]} {at[1]} {at[2]}"/><mass value="1"/>'
+    last = link("link5", (0.06, 0.06, 0.05), at).replace('<inertial><mass value="1"/>', inertial)
+    return text.replace(link("link5"), last)
+
+
+FIXED = '<joint name="{0}" type="fixed"><parent link="{1}"/><child link="{0}"/><origin rpy="{2}"/></joint>'
+QUARTER = np.pi / 2
+
+
+@pytest.mark.parametrize(
+    ("frames", "tip", "axis"),
+    [
+        ([], "link5", (0, 0, 1)),
+        ([("tool0", "link5", "0 0 0")], "tool0", (0, 0, 1)),
+        ([("made_tcp", "link5", "0 0 0")], "made_tcp", (0, 0, 1)),
+        ([("left_ee", "link5", "0 0 0")], "left_ee", (0, 0, 1)),
+        ([("flange", "link5", f"0 {-QUARTER} {-QUARTER}")], "flange", (1, 0, 0)),
+        (
+            [("flange", "link5", f"0 {-QUARTER} {-QUARTER}"), ("tool0", "flange", f"{QUARTER} 0 {QUARTER}")],
+            "tool0",
+            (0, 0, 1),
+        ),
+    ],
+)
+def test_a_flange_whose_mass_lies_behind_it_approaches_away_from_the_arm(tmp_path, frames, tip, axis):
+    """As those of the UR e-series: 'flange' has x forward, 'tool0' z, as ROS-Industrial has them."""
+    more = "".join(f'<link name="{name}"/>{FIXED.format(name, on, rpy)}' for name, on, rpy in frames)
+    text = behind((0, 0, -0.03)).replace("</robot>", f"{more}</robot>")
+    (found,) = propose([written(tmp_path, text)], tmp_path / "made.yaml", settings=CHEAP).robot.arms
+    assert found.tip == tip
+    np.testing.assert_allclose(found.tool[:3, 2], axis, atol=1e-5)
+    np.testing.assert_allclose(found.tool[:3, 3], 0.0, atol=1e-4)
+
+
 @pytest.mark.parametrize("way", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -1, 0)])
 def test_without_fingers_the_approach_leads_from_the_wrist_to_the_end_of_the_last_link(tmp_path, way):
     """And that is told."""
@@ -206,7 +316,7 @@ def test_a_chest_on_a_long_spine_is_no_hand(tmp_path):
     spine = arm("spine_", "base", n=5)
     both = arm("left_", "spine_link4", (0, 0.2, 0)) + arm("right_", "spine_link4", (0, -0.2, 0))
     neck = link("skull") + joint("nod", "spine_link4", "skull")
-    left, right = Tree.of(urdf(link("base"), spine, both, neck)).chains()
+    left, right = tree_of(urdf(link("base"), spine, both, neck)).chains()
     assert left.trunk == right.trunk == tuple(f"spine_joint{k}" for k in range(5))
     assert len(left.joints) == len(right.joints) == 6
 
@@ -252,12 +362,109 @@ def test_arms_that_face_each_other_have_their_hands_between_them(tmp_path):
     assert left[0] == pytest.approx(-right[0], abs=0.02)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("left_toolhead", "left toolhead"),
+        ("LFsrFR_frame", "l fsr fr frame"),
+        ("RHipYaw", "r hip yaw"),
+        ("jointGripper", "joint gripper"),
+        ("rig-left/tool0.tip", "rig left tool tip"),
+        ("FR3Hand2", "fr hand"),
+        ("RLEG_HIP_R", "rleg hip r"),
+        ("", ""),
+    ],
+)
+def test_names_are_split_into_words(name, words):
+    assert words_of(name) == tuple(words.split())
+
+
+@pytest.mark.parametrize("name", ["overhead_left_j", "left_legacy_j", "kneepadtest", "shipyard_j", "Toenail"])
+def test_an_arm_whose_names_hold_a_leg_or_a_head_within_a_word_is_one(name):
+    text = urdf(link("base"), arm("", "base")).replace('"joint', f'"{name}')
+    (chain,) = tree_of(text).chains()
+    assert not chain.is_other
+
+
+def test_a_tool_that_is_called_a_head_leaves_the_arm_an_arm():
+    head = link("print_head") + joint("to_head", "link5", "print_head", kind="fixed", more="")
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), head)).chains()
+    assert not chain.is_other
+
+
+@pytest.mark.parametrize(
+    "name", ["leg", "LeftHip{}Yaw", "r_knee", "RLEG_J", "wheels", "neck", "HeadPan", "FL_calf_joint"]
+)
+def test_chains_of_legs_wheels_and_necks_are_no_arms(name):
+    text = urdf(link("base"), arm("", "base"))
+    for k in range(6):
+        text = text.replace(f'"joint{k}"', f'"{name.format(k)}{k}"')
+    (chain,) = tree_of(text).chains()
+    assert chain.is_other
+
+
+@pytest.mark.parametrize(
+    "name", ["left_gripper_yaw", "GripperRoll", "wrist_gripper_pitch", "gripper_rotation"]
+)
+def test_a_wrist_of_a_gripper_is_a_joint_of_the_arm(name):
+    """It turns by less than half a turn, as fingers do."""
+    limit = '<limit lower="-1.5" upper="1.5" velocity="2" effort="40"/>'
+    last = link("end") + joint(name, "link5", "end", more=limit)
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), last)).chains()
+    assert chain.joints[-1] == name
+    assert chain.fingers == ()
+
+
+@pytest.mark.parametrize(("stroke", "n_joints"), [(0.08, 6), (0.5, 7)])
+def test_a_joint_that_slides_far_is_no_finger(stroke, n_joints):
+    slides = f'<limit lower="0" upper="{stroke}" velocity="1" effort="10"/>'
+    last = link("end") + joint("quill", "link5", "end", axis=(0, 0, 1), kind="prismatic", more=slides)
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), last)).chains()
+    assert len(chain.joints) == n_joints
+
+
+def test_every_joint_with_a_motor_is_in_an_arm_or_named_in_the_notes(tmp_path):
+    parts = (
+        arm("", "base", gripper=(0, 0, 1))
+        + arm("leg_", "base", (1, 0, 0))
+        + arm("short_", "base", (0, 1, 0), n=2)
+    )
+    pan = link("camera") + joint("pan", "link2", "camera")
+    proposal = propose([written(tmp_path, urdf(link("base"), parts, pan))], tmp_path / "made.yaml")
+    told = "\n".join(proposal.notes)
+    moving = {
+        *(f"leg_joint{k}" for k in range(6)),
+        "short_joint0",
+        "short_joint1",
+        "pan",
+        "slide_a",
+        "slide_b",
+    }
+    assert all(re.search(rf"\b{name}\b", told) for name in moving)
+    assert set(proposal.robot.joint_names) == {f"joint{k}" for k in range(6)}
+
+
+def test_the_advice_for_a_joint_that_was_taken_for_a_finger_works(tmp_path):
+    """As the note says: out of `fingers`, a tip beyond it, and a value of home for it."""
+    last = link("end") + joint("left_gripper_turner", "link5", "end")
+    last = last.replace('lower="-2" upper="2"', 'lower="-1" upper="1"')
+    file = tmp_path / "made.yaml"
+    proposal = propose([written(tmp_path, urdf(link("base"), arm("", "base"), last))], file)
+    (entry,) = proposal.data["arms"].values()
+    assert entry["fingers"] == ["left_gripper_turner"]
+    (note,) = (note for note in proposal.notes if "left_gripper_turner" in note)
+    assert all(word in note for word in ("`fingers`", "`tip`", "`home`"))
+    entry["fingers"], entry["tip"], entry["home"] = [], "end", [*entry["home"], 0.0]
+    file.write_text(proposal.text(), encoding="utf-8")
+    assert len(Robot.load(file).joint_names) == 7
+
+
 @pytest.mark.parametrize(("lower", "upper", "n_joints"), [(-2.6, 2.6, 7), (-0.2, 2.0, 6)])
 def test_a_joint_called_gripper_that_turns_by_more_than_half_a_turn_is_a_wrist(lower, upper, n_joints):
     """As that of Alex's nub hands is; a jaw, such as an SO-100's, is not."""
     limit = f'<limit lower="{lower}" upper="{upper}" velocity="2" effort="40"/>'
     last = link("end") + joint("gripper", "link5", "end", more=limit)
-    (chain,) = Tree.of(urdf(link("base"), arm("", "base"), last)).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), last)).chains()
     assert len(chain.joints) == n_joints
     assert (chain.fingers, chain.grippers) == ((), ()) if n_joints == 7 else (("gripper",), ("end",))
 
@@ -326,7 +533,7 @@ def test_two_of_a_kind_leave_out_the_same_pairs(tmp_path):
 def test_a_hand_with_long_fingers_is_no_chest(tmp_path):
     """As TIAGo's is, whose fingers have seven joints each in its URDF."""
     hand = "".join(arm(f"finger{k}_", "link5", (0.02 * k, 0, 0.1), n=7) for k in range(3))
-    (chain,) = Tree.of(urdf(link("base"), arm("", "base"), hand)).chains()
+    (chain,) = tree_of(urdf(link("base"), arm("", "base"), hand)).chains()
     assert len(chain.joints) == 6
     assert len(chain.fingers) == 21
 
@@ -410,6 +617,60 @@ def test_a_home_at_a_limit_is_within_it(tmp_path):
     assert (Robot.load(file).home[0] >= 1.2006) and (Robot.load(file).home[0] <= 1.2008)
 
 
+def limits_of(seed):
+    """An arm whose limits are drawn, so that hands can point down near some of them only."""
+    rng, text = np.random.default_rng(seed), urdf(link("base"), arm("", "base"))
+    for _ in range(6):
+        lower, upper = -rng.uniform(0.1, 2.5), rng.uniform(0.1, 2.5)
+        text = text.replace(LIMIT, f'<limit lower="{lower}" upper="{upper}" velocity="2" effort="40"/>', 1)
+    return text
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_home_keeps_what_search_and_approach_demand(tmp_path, seed):
+    """Its distance from limits and between links is computed here from the raw file and coal's distances."""
+    proposal = propose([written(tmp_path, limits_of(seed))], tmp_path / "made.yaml")
+    robot = proposal.robot
+    limits = [limit.attrib for limit in ET.fromstring(limits_of(seed)).iter("limit")]
+    lower, upper = (np.array([float(limit[key]) for limit in limits]) for key in ("lower", "upper"))
+    margin = np.minimum(robot.home - lower, upper - robot.home)
+    assert (margin >= 0.02 - 1e-9).all()
+    assert examine(robot).clearance >= 0.005 or any("no home" in note for note in proposal.notes)
+    assert not any("at home" in fault for fault in examine(robot).faults)
+
+
+@pytest.mark.parametrize("home", [[2.0, 0.5, 0, 0.5, 0, 0.5], [0, -1.99, 0, 0.5, 0, 0.5]])
+def test_a_home_at_a_limit_is_a_fault_and_the_advice_helps(tmp_path, home):
+    path = written(tmp_path, urdf(link("base"), arm("", "base")))
+    file = tmp_path / "made.yaml"
+    proposal = propose([path], file, settings=CHEAP)
+    (entry,) = proposal.data["arms"].values()
+    entry["home"] = home
+    file.write_text(proposal.text(), encoding="utf-8")
+    (fault,) = (fault for fault in examine(Robot.load(file)).faults if "limit" in fault)
+    name, lower, upper = re.search(r"'joint(\d)'.* between (\S+) and (\S+)$", fault).groups()
+    entry["home"] = [
+        float(np.clip(value, float(lower), float(upper))) if k == int(name) else value
+        for k, value in enumerate(home)
+    ]
+    file.write_text(proposal.text(), encoding="utf-8")
+    assert not any("limit" in fault for fault in examine(Robot.load(file)).faults)
+
+
+@pytest.mark.parametrize(("gap", "sound"), [(-0.002, False), (0.003, False), (0.007, False), (0.012, True)])
+def test_links_that_are_too_near_at_home_are_a_fault(tmp_path, gap, sound):
+    """The verification asks for 5 mm, approach and release for 4 more; two bases may stand as near as one likes."""
+    (tmp_path / "made.urdf").write_text(urdf(link("base"), arm("", "base")), encoding="utf-8")
+    places = ([0, 0, 0], [0, 0.05 + gap, 0])
+    models = [{"urdf": "made.urdf", "prefix": f"{k}_", "base": {"position": places[k]}} for k in (0, 1)]
+    arms = {f"arm{k}": {"tip": f"{k}_link5", "home": [0.0] * 6} for k in (0, 1)}
+    file = tmp_path / "two.yaml"
+    file.write_text(json.dumps({"name": "two", "models": models, "arms": arms}), encoding="utf-8")
+    faults = [fault for fault in examine(Robot.load(file)).faults if "at home" in fault]
+    assert (not faults) == sound
+    assert all(("touch" if gap < 0 else "mm apart, and have to keep 9.1 mm") in fault for fault in faults)
+
+
 def test_links_that_are_drawn_and_collide_with_nothing_are_told(tmp_path):
     """As the jaws of an SO-100 are; what does not move may be drawn only."""
     plain = '<link name="{0}"><visual><geometry><sphere radius="0.01"/></geometry></visual></link>'
@@ -436,10 +697,10 @@ def test_what_is_written_is_a_description(tmp_path):
     [
         (urdf(link("base")), "no arm of four joints"),
         (urdf(link("base"), arm("leg_", "base")), "no arm of four joints"),
-        ("<robot", "cannot be read"),
-        ("", "cannot be read"),
+        ("<robot", "it is not XML"),
+        ("", "it is not XML"),
         ("<mujoco/>", "model of MuJoCo's"),
-        (urdf(), "cannot be read"),
+        (urdf(), "it has no link"),
     ],
 )
 def test_what_is_no_robot(tmp_path, text, words):

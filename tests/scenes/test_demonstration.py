@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import yaml
 
-from comove.demonstrations import Demonstration, write_robomimic, write_rosbag
+from comove.demonstrations import Demonstration, write_npz, write_robomimic, write_rosbag
 from comove.errors import SceneError
 from comove.primitives import DMP, Library, Primitive, learn
 from comove.primitives import operations as op
 from comove.scenes import Scene, demonstration_of, recording_of
+from comove.scenes.demonstration import fitted
 
 PLANAR = {
     "name": "taught",
@@ -48,6 +49,20 @@ def test_a_primitive_comes_as_it_lies_there(folder, name):
         SINE.dmp.duration,
         SINE.dmp.phase,
     )
+
+
+def test_joints_are_no_path_of_a_hand(folder):
+    """Neither as a recording, nor as a primitive, nor as an argument."""
+    share = np.linspace(0.0, 1.0, 30)
+    for unit, axes in (("rad", ("a", "b")), ("deg", ("a", "b")), ("LeRobot unit", ("a.pos", "b.pos"))):
+        joints = Demonstration(3 * share, np.outer(share, [0.5, 1.0]), "arm", unit=unit, axes=axes)
+        Library(folder / "library").add(learn(joints, name="arm"), replace=True)
+        write_npz(folder / "arm.npz", joints)
+        for source in ({"library": "arm"}, {"file": "arm.npz"}):
+            with pytest.raises(SceneError, match=r"joints in .*, which is no path.*--robot ROBOT"):
+                demonstration_of(scene(folder, source))
+        with pytest.raises(SceneError, match="movement of joints"):
+            fitted(scene(folder, None), joints)
 
 
 def test_recordings_are_fitted_as_before(folder):

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from comove.errors import ComoveError, OptionError, RobotError
+from comove.errors import ComoveError, ComoveWarning, OptionError, RobotError
 from comove.robots import JointMotion, Robot
 from comove.scenes import Scene
 from comove.simulators import (
@@ -28,12 +28,12 @@ JOINT = '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><origin
 JOINT += '<limit lower="-3" upper="3" velocity="2" effort="50"/></joint>'
 
 
-def small_robot(folder, elbow="elbow"):
+def small_robot(folder, elbow="elbow", wrist=LINK):
     """Two joints; a link has the name `elbow`."""
     parts = [
         '<link name="base"/>',
         LINK.format(elbow),
-        LINK.format("wrist"),
+        wrist.format("wrist"),
         JOINT.format("first", "revolute", "base", elbow),
         JOINT.format("second", "revolute", elbow, "wrist"),
     ]
@@ -43,6 +43,25 @@ def small_robot(folder, elbow="elbow"):
         "name: small\nmodels: [{urdf: small.urdf}]\narms: {hand: {tip: wrist, home: [0.5, 0.5]}}\n"
     )
     return Robot.load(path)
+
+
+@pytest.mark.parametrize("inertial", ["", '<inertial><mass value="0"/>' + INERTIA + "</inertial>"])
+def test_a_link_without_a_mass_is_given_one_of_its_body_and_stands_still(inertial, tmp_path):
+    with pytest.warns(ComoveWarning, match=r"guessed from collision bodies.*wrist 0\.5 kg"):
+        robot = small_robot(tmp_path, wrist='<link name="{}">' + inertial + SHAPE + "</link>")
+    execution = simulate(*resting(robot), robot)
+    assert np.abs(execution.joints - robot.home).max() < 1e-3
+    assert np.abs(execution.torque).max() < 50.0
+
+
+def test_a_joint_that_moves_nothing_with_a_mass_is_not_simulated_and_the_advice_works(tmp_path):
+    robot = small_robot(tmp_path, wrist='<link name="{}"/>')
+    with pytest.raises(RobotError, match="nothing that the joint 'second' moves has a mass") as caught:
+        simulate(*resting(robot), robot)
+    advised = str(caught.value).partition("in the URDF: ")[2]
+    robot = small_robot(tmp_path, wrist='<link name="{}">' + advised + "</link>")
+    execution = simulate(*resting(robot), robot)
+    assert np.abs(execution.joints - robot.home).max() < 1e-3
 
 
 def resting(robot):

@@ -9,6 +9,7 @@ import pytest
 
 from comove.errors import RobotError, SceneError
 from comove.robots import JointMotion
+from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.scenes import Scene
 from comove.simulators import Connect, Friction, Perturbation, Push, Settings, Weld, play, simulate
 from comove.simulators.building import build_world
@@ -73,7 +74,8 @@ def test_hands_at_rest_bear_the_weight_of_the_stick(grasp):
 
 def test_hands_that_are_linked_by_points_bear_no_torque():
     assert np.abs(held(Connect()).wrench[..., 3:]).max() < 1e-6
-    assert np.abs(held(Weld()).wrench[..., 3:]).max() > 1e-3
+    sagging = held(Weld(), perturbation=Perturbation(mass=3.0))
+    assert np.abs(sagging.wrench[..., 3:]).max() > 1e-3
 
 
 def test_motors_at_rest_bear_the_weight_of_robot_and_stick_but_for_the_springs():
@@ -106,15 +108,42 @@ def test_work_of_motors_and_springs_is_energy_gained_and_friction_lost():
     assert abs(work - (potential[1] - potential[0]) - lost) < 0.01 * (lost + abs(potential[1] - potential[0]))
 
 
-def test_a_heavier_stick_sags_more_and_in_proportion():
-    heights = [held(mass=mass).load_pose[-1, 2, 3] for mass in (0.25, 1.0, 1.75)]
-    assert heights[0] > heights[1] > heights[2]
-    assert heights[0] - heights[1] == pytest.approx(heights[1] - heights[2], rel=0.02)
+def test_a_payload_of_stated_mass_does_not_sag_whatever_it_weighs():
+    heights = [held(mass=mass).load_pose[-1, 2, 3] for mass in (0.25, 1.0, 4.0)]
+    assert heights == pytest.approx([heights[0]] * 3, abs=5e-5)
+
+
+def test_a_payload_heavier_than_stated_sags_in_proportion_to_the_error():
+    factors = (1.0, 3.0, 5.0, 0.5)
+    heights = [
+        held(mass=0.5, perturbation=Perturbation(mass=factor)).load_pose[-1, 2, 3] for factor in factors
+    ]
+    per_error = np.diff(heights) / np.diff(factors)
+    assert (per_error < 0.0).all()
+    np.testing.assert_allclose(per_error, per_error[0], rtol=0.03)
+
+
+def test_servos_that_know_the_payload_carry_it_as_inverse_dynamics_says():
+    """Torques logged at rest are those of Pinocchio with point masses at the hands; the servos add next to none."""
+    execution = held(mass=4.0)
+    robot, scene = execution.robot, execution.scene
+    arms = tuple(robot.arm(name) for name in scene.manipulators)
+    model, q, still = (
+        loaded_model(robot, arms, carried_masses(scene)),
+        execution.joints[-1:],
+        np.zeros((1, 14)),
+    )
+    wanted = torques(robot, model, q, still, still)[0]
+    np.testing.assert_allclose(execution.torque[-1], wanted, atol=0.1)
 
 
 def test_stiffer_servos_sag_less():
-    soft, stiff = (held(perturbation=Perturbation(gains=(factor,))).lag[-1] for factor in (0.5, 2.0))
-    assert soft == pytest.approx(4 * stiff, rel=0.05)
+    heavier = {"mass": 4.0}
+    base, soft, stiff = (
+        held(perturbation=Perturbation(gains=(factor,), **more)).load_pose[-1, 2, 3]
+        for factor, more in ((1.0, {}), (0.5, heavier), (2.0, heavier))
+    )
+    assert base - soft == pytest.approx(4 * (base - stiff), rel=0.05)
 
 
 @pytest.mark.parametrize(("coefficient", "holds"), [(0.02, False), (0.1, True)])
@@ -132,7 +161,7 @@ def test_no_finger_holds_a_stick_by_its_very_end():
     grasp, hands = Friction(), hand_poses(robot, scene, motion.position[:1])[0]
     load = load_of(scene, hands, grasp.section)
     world = build_world(robot, scene, load, grasp, Perturbation())
-    data = at_start(world, motion, Perturbation())
+    data = at_start(world, motion, scene, Perturbation())
     grasp.close(world, data)
     within = dict[int, float]()  # m, how far from the stick's end a finger touches it
     for pair, point in zip(data.contact.geom, data.contact.pos, strict=True):
@@ -150,7 +179,7 @@ def test_fingers_that_stand_beyond_each_other_open_first():
     scene, grasp = posts(), Friction()
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     world = build_world(robot, scene, load, grasp, Perturbation())
-    data, model = at_start(world, motion, Perturbation()), world.model
+    data, model = at_start(world, motion, scene, Perturbation()), world.model
     fingers = [model.joint(finger) for hand in world.fingers for finger in hand]
     for finger in fingers:
         data.qpos[finger.qposadr[0]] = -2.0 * max(finger.range, key=abs)

@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import yaml
 
 import comove
 from comove.errors import OptionError, ResultError
+from comove.scenes import Scene
+from comove.scenes.model import canonical
 from comove.studies import Study, StudyStore, on_processes, run_study
 from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.lerobot import ENVIRONMENT, STATE, Statistics
@@ -265,6 +268,50 @@ def test_a_motion_that_was_edited_is_not_exported(done, tmp_path):
         connection.execute("UPDATE motions SET curve = ?", (curve,))
     with pytest.raises(ResultError, match=r"does not stand the check any more|cannot be rebuilt"):
         export_episodes(copy, done[0].parent, FORMATS["npz"], RATE)
+
+
+def copied(folder, to):
+    """A copy of a study's store, which may be edited."""
+    to.mkdir()
+    shutil.copy(folder / RUNS, to)
+    return StudyStore.open(to / RUNS)
+
+
+def test_figures_are_those_of_the_motion_whatever_its_row_says(done, tmp_path):
+    store = copied(done[0], tmp_path / "out")
+    with store.connected() as connection:
+        connection.execute(
+            "UPDATE runs SET clearance_min = 0.5, end_error = 0, duration = 1, passing = 'far'"
+        )
+    found = list(episodes_of(tmp_path / "out", done[0].parent, RATE))
+    for episode, right in zip(found, done[1], strict=True):
+        assert episode.about == right.about
+        assert episode.about["clearance_min"] == episode.motion.report.clearance_min < 0.5
+
+
+def test_a_motion_or_scene_that_is_not_that_of_its_row_is_not_exported(done, tmp_path):
+    """An easier scene under the same motion is verified, but it is another one."""
+    kept = list(StudyStore.open(done[0] / RUNS).motions())
+    contents = json.loads(zlib.decompress(kept[0][1].scene))
+    contents["obstacles"] = contents["obstacles"][:1]
+    easier = Scene.from_dict(contents, folder=done[0].parent)
+    store = copied(done[0], tmp_path / "out")
+    packed = zlib.compress(canonical(easier.file))
+    with store.connected() as connection:
+        connection.execute("UPDATE motions SET scene = ? WHERE key = ?", (packed, kept[0][0].key))
+    with pytest.raises(ResultError, match="the scene of episode 0 is not that of its row"):
+        list(episodes_of(tmp_path / "out", done[0].parent, RATE))
+    with store.connected() as connection:  # with its checksum, only who has the study can know
+        changed = (easier.sha256, kept[0][0].key)
+        connection.execute("UPDATE runs SET scene_sha256 = ? WHERE key = ?", changed)
+    study = Study.load(done[0].parent / "study.yaml")
+    with pytest.raises(ResultError, match="the scene of episode 0 is not the one that the study draws"):
+        list(episodes_of(tmp_path / "out", done[0].parent, RATE, study))
+    assert len(list(episodes_of(done[0], done[0].parent, RATE, study))) == 3
+    with store.connected() as connection:
+        connection.execute("UPDATE runs SET motion_sha256 = 'f' WHERE number = 0")
+    with pytest.raises(ResultError, match="the motion of episode 0 is not that of its row"):
+        list(episodes_of(tmp_path / "out", done[0].parent, RATE))
 
 
 @pytest.mark.slow

@@ -7,8 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.coordination import load_coordinates
+import comove
+from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.errors import OptionError, SceneError
+from comove.planning import Paper, Projection
+from comove.primitives import motion_basis
 from comove.scenes import Scene
 from comove.verification import VerifiedMotion, verify
 from comove.verification.bounds import node_bounds
@@ -51,6 +54,56 @@ def dense(motion, n_steps=20_001):
     duration = motion.scene.duration
     speed, change = (np.linalg.norm(x, axis=-1).max() for x in (velocity, acceleration))
     return speed / duration, change / duration**2
+
+
+# --- before the start and after the end ---
+
+
+def in_basis(motion, metric, size=0.02):
+    """A motion with the same ends in another basis, whose weights are a little of everything."""
+    basis = motion_basis(20, metric)
+    coordinates = motion.coordinates
+    weights = size * np.resize([1.0, -1.0, 0.5], (coordinates.n_columns, basis.n_basis))
+    return CoordinatedMotion(motion.scene, coordinates, basis, coordinates.boundary(), weights)
+
+
+@pytest.mark.parametrize("metric", ["velocity", "acceleration"])
+def test_a_step_of_the_acceleration_at_the_start_is_an_infinite_jerk(metric, motion):
+    """Differences across the start, where the hands rest, grow without bound; the judge says so."""
+    stepped = in_basis(limited(motion, jerk=1e6), metric)
+    s = 1e-6
+    jump = np.linalg.norm(stepped.hands([s])[2][0], axis=1).max() / stepped.scene.duration**2
+    assert jump / (s * stepped.scene.duration) > 1e3, "the acceleration is there at once"
+    verdict = verify(stepped)
+    assert verdict.report.jerk_max == np.inf
+    assert any("acceleration jumps" in reason for reason in verdict.reasons)
+    assert any("jerk has no bound (limit 1e+06 m/s^3)" in reason for reason in verdict.reasons)
+    free = verify(in_basis(motion, metric))
+    assert free.report.jerk_max is None and not any("jump" in reason for reason in free.reasons)
+
+
+def test_motions_of_least_jerk_begin_and_end_without_a_step(motion):
+    smooth = in_basis(limited(motion, jerk=1e6), "jerk")
+    verdict = verify(smooth)
+    assert verdict.report.jerk_max < 1e6
+    assert not any("jump" in reason for reason in verdict.reasons)
+
+
+def test_hands_that_move_at_the_start_already_are_refused(motion):
+    boundary = motion.boundary.copy()
+    boundary[1, 0] = 0.01 * motion.scene.duration
+    moving = CoordinatedMotion(motion.scene, motion.coordinates, motion.basis, boundary, motion.weights)
+    verdict = verify(moving)
+    assert any("a hand moves at 0.01 m/s at the start already" in reason for reason in verdict.reasons)
+
+
+@pytest.mark.parametrize("method", [Projection(), Paper()], ids=["projection", "paper"])
+def test_methods_whose_motions_begin_with_a_step_avoid_it_where_the_jerk_is_limited(method):
+    scene = Scene.from_dict(scene_data(solved("wide").scene) | {"limits": {"jerk": 5.0}})
+    solution = comove.solve(scene, seed=0, method=method)
+    assert solution.verified and solution.report.jerk_max <= 5.0
+    step = np.linalg.norm(solution.attempt.hands([0.0, 1.0])[2], axis=2).max()
+    assert step < 1e-9
 
 
 # --- VerifiedMotion ---

@@ -113,7 +113,8 @@ def test_the_tunnel_cannot_be_opened(guarded, address, monkeypatch):
         b"[]" * 1000,
     ],
 )
-def test_a_malformed_message_ends_its_page_only(address, message):
+def test_a_malformed_message_ends_its_page_only(address, message, capfd, caplog):
+    """No traceback of the viewer's is printed or logged."""
     other = Page(address).appear()
     page = Page(address)
     page.send(message)
@@ -121,6 +122,8 @@ def test_a_malformed_message_ends_its_page_only(address, message):
     other.receive(lambda found: found["type"] == "ReplayDoneMessage", 20.0)
     other.close()
     page.close()
+    assert "Traceback" not in capfd.readouterr().err
+    assert not [record for record in caplog.records if record.exc_info]
 
 
 def test_text_in_place_of_bytes_and_a_message_too_large(address):

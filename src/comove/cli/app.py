@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -18,7 +19,7 @@ from typing import Any, get_type_hints
 import typer
 
 from comove._version import __version__
-from comove.cli.streams import guard_streams
+from comove.cli.streams import FULL_OUTPUT, guard_streams
 from comove.errors import ComoveError, ComoveWarning, plain, readable, shortened
 
 VERIFIED, NOT_VERIFIED, BAD_INPUT, DEFECT, INTERRUPTED = 0, 1, 2, 70, 130
@@ -196,6 +197,8 @@ def _told(error: BaseException) -> int:
     if isinstance(error, KeyboardInterrupt):
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
+    if isinstance(error.__cause__, OSError) and error.__cause__.errno == errno.EFBIG:
+        code = FULL_OUTPUT
     if isinstance(error, ComoveError):
         message = str(error) if error.says_all else f"{error} (comove explain {type(error).__name__})"
     elif isinstance(error, MemoryError):

@@ -83,7 +83,7 @@ def generate(
     else:
         print(_text(report), f"report: {path}", sep="\n")
     for name in wanted if report.verified else ():
-        dataset, count = export_episodes(out, loaded.folder, FORMATS[name], rate)
+        dataset, count = export_episodes(out, loaded.folder, FORMATS[name], rate, loaded)
         print(f"{name}: {dataset} holds {count} episodes", file=sys.stderr if json else sys.stdout)
     return VERIFIED if report.verified else NOT_VERIFIED
 
@@ -111,7 +111,7 @@ def _text(report: StudyReport) -> str:
     lines += s.reason_lines(report)
     if (clearance := report.figures.get("clearance_min")) is not None:
         lines.append(
-            f"  clearance      {1000 * clearance.least:.1f} to {1000 * clearance.greatest:.1f} mm, certified"
+            f"  clearance      {1000 * clearance.least:.1f} to {1000 * clearance.greatest:.1f} mm, certified when run"
         )
     lines += _joint_lines(report)
     found = report.variety

@@ -12,6 +12,7 @@ import typer
 from comove.cli import options as o
 from comove.cli import recordings as r
 from comove.cli.app import BAD_INPUT, INTERRUPTED, NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.texts import say
 from comove.errors import LibraryError, OptionError
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ def add(
     from comove.cli.texts import learned_text
     from comove.primitives import Library, learn, read_primitive
     from comove.primitives.files import renamed
-    from comove.primitives.recordings import read_recordings, require_plausible
+    from comove.primitives.recordings import read_recordings
 
     library, primitives = Library(folder), []
     library.require_room()
@@ -54,11 +55,9 @@ def add(
             primitives.append(renamed(primitive, name or primitive.name))
             continue
         for recording in read_recordings(demo, **reading.arguments):
-            require_plausible(recording.demonstration, demo)
+            movement = reading.movement(recording.demonstration, demo)
             called, source = name or recording.name, recording.source
-            primitives.append(
-                learn(recording.demonstration, name=called, source=source, **learning.arguments)
-            )
+            primitives.append(learn(movement, name=called, source=source, **learning.arguments))
     names = [primitive.name for primitive in primitives]
     if name is not None and len(names) > 1:
         raise OptionError(
@@ -101,9 +100,9 @@ def list_primitives(
     else:
         print(as_table(_rows_of(primitives)))
     for error in damaged.values():
-        print(f"error: {error}", file=sys.stderr)
+        say(f"error: {error}", file=sys.stderr)
     if library.foreign:
-        print(f"left alone, no primitives: {', '.join(library.foreign)}", file=sys.stderr)
+        say(f"left alone, no primitives: {', '.join(library.foreign)}", file=sys.stderr)
     if out is not None:
         from comove.views import draw_library, save_picture
 
@@ -166,7 +165,7 @@ def show(
     ends = ("centre" if dmp.variant == "rhythmic" else "goal"), dmp.goal
     for what, point in (("start", dmp.start), ends):
         print(f"  {what:13s}  {', '.join(f'{x:.4g}' for x in point)} {unit}")
-    print(f"  file           {library.path(name)}")
+    say(f"  file           {library.path(name)}")
     if out is not None:
         from comove.views import draw_primitive, save_picture
 
@@ -266,12 +265,13 @@ def combine(
     notes = (f"combined for the scene {loaded.name}, seed {seed}, by comove {__version__}: {verdict}", *parts)
     name = r.name_of_file(out)
     write_primitive(out, Primitive(name, found.dmp, notes=notes))
-    print(f"{name}: {verdict} in {loaded.name}, cost J {found.cost:.4g}, {found.evaluations} rollouts")
-    for part in parts:
-        print(f"  {part}")
+    say(
+        f"{name}: {verdict} in {loaded.name}, cost J {found.cost:.4g}, {found.evaluations} rollouts",
+        *(f"  {part}" for part in parts),
+    )
     for reason in found.reasons:
-        print(f"  - {reason}", file=sys.stderr)
-    print(f"  saved as {out}")
+        say(f"  - {reason}", file=sys.stderr)
+    say(f"  saved as {out}")
     if picture is not None:
         from comove.views import draw_motion, save_picture
 

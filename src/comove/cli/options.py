@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,7 +28,8 @@ Seed = Annotated[int, typer.Option(min=0, help="Seed of all random numbers.")]
 Budget = Annotated[
     float,
     typer.Option(
-        help="Seconds after which the best so far is taken; compiling, once after installation, is apart."
+        help="Seconds of processor time after which the search takes the best so far; "
+        "reading, compiling, drawing and saving do not count."
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")]
@@ -73,19 +73,6 @@ def check_budget(budget: float) -> None:
     """Raise if a budget is not a positive, finite time."""
     if not 0 < budget < float("inf"):
         raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
-
-
-def budget_left(budget: float, scene: Scene, saving: float = 1.2) -> float:
-    """Return the part of a budget that is left for the search [s], at least half of it.
-
-    The time `saving` for files and pictures [s] is kept back; it is longer if there is much to draw, or if others use
-    the machine as well.
-    """
-    from comove.cli.progress import time_spent
-
-    spent, drawing, slowest = time_spent(), 0.002, 4.0  # s for every obstacle; of wall to processor time
-    slower = min(max(spent / time.process_time(), 1.0), slowest)
-    return max(0.5 * budget, budget - spent - slower * (saving + drawing * len(scene.obstacles)))
 
 
 def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Method:
@@ -165,9 +152,9 @@ def from_library(
 
     The paper's pipeline (III) combines several movements for one hand in the environment, after [6], and gives the
     result to all hands; the paper's methods get this movement. Other methods get the single movement that suits best.
-    A quarter of the budget may be spent.
+    To combine them takes up to a quarter of the budget besides.
     """
-    from comove.planning import Paper, Printed, best_movement, combine
+    from comove.planning import Budget, Paper, Printed, best_movement, combine
     from comove.primitives import ProMP
 
     demonstration = scene.file.demonstration
@@ -175,11 +162,12 @@ def from_library(
     if isinstance(method, (Paper, Printed)):
         from comove.experiments.compared.single import alone
 
-        found = combine(library, alone(scene), seed=seed, budget=0.25 * budget, plane=plane)
+        work = Budget(work=0.25 * budget)  # the same combination on every machine
+        found = combine(library, alone(scene), seed=seed, budget=work, plane=plane)
         if found.interrupted:
             raise KeyboardInterrupt
         return f"a combination of {', '.join(found.names)}", found.dmp
-    best = best_movement(library, scene, plane=plane, budget=0.25 * budget).best
+    best = best_movement(library, scene, plane=plane).best
     whole = library.get(best.name).followed
     is_spread = isinstance(whole, ProMP) and whole.n_dims == scene.n_dims
     return best.name, whole if is_spread and isinstance(whole, ProMP) else best.dmp

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 from comove.cli.app import since_process_start
+from comove.cli.streams import terminal
 
 ONCE = "compiling, once after installation"
 
@@ -25,7 +27,7 @@ def progress_bar(budget: float | None = None, doing: str = "planning") -> Iterat
 
     Parameters
     ----------
-    budget : length of the bar [s]; without it, a bar is shown only during compilation
+    budget : length of the bar, processor time [s]; without it, a bar is shown only during compilation
     doing : text shown before the first call of the callback
     """
     from comove.compiled.counting import IN_ALL, compiling
@@ -54,22 +56,23 @@ class _Line:
 
 
 class _Bar:
-    """A bar that shows the elapsed time, and begins anew after a compilation."""
+    """A bar that shows the elapsed time and fills with the processor time; it begins anew after a compilation."""
 
     def __init__(self, budget: float | None, doing: str):
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        self.budget, self.doing, self.kernels = budget, doing, 0
+        self.budget, self.doing, self.kernels, self.begun = budget, doing, 0, time.process_time()
         columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
-        self.bar = Progress(*columns, console=Console(stderr=True), transient=True)
+        console = Console(file=terminal(), force_terminal=True)
+        self.bar = Progress(*columns, console=console, transient=True)
         self.task = self.bar.add_task(doing, total=budget)
         if budget is not None:
             self.bar.start()
 
     def compiling(self, kernel: str) -> None:
         if not kernel:
-            self.kernels = 0
+            self.kernels, self.begun = 0, time.process_time()
             if self.budget is None:
                 self.bar.stop()
             self.bar.reset(self.task, description=self.doing, total=self.budget)
@@ -85,7 +88,7 @@ class _Bar:
         best = "none yet" if state.best is None else f"{state.best:.4f}"
         self.bar.update(
             self.task,
-            completed=self.bar.tasks[0].elapsed or 0.0,
+            completed=time.process_time() - self.begun,
             description=f"{state.stage} · generation {state.generation} · cost {state.cost:.4f} · "
             f"constraint {state.violation:.2g} · best verified {best}",
         )

@@ -5,11 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from comove.errors import LibraryError, OptionError
+from comove.io.files import telling
+
+if TYPE_CHECKING:
+    from comove.demonstrations import Demonstration
 
 VARIANTS = ("closed-form", "classic", "pastor", "dmp++", "rhythmic")
 
@@ -86,7 +90,17 @@ class Reading:
         None
     )
     episode: Annotated[str | None, typer.Option(help="Which recording of a file that holds several.")] = None
-    topic: Annotated[str | None, typer.Option(help="Which topic of a bag.")] = None
+    topic: Annotated[
+        str | None,
+        typer.Option(help="Which topic of a bag, or which movement of it: TOPIC:NAME, /tf:CHILD@PARENT."),
+    ] = None
+    dataset: Annotated[
+        str | None, typer.Option(metavar="PATH", help="Which dataset of an HDF5 file, such as obs/ee_pos.")
+    ] = None
+    feature: Annotated[
+        str | None,
+        typer.Option(help="Which vector of a LeRobot dataset; observation.state unless given."),
+    ] = None
     unit: Annotated[
         str | None,
         typer.Option(
@@ -97,7 +111,7 @@ class Reading:
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="Columns of the positions in a text table, by name or number; of any program's making.",
+            help="Columns of the positions in a text table, by name or number, or a body's name; found unless given.",
         ),
     ] = None
     delimiter: Annotated[
@@ -111,6 +125,19 @@ class Reading:
     rate: Annotated[
         float | None, typer.Option(help="Samples a second, where there is no column of time [Hz].")
     ] = None
+    drop_missing: Annotated[
+        bool,
+        typer.Option("--drop-missing", help="Leave out rows of a table in which something was not measured."),
+    ] = False
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ROBOT",
+            help="Robot whose joints were recorded, for the path of its end effector: a bundled one's name, or "
+            "a description (YAML).",
+        ),
+    ] = None
+    arm: Annotated[str | None, typer.Option(help="Which arm of ROBOT, where several could be meant.")] = None
     clean: Annotated[
         bool,
         typer.Option(
@@ -123,8 +150,52 @@ class Reading:
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of `read_recording`, only those that were given."""
         names = None if self.columns is None else [name.strip() for name in self.columns.split(",")]
-        given = {**vars(self), "columns": names, "clean": self.clean or None}
-        return {key: value for key, value in given.items() if value is not None}
+        given = {**vars(self), "columns": names}
+        return {
+            key: value
+            for key, value in given.items()
+            if value is not None and value is not False and key not in ("robot", "arm")
+        }
+
+    def movement(self, recording: Demonstration, named: str) -> Demonstration:
+        """Return a plausible recording, or the path of the end effector if it is one of a robot's joints.
+
+        Raises
+        ------
+        DemonstrationError
+            If its units look wrong, or it does not fit the robot.
+        """
+        from comove.demonstrations.samples import advising
+        from comove.primitives.recordings import require_plausible
+
+        with advising(named, self.arguments):
+            require_plausible(recording, named)
+        if self.robot is None:
+            if self.arm is not None:
+                raise OptionError("an arm of which robot?", key="--arm", way_out="name it: --robot ROBOT")
+            return recording
+        from comove.robots import Robot, end_effector_path
+
+        robot = Robot.load(self.robot)
+        sides = [arm.name for arm in robot.arms]
+        arm = self.arm or (self.manipulator if self.manipulator in sides else None)
+        with advising(named, self.arguments | {"robot": self.robot, "arm": self.arm}):
+            return end_effector_path(recording, robot, arm)
+
+
+def picture_target(out: Path, picture: Path | None) -> Path | None:
+    """Return where a primitive is drawn: at `picture`, or beside its file, but never over a picture of others."""
+    from comove.cli.options import check_picture
+
+    if picture is not None:
+        check_picture(picture)
+        return picture
+    beside = out.with_suffix(".png")
+    if beside.exists():
+        with telling(beside), open(beside, "rb") as file:
+            if b"Matplotlib" not in file.read(1024):
+                return None
+    return beside
 
 
 def check_target(path: Path) -> None:

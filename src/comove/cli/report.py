@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.texts import say
 from comove.errors import OptionError
 
 
@@ -29,5 +30,5 @@ def report(
     require_target(html, OptionError)
     page, verified = report_page(shelf_of([folder], Path.cwd()))
     write_page(html, page)
-    print(f"{folder}: {'verified' if verified else 'NOT VERIFIED'}, {html} ({len(page) / 1e6:.1f} MB)")
+    say(f"{folder}: {'verified' if verified else 'NOT VERIFIED'}, {html} ({len(page) / 1e6:.1f} MB)")
     return VERIFIED if verified else NOT_VERIFIED

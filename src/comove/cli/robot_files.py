@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb_of
 from comove.cli.robot import group
+from comove.cli.texts import say
 from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ def convert(
     out: Annotated[Path, typer.Option(help="Folder for the URDF and its meshes; new or empty.")],
 ) -> int:
     """Write a model of MuJoCo's as a URDF with its meshes, from which a robot can be described."""
+    from comove.cli.texts import in_rows
     from comove.io.folders import Contents, whole_folder
     from comove.simulators.mjcf import MESHES, urdf_of
 
@@ -35,10 +37,20 @@ def convert(
         (draft / f"{found.name}.urdf").write_text(found.urdf, encoding="utf-8")
         if found.srdf is not None:
             (draft / f"{found.name}.srdf").write_text(found.srdf, encoding="utf-8")
+        if found.obstacles is not None:
+            (draft / f"{found.name}-obstacles.yaml").write_text(found.obstacles, encoding="utf-8")
         (draft / MESHES).mkdir()
         for name, data in found.meshes.items():
             (draft / MESHES / name).write_bytes(data)
-    print(f"{out / found.name}.urdf; next: comove robot new {out / found.name}.urdf")
+    say(f"{out / found.name}.urdf: to be checked:" if found.notes else f"{out / found.name}.urdf")
+    for note in found.notes:
+        say(f"  - {note}")
+    if found.obstacles is not None:
+        say(f"{out / found.name}-obstacles.yaml: floor and furniture, as obstacles of a scene")
+    given = "" if found.obstacles is None else f" --obstacles {out / found.name}-obstacles.yaml"
+    rows = [("next", f"comove robot new {out / found.name}.urdf --out robot.yaml")]
+    rows += [("then", f"comove robot scene robot.yaml{given}")]
+    print(*in_rows(rows), sep="\n")
     return VERIFIED
 
 
@@ -78,7 +90,7 @@ def new(
         draft.write(proposal.text().encode())
     print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")
     for note in proposal.notes:
-        print(f"  - {note}")
+        say(f"  - {note}")
     return _told(proposal.robot, examine(proposal.robot), out)
 
 
@@ -104,6 +116,10 @@ def scene(
     out: Annotated[Path, typer.Option(help="Scene to write (YAML); it must not be there yet.")] = Path(
         "scene.yaml"
     ),
+    obstacles: Annotated[
+        Path | None,
+        typer.Option(help="Obstacles that stand around the robot (YAML), such as `convert` writes."),
+    ] = None,
     seed: o.Seed = 0,
 ) -> int:
     """Make a first scene for a robot: two hands lift a bar over a rail; it is solved once, so that it can be."""
@@ -120,7 +136,8 @@ def scene(
     if robot not in bundled_robots():
         named = os.path.relpath(find_description(robot), out.absolute().parent)
     try:
-        proposal = propose_scene(loaded, named, seed=seed)
+        around = () if obstacles is None else _obstacles_in(obstacles, out)
+        proposal = propose_scene(loaded, named, around=around, folder=out.absolute().parent, seed=seed)
     except RobotError as error:
         error.file = error.file or Path(robot)
         raise
@@ -138,9 +155,41 @@ def scene(
         ("solved", f"first verified motion after {found.time_to_first_verified_s:.2g} s"),
         ("next", f"comove robot solve {out} --out carried"),
     ]
-    print(f"{out}: a scene for {loaded.name}")
+    if proposal.unreached:
+        rows.append(
+            ("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}")
+        )
+    say(f"{out}: a scene for {loaded.name}")
     print(*in_rows(rows), sep="\n")
     return VERIFIED
+
+
+def _obstacles_in(file: Path, scene: Path) -> list[dict[str, Any]]:
+    """Return the list of a file of obstacles, with the paths of meshes relative to a scene."""
+    import os
+
+    from comove.io.yaml_reader import read_yaml
+
+    data, _ = read_yaml(file)
+    found = data.get("obstacles")
+    if (
+        set(data) != {"obstacles"}
+        or not isinstance(found, list)
+        or not all(isinstance(x, dict) for x in found)
+    ):
+        raise SceneError(
+            "it holds no list of obstacles alone",
+            file=file,
+            key="obstacles",
+            way_out="write obstacles: [...]",
+        )
+    beside, mesh = scene.absolute().parent, "file"
+    return [
+        entry | {mesh: os.path.relpath(file.absolute().parent / str(entry[mesh]), beside)}
+        if mesh in entry
+        else entry
+        for entry in found
+    ]
 
 
 def _require_new(out: Path) -> None:
@@ -158,7 +207,7 @@ def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = N
     from comove.cli.texts import in_rows
     from comove.views import draw_robot, save
 
-    print(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
+    say(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
     rows = [
         (
             f"arm {arm.name}",

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from comove.cli.app import verb
+from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.texts import HANDS_ALONE, say
+from comove.errors import ResultError
+
+if TYPE_CHECKING:
+    from comove.results import ResultKind
+    from comove.stored import Part, Verification
+
+AS_STORED = "AS STORED, NOT VERIFIED"
 
 
 @verb
@@ -15,24 +24,92 @@ def show(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Result folder.")],
     open_pictures: Annotated[bool, typer.Option("--open", help="Open the pictures as well.")] = False,
 ) -> int:
-    """Print the summary of a result, and of its simulation, and name its pictures."""
-    from comove.cli.texts import PICTURES, joints_text, simulation_text, summary_text
-    from comove.results.solution import SOLUTION
+    """Print the summary of a result, verified anew, and of its simulation, and name its pictures."""
+    from comove.cli.progress import progress_bar
+    from comove.cli.texts import PICTURES, in_rows
+    from comove.results.inputs import command_again
+    from comove.stored import Part, Verification, parts_of, verify_folder
 
-    summary, _ = SOLUTION.read(folder, whole=True)
-    texts = [summary_text(summary, folder)]
-    if (folder / "robot.json").is_file():
-        from comove.robots.files import JOINTS
-
-        robot, _ = JOINTS.read(folder, whole=True)
-        texts.append(joints_text(robot["robot"], robot))
-    if (folder / "simulation.json").is_file():
-        from comove.simulators import SIMULATION
-
-        simulation, _ = SIMULATION.read(folder, whole=True)
-        texts.append(simulation_text(simulation, folder))
-    print("\n".join(texts))
+    code, found, why = VERIFIED, dict[Part, Verification](), ""
+    summaries = {part: _kind_of(part).read(folder, whole=True)[0] for part in parts_of(folder)}
+    try:
+        with progress_bar():
+            found = {part.part: part for part in verify_folder(folder)}
+    except ResultError as error:  # what judges it is not there
+        why = str(error)
+    for part, summary in summaries.items():
+        told, verdict = dict(summary), AS_STORED
+        if part in found:
+            told |= _measured(found[part])
+            verdict = "" if found[part].verified or not _is_claimed(part, summary) else "NOT VERIFIED"
+            if found[part].verified and all(one.is_hands_alone for one in found.values()):
+                verdict = HANDS_ALONE
+        if verdict not in ("", HANDS_ALONE):
+            code = NOT_VERIFIED
+            told["reasons"] = list(found[part].reasons) if part in found else [why]
+        print(_text(part, told, folder, verdict))
+    against = dict.fromkeys(words for part in found.values() for words in part.against)
+    if against:
+        first, *others = against
+        say(f"  verified against {first}", *(f"  {words}" for words in others))
+    if again := command_again(folder):
+        say(*in_rows([("made again, in the folder", again)]))
     if open_pictures:
         for name in PICTURES:
             typer.launch(str(folder / name))
-    return 0
+    return code
+
+
+def _kind_of(part: Part) -> ResultKind:
+    """Return the files of a part."""
+    from comove.stored import Part
+
+    if part is Part.MOTION:
+        from comove.results.solution import SOLUTION as kind
+    elif part is Part.RUN:
+        from comove.results.runs import RUN as kind
+    elif part is Part.JOINTS:
+        from comove.robots.files import JOINTS as kind
+    elif part is Part.ROBOT_RUN:
+        from comove.simulators.robot_runs import ROBOT_RUN as kind
+    else:
+        from comove.simulators import SIMULATION as kind
+    return kind
+
+
+def _is_claimed(part: Part, summary: Mapping[str, Any]) -> bool:
+    """Return whether a summary claims that all is well."""
+    from comove.stored import Part
+
+    named = {Part.ROBOT_RUN: "as_it_should_be", Part.SIMULATION: "delivered"}
+    return summary.get(named.get(part, "verified")) is True
+
+
+def _measured(found: Verification) -> dict[str, Any]:
+    """Return the measures of a verification, by their names in the summary of its part."""
+    from comove.results.sealed import finite
+    from comove.stored import Part
+
+    measures: dict[str, Any] = {}
+    if found.part is Part.JOINTS and found.verified_joints is not None:
+        measures = found.verified_joints.report.asdict()
+    elif found.part in (Part.MOTION, Part.RUN) and found.report is not None:
+        measures = {name: value for name, value in found.report.asdict().items() if name != "reasons"}
+    return {name: finite(value) if isinstance(value, float) else value for name, value in measures.items()}
+
+
+def _text(part: Part, summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
+    """Return what there is to say of a part."""
+    from comove.cli import texts
+    from comove.stored import Part
+
+    if part is Part.JOINTS:
+        told = texts.joints_text(summary["robot"], summary)
+        return "\n".join([told, f"  {verdict}", *texts.listed(summary["reasons"])]) if verdict else told
+    write = {
+        Part.MOTION: texts.summary_text,
+        Part.RUN: texts.run_text,
+        Part.ROBOT_RUN: texts.robot_run_text,
+        Part.SIMULATION: texts.simulation_text,
+    }[part]
+    return write(summary, folder, verdict)

@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import select
 import sys
 from typing import Any, TextIO
+
+from comove.errors import letters
 
 CLOSED_PIPE, FULL_OUTPUT = 141, 74
 _IN, _OUT, _ERR = 0, 1, 2
@@ -55,20 +58,54 @@ class _Messages(io.FileIO):
 def guard_streams() -> None:
     """Replace standard output and standard error by guarded streams.
 
-    Characters that the encoding lacks are written as `\\xe4` is. A stream that was closed from the start is connected
-    to the null device, so that no file opened later takes its number.
+    Characters that the encoding lacks are written as `\\xe4` is, and those that command a terminal as `\\u001b` is. A
+    stream that was closed from the start is connected to the null device, so that no file opened later takes its
+    number.
     """
     for number in (_IN, _OUT, _ERR):
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free number, which is this one
+    _TERMINAL[:] = [
+        _text(_Messages(_ERR, "w", closefd=False), sys.stderr, line_buffering=True, kind=io.TextIOWrapper)
+    ]
     sys.stderr = _text(_Messages(_ERR, "w", closefd=False), sys.stderr, line_buffering=True)
     sys.stdout = _text(_Output(_OUT, "w", closefd=False), sys.stdout, line_buffering=os.isatty(_OUT))
 
 
-def _text(raw: io.FileIO, before: TextIO | None, *, line_buffering: bool) -> io.TextIOWrapper:
-    return io.TextIOWrapper(
+class _Plain(io.TextIOWrapper):
+    """A text stream that escapes what would move the cursor or change the look of a terminal.
+
+    Names and messages out of files that nobody vouches for are printed; an escape is written as JSON writes it, so
+    that JSON stays what it is.
+    """
+
+    def write(self, text: str) -> int:
+        super().write(text if _HARMLESS.fullmatch(text) else _UNSAFE.sub(_escaped, letters(text)))
+        return len(text)
+
+
+_UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u061c\u202a-\u202e\u2028\u2029\u2066-\u2069]")
+_HARMLESS = re.compile("[\t\n\x20-\x7e]*")
+
+
+def _escaped(found: re.Match[str]) -> str:
+    return f"\\u{ord(found[0]):04x}"
+
+
+def terminal() -> TextIO:
+    """Return standard error without escapes, for what comove itself draws there."""
+    return _TERMINAL[0] if _TERMINAL else sys.stderr
+
+
+_TERMINAL: list[TextIO] = []
+
+
+def _text(
+    raw: io.FileIO, before: TextIO | None, *, line_buffering: bool, kind: type[io.TextIOWrapper] = _Plain
+) -> io.TextIOWrapper:
+    return kind(
         io.BufferedWriter(raw),
         encoding=getattr(before, "encoding", None) or "utf-8",
         errors="backslashreplace",

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comove.cli.app import INTERRUPTED
-from comove.errors import OptionError
+from comove.cli.streams import terminal
+from comove.errors import OptionError, printable
 
 if TYPE_CHECKING:
     from comove.studies import StudyProgress, StudyReport
@@ -129,7 +130,7 @@ def _progress_line() -> Iterator[Callable[[Any], None]]:
     def show(progress: StudyProgress) -> None:
         left = "" if progress.left is None else f", {_time(progress.left)} left"
         text = f"{progress.done} of {progress.total} runs, {progress.rate:.1f} a second{left}"
-        print(f"\r{text:70s}", end="", file=sys.stderr, flush=True)
+        print(f"\r{text:70s}", end="", file=terminal(), flush=True)
 
     try:
         yield show
@@ -144,13 +145,13 @@ def _time(seconds: float) -> str:
 
 
 def statuses_text(report: StudyReport) -> str:
-    """Return the numbers of runs by status in words, and of those that time was too short for."""
+    """Return the numbers of runs by status in words, and of those whose budget ran out."""
     text = ", ".join(f"{count} {status}" for status, count in report.statuses.items()) or "none"
     if not report.cut_short:
         return text
-    return f"{text}; {report.cut_short} used up their budget, and may come out otherwise on another machine"
+    return f"{text}; the time budget of {report.cut_short} ran out: they may come out otherwise on another machine"
 
 
 def reason_lines(report: StudyReport) -> list[str]:
     """Return the most frequent reasons of runs that were not verified, with their numbers, a line each."""
-    return [f"  {count:5d} x        {reason}" for reason, count in report.reasons.items()]
+    return [printable(f"  {count:5d} x        {reason}") for reason, count in report.reasons.items()]

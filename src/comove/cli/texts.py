@@ -5,12 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
+
+from comove.errors import printable
 
 if TYPE_CHECKING:
     from comove.primitives import Primitive
 
+HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
 PICTURES = ("motion.png", "progress.png")
+RAN_OUT = "ran out while the motion was improved: a larger --budget may find a better one"
 
 
 def number(value: object, factor: float = 1.0) -> str:
@@ -18,23 +22,44 @@ def number(value: object, factor: float = 1.0) -> str:
     return f"{value * factor:.4g}" if isinstance(value, (int, float)) else "-"
 
 
+def say(*lines: str, file: TextIO | None = None) -> None:
+    """Print lines, each of which stays one whatever the files that it tells of hold."""
+    print(*map(printable, lines), sep="\n", file=file)
+
+
 def in_rows(rows: Iterable[Sequence[str]]) -> list[str]:
     """Return lines of a name and what is said of it; whatever follows in a row is left out."""
-    return [f"  {name:30s}{words}" for name, words, *_ in rows]
+    return [f"  {printable(name):30s}{printable(words)}" for name, words, *_ in rows]
 
 
 def as_table(rows: Sequence[Sequence[str]]) -> str:
     """Return lines of cells, with columns as wide as their widest cell."""
+    rows = [[printable(cell) for cell in row] for row in rows]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
     return "\n".join(line.rstrip() for line in lines)
 
 
-def summary_text(summary: Mapping[str, Any], folder: Path) -> str:
-    """Return a readable summary of a result, from the contents of its solution.json."""
+def listed(reasons: Iterable[str]) -> list[str]:
+    """Return a line for each reason."""
+    return [f"  - {printable(reason)}" for reason in reasons]
+
+
+def events_of(summary: Mapping[str, Any]) -> list[str]:
+    """Return a line for each event of a run."""
+    return [f"  {event['time']:6.2f} s  {printable(str(event['what']))}" for event in summary["events"]]
+
+
+def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
+    """Return a readable summary of a result, from the contents of its solution.json.
+
+    Parameters
+    ----------
+    verdict : what is known of it; what the summary says unless given
+    """
     from comove.results.words import motion_rows
 
-    verdict = "verified" if summary.get("verified") is True else "NOT VERIFIED"
+    verdict = verdict or ("verified" if summary.get("verified") is True else "NOT VERIFIED")
     terms = summary.get("cost_terms") or {}
     parts = ", ".join(
         f"{name} {number(value)}{_weighted(summary, name)}" for name, value in terms.items() if value
@@ -62,10 +87,11 @@ def summary_text(summary: Mapping[str, Any], folder: Path) -> str:
             f"by {summary.get('method')}, seed {summary.get('seed')}, first verified motion after {first} ms, "
             f"{wall} s in total",
         ),
+        *([("time budget", RAN_OUT)] if summary.get("timed_out") and summary.get("verified") is True else []),
         ("pictures", ", ".join(str(folder / name) for name in PICTURES)),
     ]
-    reasons = [f"  - {reason}" for reason in summary.get("reasons") or []]
-    return "\n".join([f"{summary.get('scene')}: {verdict}", *reasons, *in_rows(rows)])
+    head = printable(f"{summary.get('scene')}: {verdict}")
+    return "\n".join([head, *listed(summary.get("reasons") or []), *in_rows(rows)])
 
 
 def _weighted(summary: Mapping[str, Any], name: str) -> str:
@@ -81,25 +107,26 @@ def joints_text(robot: str, measures: Mapping[str, Any]) -> str:
     """Return a readable summary of a joint motion's measures."""
     from comove.results.words import joint_rows
 
-    return "\n".join([f"{robot}:", *in_rows(joint_rows(measures))])
+    return "\n".join([printable(f"{robot}:"), *in_rows(joint_rows(measures))])
 
 
-def simulation_text(summary: Mapping[str, Any], folder: Path) -> str:
+def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of a simulation, from the contents of its simulation.json."""
     from comove.results.words import simulation_rows
 
-    verdict = "delivered" if summary["delivered"] else "NOT DELIVERED"
+    verdict = verdict or ("delivered" if summary["delivered"] else "NOT DELIVERED")
     head = f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"
-    reasons = [f"  - {reason}" for reason in summary["reasons"]]
     series = ("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}")
-    return "\n".join([head, *reasons, *in_rows([*simulation_rows(summary), series])])
+    return "\n".join(
+        [printable(head), *listed(summary["reasons"]), *in_rows([*simulation_rows(summary), series])]
+    )
 
 
-def robot_run_text(summary: Mapping[str, Any], folder: Path) -> str:
+def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of a robot's online run, from the contents of its robot_run.json."""
     from comove.results.words import run_rows
 
-    verdict = "arrived, as it should" if summary["as_it_should_be"] else "NOT AS IT SHOULD"
+    verdict = verdict or ("arrived, as it should" if summary["as_it_should_be"] else "NOT AS IT SHOULD")
     median, slowest = 1e3 * summary["control_s_median"], 1e3 * summary["control_s_p999"]
     rows: list[Sequence[str]] = [
         *run_rows(summary),
@@ -107,16 +134,15 @@ def robot_run_text(summary: Mapping[str, Any], folder: Path) -> str:
         ("plans", str(summary["plans"])),
         ("record", f"{folder / 'robot_run.npz'}, {folder / 'robot_run.json'}"),
     ]
-    events = [f"  {event['time']:.2f} s: {event['what']}" for event in summary["events"]]
     head = f"{summary['scene']}, {summary['robot']}: {verdict}"
-    return "\n".join([head, *(f"  - {reason}" for reason in summary["reasons"]), *events, *in_rows(rows)])
+    return "\n".join([printable(head), *listed(summary["reasons"]), *events_of(summary), *in_rows(rows)])
 
 
-def run_text(summary: Mapping[str, Any], folder: Path) -> str:
+def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of an execution, from the contents of its run.json."""
     from comove.results.words import beyond_rounding
 
-    verdict = "arrived, verified" if summary["verified"] else "NOT VERIFIED"
+    verdict = verdict or ("arrived, verified" if summary["verified"] else "NOT VERIFIED")
     clearance, median = summary["clearance_min"], 1e3 * summary["control_s_median"]
     rows = [
         (
@@ -134,9 +160,11 @@ def run_text(summary: Mapping[str, Any], folder: Path) -> str:
     ]
     return "\n".join(
         [
-            f"{summary['scene']}: {verdict} (seed {summary['seed']}) after {summary['duration_s']:.2f} s",
-            *(f"  - {reason}" for reason in summary["reasons"]),
-            *(f"  {event['time']:6.2f} s  {event['what']}" for event in summary["events"]),
+            printable(
+                f"{summary['scene']}: {verdict} (seed {summary['seed']}) after {summary['duration_s']:.2f} s"
+            ),
+            *listed(summary["reasons"]),
+            *events_of(summary),
             *in_rows(rows),
         ]
     )
@@ -182,4 +210,4 @@ def learned_text(primitive: Primitive) -> str:
             lines.append(
                 f"  turn error     {learned.turn_rms:.3g} rad {mean}, {learned.turn_max:.3g} rad at most"
             )
-    return "\n".join([*lines, *(f"  {note}" for note in primitive.notes)])
+    return "\n".join(map(printable, [*lines, *(f"  {note}" for note in primitive.notes)]))

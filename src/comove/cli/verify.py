@@ -10,6 +10,7 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.texts import HANDS_ALONE, in_rows, say
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
@@ -59,14 +60,16 @@ def verify(
     _require_robot(parts, folder, robot)
     reasons = dict.fromkeys(reason for part in parts for reason in part.reasons)
     if reasons:
-        print(f"{folder}: rejected", file=sys.stderr)
-        for reason in reasons:
-            print(f"  - {reason}", file=sys.stderr)
+        say(f"{folder}: rejected", *(f"  - {reason}" for reason in reasons), file=sys.stderr)
         _say_against(parts, file=sys.stderr)
         if scene is not None:
             _say_changes(parts[0], folder, scenes[0])
         return NOT_VERIFIED
-    print(f"{folder}: verified")
+    proved = any(part.is_proof for part in parts)
+    verdict = "verified" if proved else "as it should be, at samples: nothing is proved in between"
+    if all(part.is_hands_alone for part in parts):
+        verdict = HANDS_ALONE
+    say(f"{folder}: {verdict}")
     _say_against(parts)
     _say_measures(parts)
     return VERIFIED
@@ -86,21 +89,17 @@ def _require_robot(parts: tuple[Verification, ...], folder: Path, robot: str | N
 def _say_against(parts: tuple[Verification, ...], file: TextIO | None = None) -> None:
     """Print what everything was verified against."""
     first, *others = dict.fromkeys(words for part in parts for words in part.against)
-    print("\n".join([f"  against {first}", *(f"  {words}" for words in others)]), file=file)
+    say(f"  against {first}", *(f"  {words}" for words in others), file=file)
 
 
 def _say_measures(parts: tuple[Verification, ...]) -> None:
     """Print the measures of all parts, each once."""
-    from comove.cli.texts import in_rows
-
     rows = dict.fromkeys(
         (name, f"{words} (asked for: {asked})" if asked else words, "")
         for part in parts
         for name, words, asked in part.rows
     )
     print(*in_rows(rows), sep="\n")
-    if parts[0].scene.file.robot is not None and all(part.robot is None for part in parts):
-        print("  the hands alone: the folder holds no motion of a robot's joints")
 
 
 def _say_changes(part: Verification, folder: Path, scene: Path) -> None:
@@ -110,4 +109,4 @@ def _say_changes(part: Verification, folder: Path, scene: Path) -> None:
 
     if changed := changes_to(part.scene, Result(folder, part.summary), scene):
         options = " ".join(f"--{key} {value}" for key, value in changed.items())
-        print(f"  it was solved with {options}: give that again", file=sys.stderr)
+        say(f"  it was solved with {options}: give that again", file=sys.stderr)

@@ -9,6 +9,7 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.texts import say
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
@@ -89,5 +90,5 @@ def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
     write_page(path, page)
     for playback in shown:
         verdict = playback.verdict if playback.holds else playback.verdict.upper()
-        print(f"{playback.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
+        say(f"{playback.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
     return VERIFIED if all(playback.holds for playback in shown) else NOT_VERIFIED

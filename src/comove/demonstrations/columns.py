@@ -73,7 +73,7 @@ class Column:
     @property
     def label(self) -> str:
         """Return a name that tells columns of one name apart: `Left.Position.X`."""
-        if self.kind not in (Kind.POSITION, Kind.ORIENTATION):
+        if self.kind not in (Kind.POSITION, Kind.ORIENTATION) or not self.body or self.body in self.name:
             return self.name
         axis = self.axis.upper().removeprefix("Q") if self.axis in QUATERNION else self.axis.upper()
         return ".".join(filter(None, (self.body, self.kind.value.capitalize(), axis)))
@@ -116,7 +116,7 @@ class Body:
     @property
     def is_repeated(self) -> bool:
         """Return whether a coordinate stands in several columns, so that one has to be chosen."""
-        axes = [column.axis for column in self.moving]
+        axes = [column.axis for column in self.moving if column.axis]
         return len(set(axes)) < len(axes)
 
     @property
@@ -171,10 +171,10 @@ class Body:
         what = "position" if self.position else "joints"
         unit = self.stated_unit or unit or ("" if self.position else "rad, as none is stated")
         unit = f" [{unit}]" if unit else ""
-        said = f"{what} from {listed(spoken(self.moving), 8)}{unit}"
+        said = f"{what} from {together(spoken(self.moving))}{unit}"
         if self.orientation:
             in_file = sorted(self.orientation, key=lambda column: column.number)
-            said += f", orientation from {listed(spoken(in_file), 8)} ({_form(in_file)})"
+            said += f", orientation from {together(spoken(in_file))} ({_form(in_file)})"
         return said
 
 
@@ -182,8 +182,22 @@ def spoken(columns: Iterable[Column]) -> list[str]:
     """Return the names of columns for messages, without their units; labels where names repeat."""
     columns = list(columns)
     names = [bare_name(column.name) for column in columns]
-    above = all(column.body and column.body not in column.name for column in columns)
+    above = all(column.label != column.name for column in columns)
     return [column.label for column in columns] if above or len(set(names)) < len(names) else names
+
+
+def together(names: Sequence[str]) -> str:
+    """Return names in one line, what they begin with only once where it is long.
+
+    >>> together(["field.pose.position.x", "field.pose.position.y"])
+    'field.pose.position.{x, y}'
+    """
+    first, last = min(names), max(names)
+    common = first[: next((i for i, c in enumerate(first) if last[i : i + 1] != c), 0)]
+    common = common[: max(common.rfind(mark) for mark in "./_ :") + 1]
+    if len(common) < 6:
+        return listed(names, 8)
+    return f"{common}{{{listed([name.removeprefix(common) for name in names], 8)}}}"
 
 
 def _form(orientation: Sequence[Column]) -> str:
@@ -483,7 +497,14 @@ def _told_by_others(columns: list[Column]) -> list[Column]:
     for column in columns:
         by_body.setdefault(column.body, []).append(column)
     changed = {column.number: column for column in columns}
+    is_without_position = all(column.kind is not Kind.POSITION for column in columns)
     for members in by_body.values():
+        for column in members:  # wrist_roll, left_hip_yaw
+            is_joint = _JOINTS & set(_texts(column.body)) or (is_without_position and column.body)
+            if column.axis in EULER and is_joint and all(c.kind is not Kind.POSITION for c in members):
+                changed[column.number] = replace(
+                    column, kind=Kind.JOINT, axis=bare_name(column.name), body=""
+                )
         axes = [column.axis for column in members if column.kind in (Kind.POSITION, Kind.ORIENTATION)]
         if "rw" in axes or "rotw" in axes:
             mark = "r" if "rw" in axes else "rot"
@@ -629,7 +650,7 @@ def matching_body(name: str, bodies: Iterable[str]) -> str | None:
 def flat_names(names: object, n_columns: int) -> list[str] | None:
     """Return the names of a LeRobot feature as a list of `n_columns`, None if they are missing or do not fit.
 
-    They may be a list, a mapping of lists (`{"motors": [...]}`), or a mapping of names to places.
+    They may be a list, a list in a list, a mapping of lists (`{"motors": [...]}`), or a mapping of names to places.
     """
     if isinstance(names, Mapping):
         if names and all(isinstance(place, int) for place in names.values()):
@@ -645,6 +666,8 @@ def flat_names(names: object, n_columns: int) -> list[str] | None:
             for name in found or ()
         ]
         return flat_names(flat, n_columns)
+    if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):
+        return flat_names(names[0], n_columns)
     if not isinstance(names, list) or len(names) != n_columns:
         return None
     return [str(name) for name in names]

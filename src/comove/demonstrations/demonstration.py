@@ -258,7 +258,7 @@ class Demonstration(RecordedSamples):
         unit : unit of positions ("mm") or of joints ("deg"), if the file states none; by default metres and radians
         columns, delimiter, time, rate : see `formats.tables.read`
         clean : whether to return the movement between the pauses, without noise (see `cleaned`)
-        options : options of a single format, such as `dataset` of HDF5 files; see its `read`
+        options : options of a single format: `dataset` of HDF5 files, `feature` of LeRobot datasets; see its `read`
 
         Raises
         ------

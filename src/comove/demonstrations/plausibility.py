@@ -8,9 +8,10 @@ keep what they read refuse it where `Doubt.is_unit` holds. What a file or a user
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +28,8 @@ STEPS = (4e-3, 0.1)
 """Steps by which an unstated unit of time is recognised [s]: 10 to 250 samples a second."""
 SHORTEST_INFERRED = 0.2
 """A recording whose unit of time is inferred lasts at least as long [s]."""
-FEW, MANY = 5, 20
-"""With fewer samples the steps of stamps say nothing about their unit, and in seconds nothing that is warned of."""
+FEW, WAYPOINTS = 20, 60.0
+"""With fewer samples, and steps shorter than this [s], they may be way-points, which are seconds apart."""
 EPOCHS = {"s": (1e9, 1e10), "ms": (1e12, 1e13), "us": (1e15, 1e16), "ns": (1e18, 1e19)}
 """Stamps between these count from 1970, in this unit: they lie between the years 2001 and 2286."""
 EXTENTS = {"m": 5.0, "rad": 4.0 * np.pi}
@@ -49,12 +50,14 @@ class Doubt:
     message : what looks wrong, with where and how much
     way_out : what to do about it
     key : option that settles it; "" if none does
+    options : the same with a value, for the command that is printed
     """
 
     mark: str
     message: str
     way_out: str
     key: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_unit(self) -> bool:
@@ -69,7 +72,8 @@ def unit_of_time(stamps: NDArray) -> str | None:
     """Return the unit of stamps that the numbers show without doubt, None if they do not.
 
     Stamps of the order of 1e9, 1e12, 1e15 or 1e18 count s, ms, us or ns from 1970. Steps below `SLOW` are seconds.
-    Steps that are 4 to 100 ms (or us, ns) are these, unless the whole recording would be shorter than 0.2 s.
+    Steps that are 4 to 100 ms (or us, ns) are these, unless the whole recording would be shorter than 0.2 s; a few
+    samples are way-points then.
 
     Parameters
     ----------
@@ -81,13 +85,13 @@ def unit_of_time(stamps: NDArray) -> str | None:
             return unit
     passed = np.diff(stamps).astype(np.float64)
     step = float(np.median(passed[passed > 0.0])) if (passed > 0.0).any() else 0.0
-    if step < SLOW or (len(stamps) < FEW and step < STEPS[0] / TIMES["ms"]):
+    if step < SLOW:
         return "s"
     for unit in ("ms", "us", "ns"):
         is_usual = STEPS[0] <= step * TIMES[unit] <= STEPS[1] * (1.0 + 1e-9)
         if is_usual and passed.sum() * TIMES[unit] >= SHORTEST_INFERRED:
             return unit
-    return None
+    return "s" if len(stamps) < FEW and step < WAYPOINTS else None
 
 
 def seconds(
@@ -134,12 +138,14 @@ def seconds(
 
 def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "") -> DemonstrationError:
     """Return the error about stamps whose unit neither a name nor their size shows."""
-    step = float(np.median(np.diff(stamps).astype(np.float64)))
+    step, bare = float(np.median(np.diff(stamps).astype(np.float64))), name.partition("[")[0].strip()
     return fault(
         origin.file,
         name,
         f"its steps are {step:g}, and nothing says whether these are milliseconds, seconds or frames",
-        way_out or f"name the unit: --time '{name} [ms]', or '{name} [s]'; or give --rate HZ of the frames",
+        way_out
+        or f"name the unit: --time '{bare} [ms]', or '{bare} [s]'; or give the rate of frames: --rate HZ",
+        time=f"{bare} [ms]",
     )
 
 
@@ -187,12 +193,13 @@ def _wrong_unit(extent: float, unit: str) -> Doubt | None:
         f"the movement spans {extent:.4g} {unit}: {LOOKS_LIKE[unit]}",
         f"give the unit: --unit {smaller}, or --unit {unit} if it is right",
         "--unit",
+        {"unit": smaller},
     )
 
 
 def _wrong_time(time: Array) -> Doubt | None:
     step = float(np.median(np.diff(time)))
-    if step < SLOW or len(time) < MANY:
+    if step < SLOW or len(time) < FEW:
         return None
     years = float(time[-1]) / (365.25 * 86400.0)
     lasts = f"{years:.3g} years" if years > 1.0 else f"{time[-1]:.4g} s"
@@ -201,6 +208,7 @@ def _wrong_time(time: Array) -> Doubt | None:
         f"time passes in steps of {step:.4g} s, {lasts} in all",
         "give its unit, --time 'NAME [ms]', or the samples a second, --rate HZ",
         "--time",
+        {"rate": 100},
     )
 
 

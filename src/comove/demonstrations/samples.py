@@ -17,9 +17,34 @@ from comove.demonstrations.units import is_angle, is_length, require_unit
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 
 
-def fault(file: object, key: str | None, message: str, way_out: str) -> DemonstrationError:
-    """Return the error about a recording: its file, the place in it, what is wrong, and what to do."""
-    return DemonstrationError(message, file=file, key=key, way_out=way_out)
+def fault(file: object, key: str | None, message: str, way_out: str, **options: Any) -> DemonstrationError:
+    """Return the error about a recording: its file, the place in it, what is wrong, and what to do.
+
+    Parameters
+    ----------
+    options : options of reading it that settle the matter, for the command that is printed
+    """
+    error = DemonstrationError(message, file=file, key=key, way_out=way_out)
+    error.options = options
+    return error
+
+
+@contextmanager
+def advising(path: object, given: Mapping[str, Any]) -> Iterator[None]:
+    """Add to the advice of a `fault` the command with the options that were `given` and those that settle it."""
+    try:
+        yield
+    except DemonstrationError as error:
+        if error.options:
+            error.way_out += f"; run: {learn_command(path, **{**given, **error.options})}"
+            error.options = {}
+        raise
+
+
+def require_bytes(file: Path) -> None:
+    """Raise if a file is empty."""
+    if file.stat().st_size == 0:
+        raise fault(file, None, "the file is empty", "copy or record it again")
 
 
 @contextmanager
@@ -146,22 +171,6 @@ class RecordedSamples:
 
 
 @dataclass(frozen=True)
-class Columns:
-    """Columns of one manipulator in a table: positions in the order of `axes`, quaternions w x y z."""
-
-    position: list[int]
-    orientation: list[int]
-    axes: tuple[str, ...]
-    unit: str
-
-    def of(self, table: NDArray[np.float64]) -> dict[str, Any]:
-        """Return the fields of `RecordedSamples` that a table, shape (n_steps, n_columns), holds in these columns."""
-        orientation = table[:, self.orientation] if self.orientation else None
-        position = table[:, self.position]
-        return {"position": position, "orientation": orientation, "axes": self.axes, "unit": self.unit}
-
-
-@dataclass(frozen=True)
 class Format:
     """A kind of recordings: how files of it are recognised, read and written.
 
@@ -192,20 +201,13 @@ class Format:
     write: Callable[..., None] | None = None
 
 
-def select_name(
-    names: Iterable[str],
-    name: str | None,
-    file: object,
-    what: str,
-    options: Mapping[str, Any] | None = None,
-) -> str:
+def select_name(names: Iterable[str], name: str | None, file: object, what: str) -> str:
     """Return `name` if it is one of `names`, or the only one that exists.
 
     Parameters
     ----------
     names : the existing names; texts among the values of a mapping describe them in messages
     what : kind of thing that is chosen: the key in messages
-    options : options of reading so far, for the command that a message shows
 
     Raises
     ------
@@ -223,9 +225,7 @@ def select_name(
     else:
         message, way_out = f"there is no {name!r}", near_name(name, words).partition("known: ")[0]
         way_out += f"known: {listed(known, 20)}"
-    if options is not None and words:
-        way_out += f"; run: {learn_command(file, **{**options, what: next(iter(words))})}"
-    raise fault(file, what, message, way_out)
+    raise fault(file, what, message, way_out, **{what: next(iter(words), None)})
 
 
 def one_of(episodes: Sequence[str], episode: str | int | None, prefix: str, file: object) -> list[str]:

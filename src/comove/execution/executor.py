@@ -26,6 +26,7 @@ from comove.execution.observers import Known, Observer, going_on
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import matrices
 from comove.planning.arguments import movements_of, warn_of_adaptation
+from comove.planning.clock import Budget
 from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
 from comove.planning.search import Interruption
@@ -56,8 +57,8 @@ class Pace:
     period : control period [s]
     watch : time between two checks of whether the plan still holds [s]
     patience : time between two attempts to plan [s]; it doubles while they fail
-    leisure, haste : time that the first attempt to plan and any later one may take [s]; the clock of a simulation
-        waits
+    leisure, haste : work of the first attempt to plan and of any later one, as `Budget.work`: about as many seconds,
+        but counted, so that a run is the same on every machine
     """
 
     period: float = 0.01
@@ -228,6 +229,12 @@ class Executor:
         plan: VerifiedMotion | None = None,
     ):
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
+        if np.isfinite(scene.jerk_limit):
+            message = (
+                f"limits.jerk ({scene.jerk_limit:g} m/s^3) does not bind an execution, whose accelerations change "
+                "from step to step; speed, acceleration and clearance do"
+            )
+            warnings.warn(message, ComoveWarning, stacklevel=2)
         self.demonstration = movements_of(demonstration, scene)
         if self.demonstration is not None:  # once, and not for the rest of it that every plan follows
             warn_of_adaptation(self.demonstration, scene)
@@ -426,12 +433,12 @@ class Executor:
             GroupPose(center, matrices(quaternion))
             for center, quaternion in zip(self.poses.center, self.poses.quaternion, strict=True)
         )
-        method, deadline = self._method(now), begun + (self.pace.haste if self.n_steps else self.pace.leisure)
+        method, left = self._method(now), self.pace.haste if self.n_steps else self.pace.leisure
         for k, longer in enumerate(SETTINGS.longer):
             duration = longer * self._shortest(now)
             later = expected.resumed(now, duration, starts, self.twists)
             # What is left, half of it unless nothing is to be tried afterwards.
-            budget = max((deadline - clock.perf_counter()) / (1 + (longer != SETTINGS.longer[-1])), 1e-3)
+            budget = Budget(work=left / (1 + (longer != SETTINGS.longer[-1])))
             with warnings.catch_warnings(action="ignore", category=ComoveWarning):
                 found = solve(
                     later,
@@ -440,6 +447,7 @@ class Executor:
                     method=method,
                     budget=budget,
                 )
+            left -= found.work
             self.log.evaluations += found.evaluations
             self.log.generations += found.generations
             if found.motion is not None or (

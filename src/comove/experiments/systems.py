@@ -7,8 +7,6 @@ them (`comove.verification.record`) after the clock has stopped.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.experiments.bench.store import Figures
 from comove.experiments.examples import scene_contents
-from comove.planning.clock import now
+from comove.planning.clock import Budget, now
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.objectives.paper import PaperCost
@@ -43,7 +41,7 @@ class SystemProblem:
     scene : scene to solve
     demonstration : a movement from which to begin, if there is one
     seed : seed of all random numbers
-    budget : time for the solution [s]
+    budget : processor time for the solution [s]
     """
 
     scene: Scene
@@ -58,7 +56,7 @@ class SystemProblem:
 
 
 class Offers:
-    """A record of the offers of a system and their times, by the clock of budgets; it starts when it is made."""
+    """A record of the offers of a system and their processor times; it starts when it is made."""
 
     def __init__(self) -> None:
         self.started = now()
@@ -84,12 +82,10 @@ class System(ABC):
     ----------
     name : name in tables
     carries : whether it moves a robot's joints, too
-    timing : makes the context in which it is run, which says what its times are
     """
 
     name: str
     carries: bool = False
-    timing: Callable[[], AbstractContextManager[None]] = staticmethod(nullcontext)
 
     @property
     def version(self) -> str:
@@ -116,14 +112,13 @@ class OwnSystem(System):
     ----------
     method : the method
     planner : whether it may plan
-    carries, timing : as in `System`; a robot is moved by comove's own method for robots
+    carries : as in `System`; a robot is moved by comove's own method for robots
     """
 
     name: str
     method: Method
     planner: bool = True
     carries: bool = False
-    timing: Callable[[], AbstractContextManager[None]] = nullcontext
 
     def warm_up(self, problem: SystemProblem) -> None:
         """Compile the kernels, including those of the method itself."""
@@ -190,17 +185,19 @@ def refusal(system: System, scene: Scene) -> str:
 def measured(system: System, problem: SystemProblem) -> SystemOutcome | None:
     """Run a system and judge its offers; return None if it offers nothing."""
     system.warm_up(problem)
-    with system.timing():
-        offers = Offers()
-        system.run(problem, offers)
-        seconds = offers.seconds
+    offers = Offers()
+    system.run(problem, offers)
+    seconds = offers.seconds
     if not offers.taken:
         return None
     reports = [report_of(problem, hands) for _, hands in offers.taken]
     last, report = offers.taken[-1][1], reports[-1]
+    reasons = report.reasons
+    if reasons and seconds > problem.budget:
+        reasons = (Budget.of(problem.budget).ran_out, *reasons)
     outcome = SystemOutcome(
-        verified=not report.reasons,
-        reasons=report.reasons,
+        verified=not reasons,
+        reasons=reasons,
         seconds=seconds,
         acceleration_max=report.acceleration_max,
         distance_error_max=report.distance_error_max,

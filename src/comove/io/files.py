@@ -120,6 +120,8 @@ def refusal(failure: OSError, path: Path) -> tuple[str, str]:
     """Return the reason for a failure of the file system, and the advice against it."""
     if failure.errno in (errno.ENOSPC, errno.EDQUOT):
         return f"the disk is full{_free(path)}", "make room there, or name a place on another disk"
+    if failure.errno == errno.EFBIG:
+        return "it would be larger than this process may write", "raise the limit: ulimit -f unlimited"
     if failure.errno == errno.ENAMETOOLONG:
         return "the name is too long", "choose a shorter one"
     if failure.errno == errno.ELOOP:
@@ -159,7 +161,7 @@ def require_room(path: Path, error: type[InputError] = DemonstrationError, room:
         for part in path.relative_to(folder).parts:  # each by itself: the system stops at the first missing
             with contextlib.suppress(FileNotFoundError):
                 os.stat(folder / part)
-        os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=folder))
+        _try(folder)
         free = shutil.disk_usage(folder).free
     if free < room:
         raise error(
@@ -167,6 +169,14 @@ def require_room(path: Path, error: type[InputError] = DemonstrationError, room:
             file=path,
             way_out="make room there, or name a place on another disk",
         )
+
+
+def _try(folder: Path) -> None:
+    """Make a file in a folder, and remove it: where the system can, one without a name, which no kill leaves."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.close(os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o600))
+        return
+    os.rmdir(tempfile.mkdtemp(prefix=".comove.", dir=folder))
 
 
 def extra(module: str, file: object) -> ModuleType:

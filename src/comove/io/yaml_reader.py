@@ -2,8 +2,9 @@
 
 YAML as Python's libraries load it lets duplicate keys pass (the last wins), reads ``1e3`` as text,
 ``010`` as 8, ``12:30:00`` as 45000 and ``no`` as False, and follows aliases until memory is exhausted. This
-reader works on the parser's events: it refuses duplicate keys, aliases, anchors, tags, several
-documents and deep nesting before anything is built, and reads plain values as people write them:
+reader works on the parser's events: it refuses duplicate keys, tags, several documents and deep nesting before
+anything is built. What aliases (``*name``) repeat of an anchor (``&name``) before them, also by the merge key
+(``<<: *name``), is copied, up to a total of `MAX_REPEATED` values. Plain values are read as people write them:
 
 ============================  =======================================================
 written                       read as
@@ -21,10 +22,12 @@ Keys are always text, as written.
 
 from __future__ import annotations
 
+import copy
 import re
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -32,6 +35,7 @@ from comove.errors import SceneError, near_name
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 64
+MAX_REPEATED = 20_000  # values that aliases may repeat in all
 TOO_DEEP, FLATTER = f"the nesting is deeper than {MAX_DEPTH} levels", "flatten it, or close the brackets"
 SUFFIXES = (".yaml", ".yml")
 MAX_NAMES = 12
@@ -41,6 +45,7 @@ Lines = dict[tuple[str | int, ...], int]
 """Key path, such as ``("obstacles", 0, "size")``, to the line it stands in, counted from 1."""
 
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+_MERGE = "<<"
 _INT = re.compile(r"[-+]?[0-9]+")
 _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _NOT_FINITE = re.compile(r"[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
@@ -129,12 +134,23 @@ def near_files(folder: Path, name: str, suffixes: tuple[str, ...]) -> str:
     return guess + (known + listed if len(names) <= MAX_NAMES else f"{len(names)} such files are there")
 
 
+class _Anchored(NamedTuple):
+    """A node with an anchor: its value, its number of values, its levels, and the lines of its parts by path."""
+
+    value: Any
+    size: int
+    depth: int
+    lines: Lines
+
+
 class _Builder:
     """A builder that turns the parser's events into plain data and records the lines."""
 
     def __init__(self, file: str | Path):
         self.file = file
         self.lines: Lines = {}
+        self.anchors: dict[str, _Anchored] = {}
+        self.repeated = 0
 
     def document(self, events: Iterator[yaml.Event]) -> tuple[dict[str, Any], Lines]:
         """Read the only document of the stream, which holds a mapping."""
@@ -154,14 +170,38 @@ class _Builder:
 
     def node(self, event: yaml.Event, events: Iterator[yaml.Event], path: tuple[str | int, ...]) -> Any:
         """Read the node that starts with `event`."""
-        self._refuse_references(event)
+        if isinstance(event, yaml.AliasEvent):
+            return self._alias(event, path)
+        self._refuse_tag(event)
+        before = len(self.lines)
         if isinstance(event, yaml.ScalarEvent):
-            return event.value if event.style else plain_value(event.value)
-        if len(path) >= MAX_DEPTH:
+            value = event.value if event.style else plain_value(event.value)
+        elif len(path) >= MAX_DEPTH:
             raise self.refusal(event, TOO_DEEP, FLATTER)
-        if isinstance(event, yaml.SequenceStartEvent):
-            return self._sequence(events, path)
-        return self._mapping(events, path)
+        elif isinstance(event, yaml.SequenceStartEvent):
+            value = self._sequence(events, path)
+        else:
+            value = self._mapping(events, path)
+        if event.anchor is not None:
+            own = islice(reversed(self.lines.items()), len(self.lines) - before)  # lines are added in order
+            lines = {place[len(path) :]: line for place, line in own}
+            self.anchors[event.anchor] = _Anchored(value, *_extent(value), lines)
+        return value
+
+    def _alias(self, event: yaml.Event, path: tuple[str | int, ...]) -> Any:
+        """Copy the node that an alias repeats."""
+        anchored = self.anchors.get(event.anchor)
+        if anchored is None:
+            known = f"known before it: {', '.join(self.anchors)}" if self.anchors else "write the value out"
+            raise self.refusal(event, f"the alias '*{event.anchor}' repeats no anchor before it", known)
+        self.repeated += anchored.size
+        if self.repeated > MAX_REPEATED:
+            message = f"the aliases up to '*{event.anchor}' repeat more than {MAX_REPEATED} values"
+            raise self.refusal(event, message, "repeat less, or write the values out")
+        if len(path) + anchored.depth > MAX_DEPTH:
+            raise self.refusal(event, TOO_DEEP, FLATTER)
+        self.lines |= {(*path, *place): line for place, line in anchored.lines.items()}
+        return copy.deepcopy(anchored.value)
 
     def refusal(self, event: yaml.Event, message: str, way_out: str) -> SceneError:
         """Return the error that says in which line `event` stands."""
@@ -177,31 +217,59 @@ class _Builder:
 
     def _mapping(self, events: Iterator[yaml.Event], path: tuple[str | int, ...]) -> dict[str, Any]:
         items: dict[str, Any] = {}
+        merged: dict[str, Any] = {}
         while not isinstance(event := next(events), yaml.MappingEndEvent):
             key = self._key(event)
             place = (*path, key)
+            if key == _MERGE and not event.style:
+                merged = self._merged(event, events, path) | merged
+                continue
             if key in items:
                 both = f"in line {self.lines[place]} and in line {_line(event)}"
                 raise self.refusal(event, f"the key {key!r} is given twice, {both}", "keep one of them")
             self.lines[place] = _line(event)
             items[key] = self.node(next(events), events, place)
-        return items
+        return merged | items
+
+    def _merged(
+        self, key: yaml.Event, events: Iterator[yaml.Event], path: tuple[str | int, ...]
+    ) -> dict[str, Any]:
+        """Read what a merge key brings in: a mapping, or a list of them, of which the first counts most."""
+        lines, self.lines = self.lines, {}
+        value = self.node(next(events), events, path)
+        lines, self.lines = self.lines, lines
+        parts = value if isinstance(value, list) else [value]
+        if not all(isinstance(part, dict) for part in parts):
+            raise self.refusal(
+                key, "the key '<<' merges no mapping", "write '<<: *NAME' of an anchor before it"
+            )
+        skipped = len(path) + isinstance(value, list)
+        for place, line in lines.items():
+            if len(place) > skipped:
+                self.lines.setdefault((*path, *place[skipped:]), line)
+        return {name: item for part in reversed(parts) for name, item in part.items()}
 
     def _key(self, event: yaml.Event) -> str:
-        self._refuse_references(event)
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
+            raise self.refusal(event, "an alias or an anchor is used as a key", "write a name before the ':'")
+        self._refuse_tag(event)
         if not isinstance(event, yaml.ScalarEvent):
             raise self.refusal(event, "a list or a mapping is used as a key", "write a name before the ':'")
         return event.value
 
-    def _refuse_references(self, event: yaml.Event) -> None:
-        if isinstance(event, yaml.AliasEvent):
-            raise self.refusal(event, f"the alias '*{event.anchor}' is not supported", "write the value out")
-        if event.anchor is not None:
-            raise self.refusal(event, f"the anchor '&{event.anchor}' is not supported", "leave it out")
+    def _refuse_tag(self, event: yaml.Event) -> None:
         if event.tag is not None:
             way_out = "leave it out, and put text that starts with '!' in quotes"
             tag = event.tag.replace("tag:yaml.org,2002:", "!!")
             raise self.refusal(event, f"the tag {tag!r} is not supported", way_out)
+
+
+def _extent(value: Any) -> tuple[int, int]:
+    """Return the number of values in a node, and of levels of lists and mappings."""
+    if not isinstance(value, list | dict):
+        return 1, 0
+    parts = [_extent(part) for part in (value.values() if isinstance(value, dict) else value)]
+    return 1 + sum(size for size, _ in parts), 1 + max((depth for _, depth in parts), default=0)
 
 
 def _line(event: yaml.Event) -> int:

@@ -2,6 +2,7 @@
 
 from comove.planning.arguments import carried_demonstration, movements_of
 from comove.planning.choice import Candidate, Choice, best_movement
+from comove.planning.clock import Budget
 from comove.planning.combination import Combination, combine
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.methods import Comove, Projection
@@ -13,6 +14,7 @@ from comove.planning.solution import Progress, Solution
 from comove.planning.solver import solve
 
 __all__ = [
+    "Budget",
     "Candidate",
     "Choice",
     "Combination",

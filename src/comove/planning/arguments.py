@@ -19,6 +19,7 @@ from comove.coordination.adaptation import (
 )
 from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, OptionError, near_name
+from comove.planning.clock import Budget
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
@@ -77,7 +78,8 @@ def check_options(
     if method is not None and not isinstance(method, Method):
         way_out = _object_for(method, METHODS, "give a method object, such as Projection()")
         raise OptionError(f"method = {method!r}", way_out=way_out)
-    if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not 0 < budget < np.inf:
+    seconds = 1.0 if isinstance(budget, Budget) else budget
+    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
         way_out = _object_for(

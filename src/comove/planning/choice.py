@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.errors import OptionError
-from comove.planning.clock import now
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives.paper import PaperCost
 from comove.primitives import DMP, Library, Primitive, Variant, motion_basis
@@ -72,7 +71,6 @@ def best_movement(
     *,
     objective: PaperCost | None = None,
     plane: str | None = None,
-    budget: float = np.inf,
 ) -> Choice:
     """Find the movement of a library that suits a scene best.
 
@@ -83,7 +81,6 @@ def best_movement(
     scene : scene to whose hands each movement is transferred, as `solve` does
     objective : weights of equation (4)
     plane : "xy", "xz" or "yz", plane into which planar movements are laid in a spatial scene
-    budget : time after which movements that are not yet evaluated are left out [s]
 
     Raises
     ------
@@ -93,14 +90,10 @@ def best_movement(
     suited = suitable(movements, scene, plane)
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS, "velocity")
     cost = Objective(scene, coordinates, objective or PaperCost())
-    names, values, begun = list(suited), [], now()
+    names, values = list(suited), []
     for dmp in suited.values():
         carried = CoordinatedDMP.from_demonstration(dmp, scene, coordinates, basis)
         values.append(cost.evaluate(carried.rollouts(carried.weights[None], N_STEPS)))
-        if len(values) == 1:
-            begun = now()  # the first may compile kernels, which is apart
-        if now() - begun > budget:
-            break
     value = Evaluation(*(np.concatenate(arrays) for arrays in zip(*(v[:-1] for v in values), strict=True)))
     passes, total = cost.feasible(value), cost.search_value(value)
     order = np.lexsort((total, ~passes))

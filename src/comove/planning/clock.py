@@ -1,19 +1,18 @@
-"""The clock of time budgets, which compiled loops read as well.
+"""The clock of budgets, which compiled loops read as well: processor time, and a count of work.
 
-It is that on the wall, or, in the context of `processor_time`, that of this process: a budget then means the same
-work whatever else the machine does.
+A budget bounds the processor time of this process with all its threads: other programs and waiting cost nothing.
+Shares of a budget, and the budgets of what must come out alike on every machine, are counts of work: computed
+distances, and for other steps as many distances as would take about as long.
 
-Kernels count their work, and read the time after every few milliseconds of it. Once time is up, they report every
-configuration as not free, so that their loops end; the caller checks the time as well and ends the search. Until then
-the clock does not change any result.
+Kernels add to the count, and read the time after every few milliseconds of work. Once the budget is spent, they
+report every configuration as not free, so that their loops end; the caller checks the clock as well and ends the
+search. Until then the clock does not change any result.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
+from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
@@ -23,32 +22,77 @@ from comove.compiled import kernel
 
 Array = NDArray[np.float64]
 
-DEADLINE, LEFT, UP, LOOKS = range(4)  # columns of a clock
+DEADLINE, LEFT, UP, LOOKS, WORK, MOST = range(6)  # columns of a clock
 STRIDE = 20_000  # computed distances, or as much work, between two readings of the time: some milliseconds
-
-
-_seconds: ContextVar[Callable[[], float]] = ContextVar("seconds", default=time.perf_counter)
+A_SECOND = 4e7  # computed distances in about a second
+ENOUGH = 10.0  # s, least budget that is advised
 
 
 def now() -> float:
-    """Return the time of the clock of budgets [s]."""
-    return _seconds.get()()
+    """Return the processor time of this process [s]."""
+    return time.process_time()
 
 
-@contextmanager
-def processor_time() -> Iterator[None]:
-    """Let budgets, and the times that solutions report, count processor time of this process in this context."""
-    before = _seconds.set(time.process_time)
-    try:
-        yield
-    finally:
-        _seconds.reset(before)
+@dataclass(frozen=True)
+class Budget:
+    """The bounds of a search, which ends at whichever it reaches first.
+
+    Attributes
+    ----------
+    seconds : processor time [s]
+    work : computed distances, or as much work, in units of about a second's; a search that it bounds gives the same
+        result on every machine
+    size : work of which stages get shares, in the same units; the smaller of the two bounds unless given
+    given : the whole budget of which this one is a part, for messages [s]; None where it was no time
+    option : how a larger one is given, for messages
+    """
+
+    seconds: float = np.inf
+    work: float = np.inf
+    size: float = np.nan
+    given: float | None = None
+    option: str = "--budget"
+
+    def __post_init__(self) -> None:
+        if np.isnan(self.size):
+            object.__setattr__(self, "size", min(self.seconds, self.work))
+
+    @classmethod
+    def of(cls, budget: float | Budget, option: str = "--budget") -> Budget:
+        """Return a number of seconds as a budget, and a budget as it is."""
+        if isinstance(budget, Budget):
+            return budget
+        return cls(float(budget), given=float(budget), option=option)
+
+    @property
+    def is_spent(self) -> bool:
+        """Return whether nothing is left."""
+        return self.seconds <= 0.0 or self.work <= 0.0
+
+    def after(self, seconds: float, work: float = 0.0) -> Budget:
+        """Return what is left after so much; how long it took does not change the size."""
+        left = max(self.size - work, 0.0)
+        return replace(self, seconds=self.seconds - seconds, work=self.work - work, size=left)
+
+    def within(self, work: float) -> Budget:
+        """Return the budget with another bound of the work besides."""
+        return replace(self, work=min(self.work, work), size=min(self.size, work))
+
+    @property
+    def ran_out(self) -> str:
+        """Return that the budget ran out before a motion was verified, and what to do, in words."""
+        if self.given is None:
+            return "the search was ended before a motion was verified"
+        return (
+            f"the time budget of {self.given:g} s ran out before a motion was verified: "
+            f"{self.option} {max(2.0 * self.given, ENOUGH):g} lets the search go on"
+        )
 
 
-def clock_until(deadline: float = np.inf) -> Array:
-    """Return a clock that expires at `deadline`, a time of `now` [s]."""
-    clock = np.zeros(4)
-    clock[LEFT] = STRIDE
+def clock_until(deadline: float = np.inf, work: float = np.inf) -> Array:
+    """Return a clock that expires at `deadline`, a time of `now` [s], or after so many computed distances."""
+    clock = np.zeros(6)
+    clock[LEFT], clock[MOST] = STRIDE, work
     wind(clock, deadline)
     return clock
 
@@ -62,6 +106,9 @@ def wind(clock: Array, deadline: float) -> None:
 def worked(clock, work):
     """Add to the work counted, read the time if enough has been done since last, and return whether time is up."""
     clock[LEFT] -= work
+    clock[WORK] += work
+    if clock[WORK] > clock[MOST]:
+        clock[UP] = 1.0
     if clock[LEFT] < 0.0:
         with numba.objmode(at="float64"):
             at = now()

@@ -26,7 +26,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import CMAES, Parameters
 from comove.planning.arguments import check_options
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
-from comove.planning.clock import now
+from comove.planning.clock import Budget
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
@@ -36,6 +36,7 @@ from comove.planning.solution import ProgressCallback
 from comove.primitives import DMP, LinearPhase, Variant, motion_basis
 from comove.primitives.operations import refitted
 from comove.primitives.variants import adaptation
+from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.verification.verify import Check, VerifiedMotion, verify
@@ -89,6 +90,7 @@ class Combination:
     evaluations, generations, restarts : numbers of evaluated samples, of generations, and of runs of the optimiser
     seed : seed of all random numbers
     interrupted : whether the user stopped the search
+    timed_out : whether the budget ran out before the search ended by itself
     """
 
     dmp: DMP
@@ -103,6 +105,7 @@ class Combination:
     restarts: int
     seed: int
     interrupted: bool = False
+    timed_out: bool = False
 
     @property
     def verified(self) -> bool:
@@ -110,12 +113,13 @@ class Combination:
         return self.motion is not None
 
 
+@one_blas_thread()
 def combine(
     movements: Movements,
     scene: Scene,
     *,
     seed: int = 0,
-    budget: float = 30.0,
+    budget: float | Budget = 30.0,
     objective: PaperCost | None = None,
     plane: str | None = None,
     checks: Sequence[Check] = (),
@@ -129,8 +133,8 @@ def combine(
     movements, plane : as for `best_movement`
     scene : scene of one hand or several; several hands all make the same movement, each between its own ends
     seed : seed of all random numbers; the same inputs, seed and version give the same combination,
-        unless time runs short
-    budget : time after which the best attempt is returned [s]
+        unless the budget runs out (`Combination.timed_out`)
+    budget : processor time after which the best attempt is returned [s], or a `Budget`, as of `solve`
     objective : weights of equation (4)
     checks : further checks that the motion must pass
     progress : function that is called once a generation
@@ -144,36 +148,40 @@ def combine(
     check_options(scene, None, seed, None, budget, objective, "constraint", checks)
     suited = suitable(movements, scene, plane)
     load_kernels(SceneKind.of(scene))
-    started = now()
+    bounds = Budget.of(budget)
     coordinates = load_coordinates(scene)
     search = Search(
         objective=Objective(scene, coordinates, objective or PaperCost(), ContactPenalty(along_path=True)),
         taught=None,
         hard=True,
         rng=np.random.default_rng(seed),
-        started=started,
-        deadline=started + budget,
+        budget=bounds,
         checks=checks,
         progress=progress,
     )
     attempts = Attempts(search, suited, settings)
     with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
         attempts.run()
+    timed_out = search.timed_out
     found = attempts.found()
     verdict = verify(found.motion, checks)
+    reasons = verdict.reasons
+    if verdict.verified is None and timed_out and not search.interruption.wished:
+        reasons = (bounds.ran_out, *reasons)
     return Combination(
         dmp=found.dmp,
         names=tuple(suited),
         coefficients=found.coefficients,
         attempt=found.motion,
         motion=verdict.verified,
-        reasons=verdict.reasons,
+        reasons=reasons,
         cost=search.objective.cost(found.motion).total,
         evaluations=search.evaluations,
         generations=search.generations,
         restarts=attempts.restarts,
         seed=int(seed),
         interrupted=search.interruption.wished,
+        timed_out=timed_out,
     )
 
 
@@ -348,7 +356,7 @@ class Attempts:
             search.check_time()
             samples = optimiser.ask()
             value = objective.evaluate(self.span.configurations(samples.reshape(-1, *begin.shape)))
-            search.evaluations += len(samples)
+            search.count(len(samples))
             fitness = objective.search_value(value)
             optimiser.tell(fitness)
             i = int(np.argmin(fitness))

@@ -76,7 +76,7 @@ class Space(NamedTuple):
     around : load and all that it must not touch
     required : clearance that the scene asks for [m]
     cap : largest clearance that is computed [m]
-    clock : clock of the time budget; no configuration is free after its deadline
+    clock : clock of the budget; no configuration is free after its deadline
     found : array, shape (2,), numbers of paths found by RRT-Connect and by the forest, which the planner counts
     settings : settings of the search
     """
@@ -91,8 +91,10 @@ class Space(NamedTuple):
     settings: SpaceSettings
 
 
-def configuration_space(scene: Scene, coordinates: Coordinates, settings: SpaceSettings = SETTINGS) -> Space:
-    """Return the space of a scene in its load coordinates; its clock has no deadline until one is set (`wind`)."""
+def configuration_space(
+    scene: Scene, coordinates: Coordinates, settings: SpaceSettings = SETTINGS, clock: Array | None = None
+) -> Space:
+    """Return the space of a scene in its load coordinates, with the clock of a search, or one without a deadline."""
     reach = np.array([group.reach for group in coordinates.groups])
     return Space(
         coordinates.blocks,
@@ -100,7 +102,7 @@ def configuration_space(scene: Scene, coordinates: Coordinates, settings: SpaceS
         surroundings_of(scene),
         scene.clearance,
         settings.cap + scene.clearance,
-        clock_until(),
+        clock_until() if clock is None else clock,
         np.zeros(2, dtype=np.int64),
         settings,
     )

@@ -122,7 +122,7 @@ class _Variations:
         clearance = search.objective.evaluate(q).clearance
         hands = start.coordinates.nodes(q)[:, :, : len(scene.manipulators)]
         flat = hands[..., : scene.n_dims].reshape(len(x), N_STEPS, -1)
-        search.evaluations += len(x)
+        search.count(len(x))
         samples = [Samples.of(search.handed(motion)) for motion in motions]
         limits = Limits.of(scene, scene.duration)
         fixed = np.column_stack(

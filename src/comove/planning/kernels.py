@@ -127,8 +127,6 @@ def _stand_in(kind: SceneKind) -> Search:
         taught=(dmp,) * 2,
         hard=True,
         rng=np.random.default_rng(0),
-        started=0.0,
-        deadline=np.inf,
         aim=LeastJerk(),
         limits=Limits.of(scene, scene.duration),
     )

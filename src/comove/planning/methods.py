@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.dmp import CoordinatedDMP
-from comove.planning.clock import wind
+from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import Space, SpaceSettings, configuration_space, span, way_length
 from comove.planning.custom import SETTINGS as CUSTOM
@@ -44,7 +44,7 @@ from comove.planning.spacetime import (
     spacetime,
     targets_in_time,
 )
-from comove.primitives.basis import MotionBasis, motion_basis
+from comove.primitives.basis import MotionBasis
 from comove.scenes.scene import Scene
 from comove.ties import first_least
 from comove.verification.verify import Report
@@ -76,7 +76,7 @@ class MethodSettings:
     worth_another : relative gain below which another path counts as no better
     n_polished : cheapest fits of different plans that convex programmes improve
     hasty_idle : paths without gain that are enough where the duration is minimised, which takes longer
-    smoothing_share : share of the budget before functions of the user are minimised
+    smoothing_share : share of the work of the budget before functions of the user are minimised
     n_starts : smooth motions from which these are minimised
     hopeless : penetration from which on a new start is better than a stricter search [m]
     mending, growing, repairing : schedules by which a motion that is only too fast is mended, the load grows, and a
@@ -189,18 +189,17 @@ class Comove(Method):
         """
         base = replace(
             search,
+            budget=search.budget.within(self.settings.smoothing_share * search.budget.size),
             own=None,
             checks=tuple(check for check in search.checks if check != own.reasons),
             kept=[],
             objective=replace(search.objective, scene=_unsampled(search.scene)),
             asked=None if search.asked is None else _unsampled(search.asked),
         )
-        base.deadline = min(
-            base.deadline, base.started + self.settings.smoothing_share * (base.deadline - base.started)
-        )
         with suppress(OutOfTime):
             self.run(base, planner=planner)
         search.evaluations, search.generations = base.evaluations, base.generations
+        search.add_work(A_SECOND * base.work)
         search.needed = base.needed
         if base.attempt is not None:
             search.attempt, search.attempt_verdict = (
@@ -219,7 +218,10 @@ class Comove(Method):
         """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
         scene = search.scene
         planning = load_coordinates(scene)
-        space, ends = configuration_space(scene, planning, self.settings.space), planning.boundary()
+        space, ends = (
+            configuration_space(scene, planning, self.settings.space, search.clock),
+            planning.boundary(),
+        )
         in_time = scene.moving.any() or ends[1].any()
         plans_are_dear = search.carrier is None and not in_time  # beside mending
         targets_of = (
@@ -337,7 +339,7 @@ class Comove(Method):
         """
         hopeful, doubted = None, 0
         for n_basis in dict.fromkeys((self.n_basis, max(self.n_basis, self.n_basis_fine))):
-            basis = motion_basis(n_basis, "velocity")
+            basis = search.basis(n_basis, "velocity")
             dmp, weights = fit(targets, goal, search.objective.coordinates, basis, search.scene)
             value = search.evaluate_best(dmp, weights, self.settings.n_asked)
             sound = search.objective.feasible(value._replace(possible=np.ones(len(weights), dtype=bool)))
@@ -392,7 +394,7 @@ class Comove(Method):
 
     def _grow(self, search: Search, restarts: Iterable[int]) -> bool:
         """Optimise motions while the load grows to its full size; return True once one is verified and polished."""
-        basis = motion_basis(self.n_basis_growing, "acceleration")
+        basis = search.basis(self.n_basis_growing, "acceleration")
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
             search.stage = f"growing the load, restart {restart}"
@@ -410,7 +412,7 @@ class Comove(Method):
                 motion = dmp.rollout()
                 verdict = search.judge(motion)
                 if verdict.verified or not search.hard:
-                    self._polish(search, self._refined(dmp))
+                    self._polish(search, self._refined(search, dmp))
                     return True
                 value = search.evaluate(objective, dmp, dmp.weights[None])
                 if value.clearance[0] < -self.settings.hopeless:
@@ -419,10 +421,10 @@ class Comove(Method):
                 dmp = improve(search, objective, dmp, self.settings.repairing)
         return False
 
-    def _refined(self, dmp: CoordinatedDMP) -> CoordinatedDMP:
+    def _refined(self, search: Search, dmp: CoordinatedDMP) -> CoordinatedDMP:
         """Return the same movement in the finer basis in which it is polished."""
         q = dmp.rollouts(dmp.weights[None], N_STEPS)[0].T
-        finer = replace(dmp, basis=motion_basis(self.n_basis, "velocity"))
+        finer = replace(dmp, basis=search.basis(self.n_basis, "velocity"))
         return finer.fitted(np.linspace(0.0, 1.0, N_STEPS), q)
 
 
@@ -482,7 +484,7 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
-        wind(space.clock, search.until)
+        search.wind()
         path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
         # To arrive early pays by equation (4) alone; arms may need it too.
         gentle = search.carrier is None and not isinstance(search.aim, PaperCost)
@@ -502,7 +504,7 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         speed = limit * settings.shares[failures % len(settings.shares)]
         margin = settings.margins[failures % len(settings.margins)]
-        wind(space.clock, search.until)
+        search.wind()
         found = plan_in_time(
             world,
             start,

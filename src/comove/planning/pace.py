@@ -52,6 +52,11 @@ def too_short(scene: Scene, needed: float) -> str:
     return f"{scene.duration:g} s are too short for the limits: {rounded_up(1.02 * needed, 3):g} s would do"
 
 
+def would_do(needed: float) -> str:
+    """Return the message that a duration 2 % longer than `needed` [s] is known to do; see `too_short`."""
+    return f"a duration of {rounded_up(1.02 * needed, 3):g} s would do"
+
+
 def least_possible(scene: Scene) -> float:
     """Return a lower bound of the duration of any motion [s]: straight lines from rest to rest, each limit by itself.
 
@@ -84,14 +89,13 @@ class DurationSettings:
     longer : ratio of a duration to the one tried before
     near : ratio of the shortest duration with a motion to a shorter one without, which is accurate enough
     digits : significant digits of durations that are tried
-    share, least : largest share of the budget for the try of one duration, and its least time [s]
+    share : largest share of the work of the budget for the try of one duration
     """
 
     longer: float = 1.25
     near: float = 1.03
     digits: int = 4
     share: float = 0.2
-    least: float = 0.1
 
 
 SETTINGS = DurationSettings()

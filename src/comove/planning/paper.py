@@ -35,7 +35,6 @@ from comove.planning.method import Method
 from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
-from comove.primitives.basis import motion_basis
 from comove.primitives.phase import Phase
 from comove.scenes.scene import Scene
 
@@ -132,7 +131,7 @@ class Paper(Method):
 
     def _initial(self, search: Search, attempt: int) -> CoordinatedDMP | None:
         """Return a movement whose middle navigates the environment (paper, Fig. 3), given to every arm; or None."""
-        basis = motion_basis(self.n_basis, "acceleration", self.phase)
+        basis = search.basis(self.n_basis, "acceleration", self.phase)
         coordinates = load_coordinates(search.scene)
         objective = replace(search.objective.with_penalty(along_path=True), coordinates=coordinates)
         restart = attempt if search.taught is None else 0  # always from the demonstration
@@ -165,7 +164,7 @@ class Paper(Method):
             weights = dmp.weights + request.x.reshape(-1, *shape)
             if request.constraints:
                 missed = self._errors(dmp, weights) - bands
-                search.evaluations += len(weights)
+                search.count(len(weights))
                 if len(weights) == self.population:
                     share = (missed <= 0).all(axis=1).mean()
                 run.tell(None, missed)

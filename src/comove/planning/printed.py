@@ -75,7 +75,7 @@ class Printed(Method):
                 points, open_points = run.sample(), np.ones(self.population, dtype=bool)
                 while open_points.any():
                     violated = violations(scene, dmp.rollouts(weights(points), N_STEPS))
-                    search.evaluations += len(points)
+                    search.count(len(points))
                     run.constrain(points, violated)
                     open_points[open_points] = violated.any(axis=1)
                     if search.over():

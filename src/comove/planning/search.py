@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -15,9 +16,9 @@ from numpy.typing import NDArray
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
 from comove.optimisers import CMAES, DiagonalCovariance, Parameters
-from comove.planning.clock import now
+from comove.planning.clock import A_SECOND, MOST, WORK, Budget, clock_until, now, wind
 from comove.planning.compiling import Compiled
-from comove.planning.configurations import Space
+from comove.planning.configurations import MESH_WORK, SOLID_WORK, Space
 from comove.planning.convex.costs import jerk_cost
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.programme import Follower
@@ -25,15 +26,24 @@ from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
+from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP
+from comove.primitives.phase import LinearPhase, Phase
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
 
 
+# Work, as computed distances that take about as long.
+ROLLOUT = 2e3  # of a rollout, besides its distances
+FOLLOWED = 5e4  # of a rollout that arms follow
+CERTIFIED = 2e5  # of a certificate
+CARRIED = 6e6  # of a certificate of joints
+
+
 class OutOfTime(Exception):
-    """An error that is raised when the time budget is spent or the user ends the search."""
+    """An error that is raised when the budget is spent or the user ends the search."""
 
 
 class Carrier(Protocol):
@@ -135,8 +145,9 @@ class Search:
     taught : demonstrated movement of every manipulator; None without any
     hard : whether obstacles are constraints, not only costs
     rng : source of all random numbers
-    started, deadline : times of `clock.now`; the time in which kernels are compiled is added to the deadline
-        [s]
+    budget : bounds of the search; the time in which kernels are compiled does not count
+    started : time of `clock.now` at which the search began [s]
+    clock : clock of the search, which all kernels share
     compiled : counters of the kernels compiled since the start
     asked : scene of the caller, on which motions are returned, as fast as possible if its duration is open; None if
         it is the scene that is searched
@@ -162,8 +173,8 @@ class Search:
     taught: tuple[DMP, ...] | None
     hard: bool
     rng: np.random.Generator
-    started: float
-    deadline: float
+    budget: Budget = field(default_factory=Budget)
+    started: float = field(default_factory=now)
     compiled: Compiled = field(default_factory=Compiled)
     asked: Scene | None = None
     checks: Sequence[Check] = ()
@@ -188,9 +199,21 @@ class Search:
     needed: float = np.inf
     own: OwnFunctions | None = None
     kept: list[CoordinatedMotion] = field(default_factory=list)
+    clock: Array = field(init=False, repr=False)
     _handed: list[tuple[CoordinatedMotion, CoordinatedMotion]] = field(
         default_factory=list, init=False, repr=False
     )
+
+    def basis(self, n_basis: int, metric: Metric, phase: Phase | None = None) -> MotionBasis:
+        """Return the basis of the motions that are searched.
+
+        Where the scene limits the jerk it is that in the metric of jerk, whose accelerations do not jump at the ends,
+        unless another phase than the linear one is asked for.
+        """
+        limited = np.isfinite((self.asked or self.scene).jerk_limit)
+        if limited and phase in (None, LinearPhase()):
+            return motion_basis(n_basis, "jerk")
+        return motion_basis(n_basis, metric, phase)
 
     @property
     def scene(self) -> Scene:
@@ -202,22 +225,52 @@ class Search:
         """Return whether the duration is open and a carrier's limits decide how long a motion takes."""
         return self.carrier is not None and self.asked is not None and not self.asked.is_timed
 
-    def time_left(self) -> float:
-        """Return the time that is left of the budget [s]."""
-        return self.until - now()
+    def __post_init__(self) -> None:
+        self.clock = clock_until(work=self.budget.work * A_SECOND)
+        self.wind()
 
-    @property
-    def until(self) -> float:
-        """Return the time of `clock.now` at which the budget is spent [s]."""
-        return self.deadline + self.compiled.seconds
+    def wind(self) -> None:
+        """Postpone the deadline by the time that was spent on compilation."""
+        wind(self.clock, self.started + self.budget.seconds + self.compiled.seconds)
 
     def elapsed(self) -> float:
         """Return the time since the start, less the time spent on compilation [s]."""
         return now() - self.started - self.compiled.seconds
 
+    @property
+    def work(self) -> float:
+        """Return the work counted so far, in units of about a second's."""
+        return float(self.clock[WORK]) / A_SECOND
+
+    def add_work(self, work: float) -> None:
+        """Count work, as computed distances that take about as long."""
+        self.clock[WORK] += work
+
+    def count(self, n_rollouts: int, each: float = ROLLOUT) -> None:
+        """Count evaluated rollouts, and the work of each."""
+        self.evaluations += n_rollouts
+        self.add_work(n_rollouts * each)
+
+    @cached_property
+    def _work_of_rollout(self) -> float:
+        """Return the work of evaluating a rollout."""
+        scene = self.objective.scene
+        bodies = len(scene.body.edges) + SOLID_WORK * len(scene.body.solids)
+        obstacles = int(scene.convex_rows.sum()) + MESH_WORK * len(scene.surfaces.root)
+        return ROLLOUT + N_STEPS * bodies * (1.0 + obstacles)
+
+    @property
+    def timed_out(self) -> bool:
+        """Return whether time is up, or all work done before a motion was found."""
+        return self.elapsed() > self.budget.seconds or (self._is_worked_off and self.best is None)
+
+    @property
+    def _is_worked_off(self) -> bool:
+        return bool(self.clock[WORK] > self.clock[MOST])
+
     def over(self) -> bool:
         """Return whether the budget is spent, or the user wishes to end."""
-        return self.interruption.wished or self.time_left() < 0
+        return self.interruption.wished or self._is_worked_off or self.timed_out
 
     def check_time(self) -> None:
         """Raise `OutOfTime` once the search is over."""
@@ -228,10 +281,11 @@ class Search:
         self, objective: Objective, dmp: CoordinatedDMP, weights: Array, size: float = 1.0
     ) -> Evaluation:
         """Evaluate a population of weights, array of shape (n_rollouts, n_columns, n_basis)."""
-        self.evaluations += len(weights)
+        self.count(len(weights), self._work_of_rollout)
         q = dmp.rollouts(weights, N_STEPS)
         value = objective.evaluate(q, size)
         if self.carrier is not None:
+            self.add_work(FOLLOWED * len(weights))
             penalty, possible = self.carrier.ask(objective.coordinates.nodes(q))  # arms hold the real load
             value = value._replace(penalty=value.penalty + penalty, possible=possible)
         return value
@@ -244,7 +298,8 @@ class Search:
         carrier, objective = self.carrier, self.objective
         if carrier is None or len(weights) <= n_asked:
             return self.evaluate(objective, dmp, weights)
-        self.evaluations += len(weights)
+        self.count(len(weights), self._work_of_rollout)
+        self.add_work(FOLLOWED * n_asked)
         q = dmp.rollouts(weights, N_STEPS)
         value = objective.evaluate(q)
         missed = np.where(objective.feasible(value), 0.0, 100.0)
@@ -258,8 +313,10 @@ class Search:
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion, and keep it if it is the best. Further checks, which may be slow, come last."""
+        self.add_work(CERTIFIED)
         verdict = verify(motion)
         if verdict.verified is not None and (self.checks or self.asked is not None):
+            self.add_work(CERTIFIED if self.carrier is None else CARRIED)
             handed = verify(self.handed(motion), self.checks)
             if handed.verified is None:
                 verdict = replace(verdict, verified=None, reasons=handed.reasons)

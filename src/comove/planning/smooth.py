@@ -26,6 +26,10 @@ from comove.verification.verify import verify
 
 Array = NDArray[np.float64]
 
+# Work, as computed distances that take about as long.
+STEP = 1e5  # of a step of the optimisation
+PROGRAMME = 400.0  # of a quadratic programme, for every variable
+
 
 @dataclass(frozen=True)
 class SmoothingSettings:
@@ -159,9 +163,8 @@ def _verified(
     settings = replace(smoothing.convex, wish=smooth.wish)
     cost = _squares(search, smooth, len(programme.coarse.base))
     if cost.precision is not None:  # steep valleys and flat grounds: begin near the best, or be stuck
-        even = optimise(programme, replace(cost, precision=None), z, settings, reference, search.over)
-        z, reference = even.z, None
-        search.evaluations += even.iterations
+        even = replace(cost, precision=None)
+        z, reference = _optimised(search, programme, even, z, settings, reference), None
         search.judge(programme.motion(z))
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings, reference)
@@ -252,7 +255,8 @@ def _optimised(
     """Optimise shape weights as `optimise` does, while there is time, and return the best ones."""
     search.check_time()
     outcome = optimise(programme, cost, z, settings, reference, search.over)
-    search.evaluations += outcome.iterations
+    search.count(outcome.iterations, STEP)
+    search.add_work(outcome.programmes * PROGRAMME * programme.n)
     search.tell(outcome.value, outcome.missed)
     return outcome.z
 

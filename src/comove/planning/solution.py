@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import comove
 from comove.brief import brief
@@ -56,9 +56,12 @@ class Solution:
     cost : terms of J of `attempt`
     method, seed : name of the method, and seed of all random numbers
     evaluations, generations : numbers of evaluated rollouts and of generations of the optimiser
-    time_to_first_verified_s : time from scene and demonstration in memory to the first verified motion [s]
-    solve_time_s : time spent in `solve`, less the time spent on compilation [s]
+    time_to_first_verified_s : processor time from scene and demonstration in memory to the first verified motion [s]
+    solve_time_s : processor time spent in `solve`, less the time spent on compilation [s]
+    work : work counted in `solve`, in units of about a second's; the same on every machine unless it timed out
     interrupted : whether the user stopped the search
+    timed_out : whether the budget ran out before the search ended by itself; then another machine may come to another
+        motion
     log : figures that the method reports of its run, numbers or lists of numbers by name
     objective : objective that was minimised
     followed : distances of the hands from the demonstration, None if none was followed
@@ -78,7 +81,9 @@ class Solution:
     generations: int
     time_to_first_verified_s: float | None
     solve_time_s: float
+    work: float = 0.0
     interrupted: bool = False
+    timed_out: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)
     objective: LeastJerk | LeastTime | PaperCost | OwnFunctions = field(default_factory=PaperCost)
     followed: Followed | None = None
@@ -92,6 +97,18 @@ class Solution:
     def trajectory(self) -> Trajectory:
         """Return samples of `attempt` at 100 Hz or more."""
         return self.attempt.trajectory()
+
+    def after(self, earlier: Solution) -> Solution:
+        """Return the solution with the effort of an earlier search besides."""
+        until = self.time_to_first_verified_s
+        return replace(
+            self,
+            evaluations=earlier.evaluations + self.evaluations,
+            generations=earlier.generations + self.generations,
+            time_to_first_verified_s=None if until is None else earlier.solve_time_s + until,
+            solve_time_s=earlier.solve_time_s + self.solve_time_s,
+            work=earlier.work + self.work,
+        )
 
     def show(self) -> None:
         """Show the motion in a notebook, or else in a browser; see `comove.show`."""

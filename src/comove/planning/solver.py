@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.planning.arguments import (
     carried_demonstration,
     check_options,
@@ -20,7 +21,7 @@ from comove.planning.arguments import (
     movements_of,
     warn_of_adaptation,
 )
-from comove.planning.clock import now
+from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
 from comove.planning.kernels import SceneKind, load_kernels
@@ -46,12 +47,14 @@ from comove.primitives.dmp import DMP
 from comove.primitives.operations import scale
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
+from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]
 
 
+@one_blas_thread()
 def solve(
     scene: Scene,
     *,
@@ -59,7 +62,7 @@ def solve(
     seed: int = 0,
     method: Method | None = None,
     planner: bool = True,
-    budget: float = 30.0,
+    budget: float | Budget = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | Callable[[Samples], float] | None = None,
     constraints: Sequence[Callable[[Samples], object]] = (),
     obstacles: Literal["constraint", "cost"] = "constraint",
@@ -80,15 +83,15 @@ def solve(
         poses are those of a load that turns and that all hands hold. A distribution is followed where people agree:
         `LeastJerk` weights deviations from its mean by its precision at every instant.
     seed
-        Seed of all random numbers: the same inputs, seed and version give the same motion unless time runs short.
+        Seed of all random numbers: the same inputs, seed and version give the same motion unless the budget runs out
+        (`Solution.timed_out`).
     method
         `Comove()` unless given. Some methods solve a part of the scene, which is the scene of the solution.
     planner
         Whether to start from a path planned in the load's own configuration space.
     budget
-        Time after which the best motion so far is returned [s]. Where it passes without a motion within the limits in
-        the duration that is given, the fastest motion, which follows no demonstration, may be searched for half as
-        long again.
+        Processor time of this process after which the best motion so far is returned [s]; compiling does not count.
+        Or a `Budget`, which may bound a count of work instead, the same on every machine.
     objective
         Objective that the motion minimises; that of the scene unless given. If the scene has none, it is
         `LeastJerk()`, smooth and near to the demonstration; `LeastTime()` for a scene without duration and
@@ -121,8 +124,14 @@ def solve(
     -----
     ComoveWarning
         If the demonstration, adapted to the scene's start and goal, is magnified by more than 3 or leaves the
-        workspace.
+        workspace; and if the scene names a robot, no joint of which is looked at here.
     """
+    if carrier is None and scene.file.robot is not None and not isinstance(method, Quick):
+        message = (
+            f"the scene names the robot '{scene.file.robot}', and solve looks at the hands alone; "
+            "comove.robots.carry(scene, robot) looks at its joints"
+        )
+        warnings.warn(message, ComoveWarning, stacklevel=2)
     aim = None if callable(objective) else objective
     check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
     functions = own(objective, listed(constraints), scene)
@@ -146,14 +155,14 @@ def solve(
         )
     if taught is not None and (isinstance(aim, PaperCost) or (isinstance(aim, LeastJerk) and aim.pull(True))):
         warn_of_adaptation(taught, scene)
-    return _solved(
+    return _told(
         Problem(
             scene,
             taught,
             seed,
             method,
             planner,
-            budget,
+            Budget.of(budget),
             aim,
             functions,
             hard,
@@ -165,6 +174,14 @@ def solve(
             precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
         )
     )
+
+
+def _told(problem: Problem) -> Solution:
+    """Solve a problem; where the budget ran out before a motion was verified, that is the first reason."""
+    solution = _solved(problem)
+    if solution.verified or not solution.timed_out or solution.interrupted:
+        return solution
+    return replace(solution, reasons=(problem.budget.ran_out, *solution.reasons))
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +202,7 @@ class Problem:
     seed: int
     method: Method
     planner: bool
-    budget: float
+    budget: Budget
     objective: LeastJerk | LeastTime | PaperCost
     own: OwnFunctions | None
     hard: bool
@@ -230,25 +247,23 @@ def _default_objective(
     return LeastJerk() if scene.is_timed or taught is not None else LeastTime()
 
 
-def _solved(problem: Problem, in_haste: float = 0.5) -> Solution:
-    """Solve a problem, by the procedure that suits its duration.
-
-    Parameters
-    ----------
-    in_haste : least share of the budget for the fastest motion, where a search in time found none
-    """
+def _solved(problem: Problem) -> Solution:
+    """Solve a problem, by the procedure that suits its duration."""
     if problem.is_hopeless:
         return _at_pace(_in_least_time(problem), problem)
     if not problem.is_timed and problem.scene.moving.any():
         return _among_moving(problem)
     solution, needed = _searched(problem)
-    if solution.verified or solution.interrupted or needed == np.inf:
+    if solution.verified or solution.interrupted or solution.timed_out or needed == np.inf:
         return solution
     if problem.own is None:  # limits that are tight are met by the fastest motion, if by any
-        left = max(problem.budget - solution.solve_time_s, in_haste * problem.budget)
+        left = problem.budget.after(solution.solve_time_s, solution.work)
         slow = _in_least_time(replace(problem, budget=left))
         if slow.verified:
-            return _joined(solution, slow, _at_pace(slow, problem))
+            return _at_pace(slow, problem).after(solution)
+        solution = replace(solution, interrupted=slow.interrupted, timed_out=slow.timed_out).after(slow)
+    if solution.timed_out:
+        return solution
     return replace(solution, reasons=(*solution.reasons, too_short(problem.scene, needed)))
 
 
@@ -264,7 +279,7 @@ def _at_pace(fastest: Solution, problem: Problem) -> Solution:
     motion = fastest.attempt.on(scene)
     verdict = verify(motion, problem.checks)
     reasons, needed = verdict.reasons, fastest.scene.duration
-    if verdict.verified is None and fastest.verified and needed > scene.duration:
+    if verdict.verified is None and fastest.verified and needed > scene.duration and not fastest.timed_out:
         reasons = (*reasons, too_short(scene, needed))
     return replace(
         fastest,
@@ -275,19 +290,6 @@ def _at_pace(fastest: Solution, problem: Problem) -> Solution:
         reasons=reasons,
         objective=problem.objective,
         time_to_first_verified_s=None if verdict.verified is None else fastest.time_to_first_verified_s,
-    )
-
-
-def _joined(first: Solution, second: Solution, result: Solution) -> Solution:
-    """Return the result of two searches, one after the other, with the effort of both."""
-    until = result.time_to_first_verified_s
-    return replace(
-        result,
-        evaluations=first.evaluations + second.evaluations,
-        generations=first.generations + second.generations,
-        time_to_first_verified_s=None if until is None else first.solve_time_s + until,
-        solve_time_s=first.solve_time_s + second.solve_time_s,
-        interrupted=second.interrupted,
     )
 
 
@@ -324,8 +326,8 @@ def _searched(problem: Problem) -> tuple[Solution, float]:
         taught=taught,
         hard=problem.hard,
         rng=np.random.default_rng(problem.seed),
+        budget=problem.budget,
         started=started,
-        deadline=started + problem.budget,
         asked=None if scene is asked else asked,
         checks=problem.checks,
         carrier=problem.carrier,
@@ -339,11 +341,11 @@ def _searched(problem: Problem) -> tuple[Solution, float]:
     if at_goal >= scene.clearance or not search.hard:  # else an obstacle will be at the goal
         with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
             problem.method.run(search, planner=problem.planner)
-    return _solution(problem, search), search.needed
+    return _solution(problem, search, search.timed_out), search.needed
 
 
-def _solution(problem: Problem, search: Search) -> Solution:
-    """Return the solution of a search that has ended."""
+def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
+    """Return the solution of a search that has ended, or whose budget ran out."""
     verdict: Verdict | None
     if search.best is not None and search.best_motion is not None:
         motion, verdict = search.best_motion, search.best
@@ -375,7 +377,9 @@ def _solution(problem: Problem, search: Search) -> Solution:
         generations=search.generations,
         time_to_first_verified_s=search.first_verified,
         solve_time_s=search.elapsed(),
+        work=search.work,
         interrupted=search.interruption.wished,
+        timed_out=timed_out,
         log=log,
         objective=problem.own if problem.own is not None and problem.own.given else aim,
         followed=_followed(motion, search.aim, evaluated),
@@ -397,29 +401,30 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> S
             key="duration",
             way_out="give one",
         )
-    hasty, done, started = isinstance(problem.objective, LeastTime), [], now()
+    hasty, done = isinstance(problem.objective, LeastTime), list[Solution]()
+    started, whole = now(), problem.budget
     asked, method = with_limits(problem.scene), problem.method
     if hasty:
         problem = replace(problem, taught=None, objective=LeastJerk())
 
-    def left() -> float:
-        return problem.budget - (now() - started)
+    def left() -> Budget:
+        return whole.after(now() - started, sum(solution.work for solution in done))
 
-    def attempt(duration: float, method: Method, most: float) -> Solution:
-        budget = max(min(most, left()), settings.least)
+    def attempt(duration: float, method: Method, share: float = 1.0) -> Solution:
+        budget = left().within(share * whole.size)
         done.append(_solved(replace(problem, scene=asked.timed(duration), method=method, budget=budget)))
         return done[-1]
 
     quick = Quick(settings=method.settings) if isinstance(method, Comove) and method.smooths else method
     found = shortest(
-        lambda duration: attempt(duration, quick, settings.share * problem.budget),
+        lambda duration: attempt(duration, quick, settings.share),
         alone(asked, problem.taught),
-        lambda: left() < 0 or (bool(done) and done[-1].interrupted),
+        lambda: left().is_spent or (bool(done) and done[-1].interrupted),
         closely=hasty,
         settings=settings,
     )[-1]
-    if found.verified and not done[-1].interrupted and left() > 0:
-        better = attempt(found.scene.duration, method, left())
+    if found.verified and not done[-1].interrupted and not left().is_spent:
+        better = attempt(found.scene.duration, method)
         found = better if better.verified else found
     first = next((i for i, solution in enumerate(done) if solution.verified), None)
     until_first = None
@@ -433,7 +438,9 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> S
         generations=sum(solution.generations for solution in done),
         time_to_first_verified_s=until_first,
         solve_time_s=sum(solution.solve_time_s for solution in done),
+        work=sum(solution.work for solution in done),
         interrupted=done[-1].interrupted,
+        timed_out=left().seconds <= 0.0 or (left().is_spent and not found.verified),
     )
 
 

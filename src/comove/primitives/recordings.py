@@ -11,6 +11,7 @@ from typing import Any
 from comove.demonstrations import Demonstration
 from comove.demonstrations.formats import is_format, lasa
 from comove.demonstrations.plausibility import doubts
+from comove.demonstrations.samples import fault
 from comove.errors import ComoveError, DemonstrationError
 from comove.primitives.files import Primitive, checksum
 
@@ -65,18 +66,19 @@ def read_recordings(
                 Demonstration.from_lasa(shape, count), f"{LASA}{shape}:{count}", f"{shape}-{count}"
             )
         ]
-    path = Path(named)
-    source = path.name.encode(errors="replace").decode()
     if (manipulator, episode, topic) == (None, None, None) and not options:
+        path = Path(named)
         found = Demonstration.load_all(path)
         alone = len(found) == 1
         return [
-            NamedRecording(one, source, name_from(path.stem if alone else one.name or path.stem))
+            NamedRecording(one, _source(path), name_from(path.stem if alone else one.name or path.stem))
             for one in found
         ]
-    one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
-    chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
-    return [NamedRecording(one, source, name_from(chosen))]
+    return [read_recording(named, manipulator, episode, topic, **options)]
+
+
+def _source(path: Path) -> str:
+    return path.name.encode(errors="replace").decode()
 
 
 def is_several(named: str) -> bool:
@@ -144,14 +146,16 @@ def read_recording(
     topic: str | None = None,
     **options: Any,
 ) -> NamedRecording:
-    """Return the only movement of a recording, or the chosen one; arguments and errors as of `read_recordings`."""
-    found = read_recordings(named, manipulator, episode, topic, **options)
-    if len(found) > 1:
-        Demonstration.load(named)  # which says what there is to choose from
-        raise DemonstrationError(
-            f"it holds {len(found)} movements", file=named, way_out="choose one by --manipulator or --episode"
-        )
-    return found[0]
+    """Return the only movement of a recording, or the chosen one; nothing else is read.
+
+    Arguments and errors are those of `read_recordings`; if there are several movements, the error lists them.
+    """
+    if named.startswith(LASA):
+        return read_recordings(named)[0]
+    path = Path(named)
+    one = Demonstration.load(path, manipulator, episode=episode, topic=topic, **options)
+    chosen = ".".join(choice for choice in (path.stem, episode, manipulator, topic) if choice)
+    return NamedRecording(one, _source(path), name_from(chosen))
 
 
 def recording_of(primitive: Primitive) -> Demonstration | None:
@@ -178,7 +182,7 @@ def require_plausible(recording: Demonstration, named: str) -> None:
     found = doubts(recording.time, recording.position, recording.unit, stated=recording.stated)
     for doubt in found:
         if doubt.is_unit:
-            raise DemonstrationError(doubt.message, file=named, key=doubt.key, way_out=doubt.way_out)
+            raise fault(named, doubt.key, doubt.message, doubt.way_out, **doubt.options)
 
 
 def name_from(text: str) -> str:

@@ -10,6 +10,7 @@ from comove.processes.pool import (
     run_tasks,
     start_process,
 )
+from comove.processes.threads import one_blas_thread
 
 __all__ = [
     "ALONE",
@@ -18,6 +19,7 @@ __all__ = [
     "TaskResult",
     "end_process",
     "n_processors",
+    "one_blas_thread",
     "run_tasks",
     "start_process",
 ]

@@ -93,7 +93,7 @@ def files_of_scene(scene: Scene) -> list[Path]:
     return files
 
 
-def command_again(folder: Path, out: str = "again") -> str | None:
+def command_again(folder: Path, out: str = "../again") -> str | None:
     """Return the command that makes a result again, to be given in its folder; None where none is known."""
     try:
         words = json.loads((folder / LIST).read_text(encoding="utf-8"))["command"]

@@ -72,6 +72,7 @@ _TYPES = (
     dict.fromkeys(("scene", "method", "version", "scene_sha256"), TEXT)
     | dict.fromkeys(("seed", "evaluations", "generations"), COUNT)
     | {"verified": TRUTH, "interrupted": TRUTH, "reasons": TEXTS, "cost": NUMBER, "cost_terms": MAPPING}
+    | {"timed_out": TRUTH.or_nothing}
     | dict.fromkeys(("objective", "smoothness", "demonstration", "cost_weights"), MAPPING.or_nothing)
     | dict.fromkeys(("jerk_squared", "time_to_first_verified_s", "wall_time_s"), NUMBER.or_nothing)
     | {field.name: NUMBER.or_nothing for field in fields(Report)}

@@ -78,7 +78,10 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
             "acceleration": _limit(limits.acceleration, "m/s^2"),
             "jerk": _limit(limits.jerk, "m/s^3"),
         }
-    return [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+    rows = [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+    if asked.get("jerk") and not any(name == "jerk" for name, *_ in rows):
+        rows.append(("jerk", "not measured: executions are not bound by it", asked["jerk"]))
+    return rows
 
 
 def joint_rows(report: Mapping[str, Any]) -> list[Row]:

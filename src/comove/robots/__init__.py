@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     )
     from comove.robots.model import Arm as Arm, Robot as Robot
     from comove.robots.motion import JointCommand as JointCommand, JointMotion as JointMotion
+    from comove.robots.recorded import end_effector_path as end_effector_path
     from comove.robots.solving import (
         RobotSolution as RobotSolution,
         carry as carry,
@@ -46,6 +47,7 @@ __all__, __getattr__, __dir__ = lazily(
         "robots.files": ["StoredJoints", "read_joints", "verified_motion", "verify_stored", "write_joints"],
         "robots.model": ["Arm", "Robot"],
         "robots.motion": ["JointCommand", "JointMotion"],
+        "robots.recorded": ["end_effector_path"],
         "robots.solving": ["RobotSolution", "carry", "robot_method"],
         "robots.transfers": ["Transfers", "plan_transfers"],
         "robots.verification.verify": ["JointReport", "JointVerdict", "VerifiedJointMotion", "verify_joints"],

@@ -21,7 +21,7 @@ from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import MET, Arms, Strain, follow
-from comove.robots.search.links import FAT, FATTEST, LinkSurroundings, load_lines
+from comove.robots.search.links import FAT, FATTEST, Links, LinkSurroundings, load_lines, recalled
 from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
@@ -44,8 +44,6 @@ class CarrierSettings:
     n_samples : samples of a movement that arms are asked about
     coarser : samples of which one is looked at to tell branches apart
     ease : cost of jolts: of joints that all use their whole acceleration all the time
-    n_between, wander : configurations between start and goal that tell which links may meet, and how far they stray
-        [rad]
     slack : share of the links' spare clearance that the verification of a candidate may give away in its bounds
     haste : samples of a candidate of which one is solved first, as one out of reach suffices
     ends, plans, follower : settings of joints at both ends, of plans, and of how the arms follow what is optimised
@@ -56,8 +54,6 @@ class CarrierSettings:
     n_samples: int = 81
     coarser: int = 2
     ease: float = 2.0
-    n_between: int = 300
-    wander: float = 0.4
     slack: float = 1.0
     haste: int = 8
     ends: EndSettings = field(default_factory=EndSettings)
@@ -78,6 +74,7 @@ class RobotCarrier:
     caution : number of times that the constraints were tightened
     begin : array, shape (n_joints,), the robot's joints at the start, where they are known [rad]; None to find some
     found : function that is called with every joint motion that is verified
+    recalled : the links as rejections have corrected them, if any have, for all copies
     kept : motions whose joints were verified, or given (`keep`), with what slack, and these, for all copies: what is
         verified, is so for each
     settings : settings of how the robot is looked at
@@ -88,6 +85,7 @@ class RobotCarrier:
     caution: int = 0
     begin: Array | None = None
     found: Callable[[VerifiedJointMotion], None] | None = None
+    recalled: list[Links] = field(default_factory=list)
     kept: list[tuple[CoordinatedMotion, float, tuple[JointMotion, JointVerdict]]] = field(
         default_factory=list
     )
@@ -124,9 +122,13 @@ class RobotCarrier:
         """Return the arms in the order of the scene's manipulators."""
         return tuple(self.robot.arm(name) for name in self.scene.manipulators)
 
-    @cached_property
+    @property
     def arms(self) -> Arms:
         """Return the chains, links and surroundings of the arms as arrays, for kernels."""
+        return self._arms._replace(links=self.recalled[-1]) if self.recalled else self._arms
+
+    @cached_property
+    def _arms(self) -> Arms:
         scene, grasp = self.scene, self.grasp
         edges, radii = load_lines(scene)
         around = LinkSurroundings(
@@ -147,19 +149,6 @@ class RobotCarrier:
         )
         chains, links, ranges, _ = of_robot(self.robot, self.holders)
         return Arms(chains, links, ranges, around)
-
-    @cached_property
-    def _busy(self) -> Arms:
-        """Return `arms` with only the pairs of links that may meet between the joints of start and goal."""
-        first, last = (np.array(ends) for ends in zip(*self._pairs, strict=True))
-        rng, n_between = np.random.default_rng(0), self.settings.n_between
-        shares = rng.uniform(size=(n_between, 1))
-        drawn = rng.integers(len(first), size=n_between)
-        between = first[drawn] + shares * (last[drawn] - first[drawn])
-        between += rng.normal(0.0, self.settings.wander, between.shape)
-        chains = self.arms.chains
-        samples = np.clip(between, chains.lower, chains.upper)
-        return self.arms._replace(links=self.arms.links.near(chains, samples))
 
     def along(self, nodes: Array) -> ArmsFollower:
         """Return the arms as they follow motions near one, array of shape (n_steps, n_nodes, 3) [m]."""
@@ -233,7 +222,7 @@ class RobotCarrier:
         vars(self)["_led"] = np.stack([first, last])
         return found[0]
 
-    @cached_property
+    @property
     def ends(self) -> EndJoints:
         """Return how the arms hold the load at both ends."""
         return EndJoints(self.robot, self.scene, self.grasp, self.holders, self.arms, self.settings.ends)
@@ -314,11 +303,21 @@ class RobotCarrier:
             if miss is not None:
                 return joints, JointVerdict(None, JointReport(), (str(miss),))
         result = joints, verify_joints(self.robot, motion, joints, slack=slack)
+        self._recall(*result)
         if result[1].verified is not None:
             self.kept.append((motion, slack, result))
             if self.found is not None and not known:
                 self.found(result[1].verified)
         return result
+
+    def _recall(self, joints: JointMotion, verdict: JointVerdict) -> None:
+        """Note which links met in a motion that was rejected, where capsules had told of no contact."""
+        report, needed = verdict.report, min(self.scene.clearance, ROBOT_CLEARANCE)
+        if not report.clearance_self < needed or "clearance_self" not in report.where:
+            return
+        _, time = report.where["clearance_self"]
+        q = joints.curve(time)[np.concatenate([arm.columns for arm in self.holders])]
+        self.recalled[:] = [recalled(self.robot, self.holders, self.arms.links, q, needed + FAT)]
 
     def keep(self, motion: CoordinatedMotion, led: Array) -> None:
         """Verify a motion with the joints that carry it out nearest to `led`, and keep them as those of the motion.
@@ -374,9 +373,8 @@ class RobotCarrier:
     def strain(self, nodes: Array, course: Array) -> Strain:
         """Compute what motions demand of the arms on a course, array of shape (2, n_joints); nodes as in `ask`."""
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
-        # Asked for here: it needs the same threads, which would wait for each other for ever.
-        busy = self._busy
-        done = THREADS.map(lambda part: follow(busy, part, course, self.scene.duration), parts)
+        arms = self.arms
+        done = THREADS.map(lambda part: follow(arms, part, course, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_course(self, nodes: Array) -> Array:

@@ -54,6 +54,7 @@ from comove.io.keys import (
 )
 from comove.io.messages import Contract, explained, scene_error, show
 from comove.io.yaml_reader import read_yaml
+from comove.robots.formats import require_description
 
 BUNDLED = Path(__file__).parent / "descriptions"
 
@@ -218,6 +219,7 @@ def load_description(path: Path) -> RobotFile:
     RobotError
         If there are errors; the message names file, key, line, value and way out of the first three.
     """
+    require_description(path)
     try:
         data, lines = read_yaml(path)
         try:

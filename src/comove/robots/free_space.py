@@ -147,7 +147,7 @@ class Room:
         """
         required = float(self.bodies.required.max())
         return float(self._required.max(initial=0.0)) + PROUDEST + ROUGH, required + float(
-            self.spare.min()
+            self.spare.min(initial=self.settings.spares[0])
         ) - FATTEST
 
     @cached_property

@@ -31,6 +31,7 @@ from comove.robots.description import (
     load_description,
 )
 from comove.robots.joint_limits import FurtherLimits
+from comove.robots.masses import with_guessed_masses
 from comove.robots.srdf import GroupState, Srdf
 from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
@@ -193,7 +194,7 @@ def assembled(description: RobotFile, file: Path) -> Robot:
     sources = tuple(read_source(source, description, file, digest) for source in description.models)
     with errors_in(file):
         _check_poses(description, [name for source in sources for name in source.free])
-        model, collision = _joined(sources)
+        sources, model, collision = _joined(sources)
         further = {name: limits for source in sources for name, limits in source.limits.items()}
         _apply_soft_limits(model, further)
         for key in ("posture", "limits", "springs"):
@@ -208,14 +209,18 @@ def assembled(description: RobotFile, file: Path) -> Robot:
     return robot
 
 
-def _joined(sources: tuple[Source, ...]) -> tuple[Any, Any]:
-    """Build all models as one, each on its base, and their collision geometry."""
+def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
+    """Build all models as one, each on its base, and their collision geometry; returns the sources as well, with
+    masses that were guessed.
+    """
     with tempfile.TemporaryDirectory() as folder:
         loader = coal.CachedMeshLoader(coal.BV_OBBRSS)
-        parts = [_built(source, Path(folder), loader) for source in sources]
-    model, collision = parts[0]
+        sources, models, geometries = zip(
+            *(_built(source, Path(folder), loader) for source in read), strict=True
+        )
+    model, collision = models[0], geometries[0]
     _move_base(model, collision, _se3(sources[0].base))
-    for source, (part, geometry) in zip(sources[1:], parts[1:], strict=True):
+    for source, part, geometry in zip(sources[1:], models[1:], geometries[1:], strict=True):
         if twice := _frame_names(model) & _frame_names(part):
             raise RobotError(
                 f"two models have a link or joint '{min(twice)}'",
@@ -223,7 +228,7 @@ def _joined(sources: tuple[Source, ...]) -> tuple[Any, Any]:
                 way_out="give one a prefix: prefix: right_",
             )
         model, collision = pin.appendModel(model, part, collision, geometry, 0, _se3(source.base))
-    return model, collision
+    return sources, model, collision
 
 
 def _check_poses(description: RobotFile, free: list[str]) -> None:
@@ -253,8 +258,11 @@ def _frame_names(model: Any) -> set[str]:
     return {frame.name for frame in model.frames} - {"universe"}
 
 
-def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
-    """Build the model and the collision geometry, with the pairs that can collide; meshes pass through a folder."""
+def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]:
+    """Build the model and the collision geometry, with the pairs that can collide; meshes pass through a folder.
+
+    The source is returned as well, with masses that were guessed.
+    """
     failure: Exception | None = None
     with errors_of_reader() as errors:
         try:
@@ -274,7 +282,10 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Any, Any]:
                 f"the model cannot be built: {reason}", way_out="correct the URDF, or its mesh"
             ) from failure
         _check_bodies(model, geometry)
-    return model, geometry
+    source, note = with_guessed_masses(source, model, geometry)
+    if note is not None:
+        warnings.warn(f"{source.file}: {note}", ComoveWarning, stacklevel=2)
+    return source, model, geometry
 
 
 def _tell_frames_apart(model: Any) -> None:
@@ -657,6 +668,18 @@ def _of_state(state: str, chain: list[str], states: Sequence[GroupState], key: s
     return list(found.pop())
 
 
+def _is_body(inertia: Any, rounding: float = 0.01) -> bool:
+    """Return whether a body can have an inertia, up to a share of its largest moment; negative moments are told
+    elsewhere.
+    """
+    moments = np.linalg.eigvalsh(np.array(inertia.inertia))
+    least = 1e-9 * inertia.mass  # kg m^2, of a body a few hundredths of a millimetre wide
+    return (
+        bool(moments[2] >= least and moments[0] + moments[1] >= (1.0 - rounding) * moments[2])
+        or moments[0] < 0.0
+    )
+
+
 def _gaps(robot: Robot) -> Iterator[str]:
     """Yield what is not known of arms whose models have no collision bodies or no masses, in words."""
     bodies = {item.parentJoint for item in robot.collision.geometryObjects}
@@ -666,6 +689,13 @@ def _gaps(robot: Robot) -> Iterator[str]:
             yield f"no link of the arm '{arm.name}' has a collision body: what it touches is not known"
         if not sum(robot.model.inertias[joint].mass for joint in joints):
             yield f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known"
+        if strange := [
+            robot.model.names[joint] for joint in joints if not _is_body(robot.model.inertias[joint])
+        ]:
+            yield (
+                f"what {', '.join(strange)} of the arm '{arm.name}' move has moments of inertia that no body has "
+                "(none, or one larger than the sum of the others): what it asks of its motors may be wrong"
+            )
         if len(joints) < FREEDOMS and any(source.nearly_right for source in robot.sources):
             yield (
                 f"angles such as 1.5708 leave axes of joints askew, for which the {len(joints)} joints of the arm "

@@ -11,17 +11,18 @@ from numpy.typing import NDArray
 
 import comove
 from comove.errors import SceneError
-from comove.planning.clock import now
+from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
 from comove.planning.methods import Comove
 from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, objective_of_scene
-from comove.planning.pace import NONE, least_possible, too_short, with_limits
+from comove.planning.pace import NONE, least_possible, too_short, with_limits, would_do
 from comove.planning.search import Schedule
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
 from comove.primitives.dmp import DMP
+from comove.processes import one_blas_thread
 from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
@@ -68,6 +69,7 @@ class RobotSolution:
         comove.show(self)
 
 
+@one_blas_thread()
 def carry(
     scene: Scene,
     robot: Robot,
@@ -75,7 +77,7 @@ def carry(
     demonstration: DMP | tuple[DMP, ...] | None = None,
     seed: int = 0,
     method: Method | None = None,
-    budget: float = 30.0,
+    budget: float | Budget = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | None = None,
     begin: NDArray[np.float64] | None = None,
@@ -99,7 +101,7 @@ def carry(
     found
         Function that is called with every joint motion that is verified on the way.
     budget
-        Time after which the best result so far is returned [s]; compiling, once after installation, does not count.
+        As for `comove.planning.solve`; threads that follow the arms count as well.
     begin
         Array, shape (n_joints,), the robot's joints at the start, where it holds the load already [rad]; some that
         suit are found unless given, and wherever the scene leaves the grasp open.
@@ -110,8 +112,9 @@ def carry(
         If the robot cannot hold the load at its start or goal, or has no such arms.
     """
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
-    timed_share = 0.7  # of the budget, after which it is seen how long a way takes that arms go at leisure
+    timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
     load_robot_kernels(SceneKind.of(scene))
+    budget = Budget.of(budget)
     wanted: dict[str, Any] = {
         "demonstration": demonstration,
         "seed": seed,
@@ -127,38 +130,50 @@ def carry(
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin, found=found)
         carrier.require_reach()
-    spent = now() - begun - compiled.seconds
-    budget = max(0.5 * budget, budget - spent)
+    budget, whole = budget.after(now() - begun - compiled.seconds, 0.0), budget.size
     if method is not None:
         return _searched(scene, carrier.on(scene) if scene.is_timed else carrier, method, budget, wanted)
     if not scene.is_timed or isinstance(objective, LeastTime):
         return _searched(scene.timed(None), carrier, robot_method(), budget, wanted)
     timed = least_possible(scene) <= scene.duration
     if timed:
-        first = _searched(scene, carrier.on(scene), robot_method(), timed_share * budget, wanted)
-        if first.verified or first.solution.interrupted:
+        share = budget.within(timed_share * whole)
+        first = _searched(scene, carrier.on(scene), robot_method(), share, wanted)
+        budget = budget.after(first.solution.solve_time_s, first.solution.work)
+        if first.verified or first.solution.interrupted or budget.is_spent:
             return first
-        budget = max(budget - first.solution.solve_time_s, (1.0 - timed_share) * budget)
     method = replace(robot_method(), n_ways=1)
     freely = with_limits(scene, NONE).timed(None)
     slow = _searched(freely, carrier, method, budget, wanted)
-    if not slow.verified:
-        return first if timed else slow
     needed = slow.solution.scene.duration
-    if needed > scene.duration:
-        first = first if timed else _on_time(slow, carrier.on(scene))
-        reasons = (*first.solution.reasons, too_short(scene, needed))
-        return replace(first, solution=replace(first.solution, reasons=reasons))
-    return _on_time(slow, carrier.on(scene))
+    if slow.verified and (needed <= scene.duration or not timed):
+        best = _on_time(slow, carrier.on(scene))
+    else:
+        best = first if timed else slow
+    reasons, late = best.solution.reasons, slow.solution.timed_out and not best.verified
+    if slow.verified and needed > scene.duration and not late:
+        cut = best.solution.timed_out
+        reasons = (*reasons, would_do(needed) if cut else too_short(scene, needed))
+    if late and budget.ran_out not in reasons:
+        reasons = (budget.ran_out, *reasons)
+    solution = replace(
+        best.solution,
+        reasons=reasons,
+        interrupted=slow.solution.interrupted,
+        timed_out=best.solution.timed_out or late,
+    )
+    if timed:
+        solution = solution.after(slow.solution if best is first else first.solution)
+    return replace(best, solution=solution)
 
 
-def _by_some_grasp(scene: Scene, robot: Robot, budget: float, wanted: dict[str, Any]) -> RobotSolution:
+def _by_some_grasp(scene: Scene, robot: Robot, budget: Budget, wanted: dict[str, Any]) -> RobotSolution:
     """Carry by the first of the scene's grasps by which it can be done, those first that turn the joints least.
 
-    Each has half of the time that is left, the last all of it.
+    Each has half of the work that is left, the last all of it.
     """
     ranked, first = list[tuple[float, Scene]](), None
-    deadline = now() + budget
+    begun, work = now(), 0.0
     for choice in scene.alternatives:
         try:
             carrier = RobotCarrier(robot, choice.timed(1.0))
@@ -172,11 +187,12 @@ def _by_some_grasp(scene: Scene, robot: Robot, budget: float, wanted: dict[str, 
     ranked.sort(key=lambda pair: pair[0])
     best: RobotSolution | None = None
     for k, (_, choice) in enumerate(ranked):
-        left = deadline - now()
-        if best is not None and left <= 0.0:
+        left = budget.after(now() - begun, work)
+        if best is not None and left.is_spent:
             break
-        share = 1.0 if k == len(ranked) - 1 else 0.5
-        solution = carry(choice, robot, budget=max(share * left, 0.1 * budget), **wanted)
+        part = left if k == len(ranked) - 1 else left.within(0.5 * left.size)
+        solution = carry(choice, robot, budget=part, **wanted)
+        work += solution.solution.work
         best = best or solution
         if solution.verified or solution.solution.interrupted:
             return solution
@@ -200,7 +216,7 @@ def robot_method() -> Comove:
 
 
 def _searched(
-    scene: Scene, carrier: RobotCarrier, method: Method, budget: float, wanted: dict[str, Any]
+    scene: Scene, carrier: RobotCarrier, method: Method, budget: Budget, wanted: dict[str, Any]
 ) -> RobotSolution:
     """Search a motion on `scene`, with the robot's constraints at the duration of the carrier's scene."""
     solution = solve(scene, method=method, budget=budget, carrier=carrier, **wanted)

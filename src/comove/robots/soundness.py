@@ -72,7 +72,7 @@ def require_sound(tree: ET.Element, prefix: str) -> None:
     for link in tree.findall("./link"):
         _check_link(link, f"the link '{prefix}{link.get('name', '')}'")
     _check_sizes(tree)
-    _check_tree(tree)
+    require_tree(tree)
 
 
 def _require_name(element: ET.Element, prefix: str) -> None:
@@ -264,21 +264,35 @@ def _check_sizes(tree: ET.Element) -> None:
             raise RobotError(f"it has {n} {what}, more than {most}", way_out="simplify it")
 
 
-def _check_tree(tree: ET.Element) -> None:
-    """Refuse links that hang on two joints, circles and trees that are too deep; Pinocchio reports missing links."""
+def require_tree(tree: ET.Element) -> None:
+    """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep.
+
+    Raises
+    ------
+    RobotError
+        If the links are no tree; the message names the link or joint, and the way out.
+    """
     links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
+    if not links:
+        raise RobotError("it has no link", way_out="name a URDF with the links of a robot")
     hangs: dict[str, tuple[str, str]] = {}  # on which joint, and link above it
     for joint in tree.findall("./joint"):
         ends = [joint.find(tag) for tag in ("parent", "child")]
-        parent, child = ("" if end is None else end.get("link", "") for end in ends)
-        if parent not in links or child not in links:
-            return
+        parent, child = (None if end is None else end.get("link") for end in ends)
+        for end, tag in ((parent, "parent"), (child, "child")):
+            if end is None or end not in links:
+                lacks = (
+                    f"no <{tag}>" if end is None else f"the <{tag}> '{shortened(end)}', which is not there"
+                )
+                raise RobotError(
+                    f"the joint '{joint.get('name')}' has {lacks}", way_out="let it connect two links"
+                )
         if child in hangs:
             raise RobotError(
-                f"the link '{child}' hangs on two joints, '{hangs[child][0]}' and '{joint.get('name')}'",
+                f"the link '{child}' hangs on two joints, '{hangs[str(child)][0]}' and '{joint.get('name')}'",
                 way_out="let it hang on one: a URDF is a tree",
             )
-        hangs[child] = joint.get("name", ""), parent
+        hangs[str(child)] = joint.get("name", ""), str(parent)
     depth: dict[str, int] = {}
     try:
         for link in TopologicalSorter({child: {above} for child, (_, above) in hangs.items()}).static_order():
@@ -291,6 +305,11 @@ def _check_tree(tree: ET.Element) -> None:
     if max(depth.values(), default=0) > MAX_CHAIN:
         raise RobotError(
             f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
+        )
+    if len(roots := [link for link in links if link not in hangs]) > 1:
+        raise RobotError(
+            f"the links '{roots[0]}' and '{roots[1]}' both hang on no joint",
+            way_out="connect all links by joints: a URDF is a tree",
         )
 
 

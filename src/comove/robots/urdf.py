@@ -27,15 +27,14 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from comove.errors import ComoveWarning, MeshError, RobotError, shortened
-from comove.geometry.triangles import FORMATS, as_stl, elements_of, triangles_of
+from comove.geometry.triangles import FORMATS, as_stl, triangles_of
 from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
 from comove.robots.description import JointLimits, ModelSource, Placement, RobotFile, errors_in, is_file
+from comove.robots.formats import SRDF, URDF, bytes_in, elements_in
 from comove.robots.joint_limits import FurtherLimits, doubts_of_limits, further_limits
 from comove.robots.soundness import FREE, LIMITS, doubts, require_sound
 from comove.robots.srdf import Srdf, srdf_of
 
-MAX_BYTES = 20_000_000
-CONVERT = "convert it first: comove robot convert FILE --out FOLDER"
 # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
 ROUNDED = 1e-5
 
@@ -142,7 +141,7 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
     """
     path, prefix = resolve(source.urdf, file), source.prefix
     with errors_in(path):
-        tree = robot_element(path, "a URDF")
+        tree = elements_in(path, URDF)
         joints = {prefix + name: joint for joint in tree.findall("./joint") if (name := joint.get("name"))}
         for name, joint in joints.items():
             _fill_limits(joint, description.limits.get(name))
@@ -164,7 +163,7 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
         found = _mesh(mesh, path, file)
         files.append(found)
         with errors_in(found):
-            data = _bytes_of(found, MAX_MESH_BYTES)
+            data = bytes_in(found, MAX_MESH_BYTES)
             meshes[_uri(found)] = _stl(data, found.suffix.lower())
         digest.update(data)
     srdf = Srdf()
@@ -236,39 +235,6 @@ def errors_of_reader() -> Iterator[list[str]]:
             errors += re.findall(r"^Error:\s*(.+)$", file.read().decode(errors="replace"), re.MULTILINE)
 
 
-def robot_element(path: Path, what: str) -> ET.Element:
-    """Read the root of an XML file, which must be a <robot>; `what` the file should be, in words.
-
-    Raises
-    ------
-    RobotError
-        If it is something else; the message says what to do with a xacro, or a model of MuJoCo's.
-    """
-    try:
-        tree = elements_of(_bytes_of(path, MAX_BYTES))
-    except MeshError as error:
-        raise RobotError(error.message, way_out=error.way_out) from None
-    if what == "a URDF" and any(element.tag.startswith("xacro:") for element in tree.iter()):
-        raise RobotError("it is a xacro", way_out="expand it first: xacro FILE > robot.urdf")
-    if what == "a URDF" and tree.tag == "mujoco":
-        raise RobotError("it is a model of MuJoCo's", way_out=CONVERT)
-    if tree.tag != "robot":
-        raise RobotError(f"it is a <{shortened(tree.tag)}>, not a <robot>", way_out=f"name {what}")
-    return tree
-
-
-def _bytes_of(path: Path, limit: int) -> bytes:
-    """Read a file of at most `limit` bytes."""
-    try:
-        with open(path, "rb") as file:
-            data = file.read(limit + 1)
-    except OSError as error:
-        raise RobotError(f"it cannot be read: {error.strerror}", way_out="check name and rights") from None
-    if len(data) > limit:
-        raise RobotError(f"it is larger than {limit // 1_000_000} MB", way_out="simplify it")
-    return data
-
-
 def _stl(data: bytes, suffix: str) -> bytes:
     """Convert a mesh to binary STL."""
     try:
@@ -283,7 +249,7 @@ def _uri(path: Path) -> str:
 
 def _srdf(path: Path, urdf: ET.Element, prefix: str, digest: Any) -> Srdf:
     with errors_in(path):
-        root = robot_element(path, "an SRDF")
+        root = elements_in(path, SRDF)
         digest.update(ET.tostring(root))
         return srdf_of(root, [link.get("name", "") for link in urdf.findall("./link")], prefix)
 

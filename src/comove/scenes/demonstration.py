@@ -8,6 +8,8 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from comove.demonstrations import Demonstration
+from comove.demonstrations.formats.lerobot_features import UNSTATED
+from comove.demonstrations.units import is_angle
 from comove.errors import DemonstrationError, LibraryError, SceneError
 from comove.primitives import DMP, Library, PoseDMP, ProMP, Variant
 from comove.primitives.library import SUFFIX
@@ -59,6 +61,8 @@ def fitted(scene: Scene, recording: Demonstration) -> DMP | PoseDMP:
 
     It is a primitive of poses where the recording holds orientations and a single body turns with all hands.
     """
+    if recording.is_joints:
+        raise _of_joints("recording", recording.name, recording.unit, scene, "demonstration")
     posed = recording.orientation is not None and scene.turns_as_one
     return PoseDMP.fit(recording) if posed else DMP.fit(recording)
 
@@ -96,6 +100,8 @@ def _recording(scene: Scene, source: DemonstrationSource) -> Demonstration:
 
 def _in_scene(recording: Demonstration, scene: Scene, source: DemonstrationSource, key: str) -> Demonstration:
     """Return a recording scaled, and laid into space, as the scene says."""
+    if recording.is_joints:
+        raise _of_joints("recording", recording.name, recording.unit, scene, key)
     position = recording.position * (source.scale or 1.0)
     if scene.n_dims == 3 and recording.n_dims == 2 and source.plane is not None:
         flat, position = position, np.zeros((len(position), 3))
@@ -150,6 +156,8 @@ def _from_library(scene: Scene, source: DemonstrationSource, library: str) -> DM
         primitive = Library(folder / inner).get(place.name)
     except LibraryError as error:
         raise SceneError(str(error), file=file, key=key) from error
+    if is_angle(primitive.unit) or primitive.unit == UNSTATED:
+        raise _of_joints("primitive", primitive.name, primitive.unit, scene, key)
     followed = primitive.followed
     if isinstance(followed, ProMP):  # the similarity to the scene's ends scales it
         if followed.n_dims != scene.n_dims:
@@ -183,6 +191,16 @@ def library_file(scene: Scene, library: str) -> Path:
 
 def _library_folder(place: PurePosixPath) -> str:
     return str(place.parent) if len(place.parts) > 1 else LIBRARY
+
+
+def _of_joints(what: str, name: str, unit: str, scene: Scene, key: str) -> SceneError:
+    return SceneError(
+        f"the {what} {name!r} is a movement of joints in {unit}, which is no path of an end effector",
+        file=scene.path,
+        key=key,
+        way_out="take the path that they give a robot's end effector: comove learn RECORDING --robot ROBOT --out "
+        "taught.json",
+    )
 
 
 def _other_dimension(what: str, found: int, scene: Scene, key: str) -> SceneError:

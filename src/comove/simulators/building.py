@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TIMESTEP = 0.002  # s
+LIGHTEST = 1e-6  # kg, that a joint moves: what has no mass is given a thousandth of it (`simulators.urdf`)
 
 
 def build_world(
@@ -46,7 +47,8 @@ def build_world(
     Raises
     ------
     RobotError
-        If the robot cannot hold the load by this grasp, or MuJoCo cannot build the robot.
+        If the robot cannot hold the load by this grasp, a joint moves nothing that has a mass, or MuJoCo cannot build
+        the robot.
     """
     arms = [robot.arm(name) for name in scene.manipulators]
     holding = [] if load is None else [arms[i] for i in load.holders]
@@ -65,6 +67,7 @@ def build_world(
         finish(spec)
     with _telling(robot):
         model = spec.compile()
+    _require_masses(model, sorted(moving))
     return _indexed(model, robot, load, arms, holding, lead, moving)
 
 
@@ -78,6 +81,17 @@ def _telling(robot: Robot) -> Iterator[None]:
         raise RobotError(
             f"MuJoCo cannot build '{robot.name}': {reason}", way_out="correct its URDF"
         ) from error
+
+
+def _require_masses(model: Any, moving: Iterable[str]) -> None:
+    """Refuse joints that move nothing which has a mass: any motor throws it away."""
+    for name in moving:
+        if model.body_subtreemass[model.joint(name).bodyid[0]] < LIGHTEST:
+            raise RobotError(
+                f"nothing that the joint '{name}' moves has a mass or a collision body, so it cannot be simulated",
+                way_out='write one into its link in the URDF: <inertial><mass value="0.5"/><inertia ixx="1e-3" '
+                'ixy="0" ixz="0" iyy="1e-3" iyz="0" izz="1e-3"/></inertial>',
+            )
 
 
 def _with_robot(robot: Robot, moving: set[str], *, drawn: bool) -> Any:

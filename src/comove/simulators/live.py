@@ -15,6 +15,7 @@ from comove.simulators.engine import engine, without_log
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.live_record import OnlineRecord
 from comove.simulators.loads import hand_poses, load_of
+from comove.simulators.servos import carry_payload, limit_servos, payload_torques
 from comove.simulators.settings import PLAN, USUAL, Perturbation
 from comove.simulators.simulate import at_start, broken, contacts_of, note_contacts
 from comove.simulators.world import World, moving_body
@@ -60,7 +61,7 @@ def run_live(
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     with without_log():
         world = build_world(robot, scene, load, grasp, perturbation)
-        data = at_start(world, motion, perturbation)
+        data = at_start(world, motion, scene, perturbation)
         _move_obstacles(world, data, executor)
         if load is not None:
             grasp.close(world, data)
@@ -81,6 +82,10 @@ def _run(world: World, data: Any, executor: JointExecutor, budget: float, every:
                 given_up = error.message
                 break
             _move_obstacles(world, data, executor)
+            still = np.zeros((1, len(command)))
+            carrying = payload_torques(executor.robot, executor.scene, command[None], still, still)[0]
+            carry_payload(world, data, carrying)
+            limit_servos(world, data)
             rates = (command - before) / executor.settings.period
             if executor.driven_off:  # what gives way brakes: its commands go where the robot goes
                 rates *= 0.0

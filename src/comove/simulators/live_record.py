@@ -188,11 +188,7 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
         f"{contact.between[0]} and {contact.between[1]} touch at {contact.time:.2f} s, {contact.depth:.2g} m deep"
         for contact in record.contacts
     ]
-    reasons += [
-        f"{what} meet, by their exact bodies, {max(0.0, -m[name]):.2g} m deep"
-        for name, what in MET
-        if not m[name] > 0.0
-    ]
+    reasons += [f"{what} meet, by their exact bodies" for name, what in MET if not m[name] > 0.0]
     if record.given_up:
         reasons.append(record.given_up)
     if record.unstable:
@@ -216,6 +212,8 @@ def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -
 def _hold_error(record: OnlineRecord, hands: Array) -> float:
     """Return the largest error of the commanded hands on the load [m, rad]."""
     held = ~np.array(record.driven_off)
+    if not held.any():
+        return 0.0
     nodes, hands, grasp = np.array(record.nodes)[held, : hands.shape[1]], hands[held], record.scene.grasp
     off = np.linalg.norm(hands[..., :3, 3] - nodes, axis=-1).max()
     if grasp is None:

@@ -2,25 +2,35 @@
 
 The model is compiled by MuJoCo, so that defaults, included files and scaled meshes are as MuJoCo has them, and then
 written body by body. A URDF's link stands in its joint's frame: for a body whose joints are elsewhere, or several,
-there are links without bodies between. What stands on the world, such as a floor, is no part of the robot, nor are
-bodies that lie about: those that move freely and have no joints. A robot that moves freely stands where it begins.
+there are links without bodies between. Floor and furniture become obstacles of a scene, and what moves freely a
+payload (`comove.simulators.mjcf_surroundings`). A robot that moves freely stands where it begins.
+
+Every joint has an effort and a velocity, without which other readers refuse a URDF. Where the model limits neither,
+they are guesses, which the attribute ``comove:guessed`` of the limit names. ``comove:springs`` of a joint is the
+share of its weight that the model takes off its motor (``gravcomp``). Readers that do not know these pass them over.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import RobotError
+from comove.errors import MeshError, RobotError
 from comove.geometry.rotations import matrices
-from comove.geometry.triangles import as_stl
+from comove.geometry.triangles import as_stl, elements_of
+from comove.robots.formats import MAX_BYTES, MJCF, bytes_in, require_format
+from comove.robots.proposal.tree import GUESSED, GUESSES, SPRINGS
 from comove.simulators.engine import engine
+from comove.simulators.mjcf_actuators import drives_of
+from comove.simulators.mjcf_surroundings import Roles, Surroundings, fragment
 from comove.simulators.urdf import text_of, write_origin
 
 Array = NDArray[np.float64]
@@ -28,6 +38,7 @@ Array = NDArray[np.float64]
 ROOT = "world"
 MESHES = "meshes"  # folder beside the URDF
 DRAWN = (0, 1, 2)  # groups of shapes that MuJoCo's viewers draw unless asked otherwise
+NAMESPACE = "urn:comove"  # of attributes that other readers pass over
 KNOWN = ("BOX", "SPHERE", "CYLINDER", "CAPSULE", "MESH")
 
 
@@ -39,28 +50,32 @@ class Converted:
     ----------
     name : name of the model
     urdf, srdf : texts; the SRDF names the pairs of links that the model excludes, None where it excludes none
-    meshes : binary STL by file name, which the URDF looks for in the folder `MESHES` beside it
+    obstacles : text of the obstacles that stand around the robot, for scenes; None where nothing does
+    meshes : binary STL by file name, which these look for in the folder `MESHES` beside them
+    notes : what was guessed, left out, or is no part of the robot, in words
     """
 
     name: str
     urdf: str
     srdf: str | None
+    obstacles: str | None
     meshes: dict[str, bytes]
+    notes: tuple[str, ...]
 
 
 def urdf_of(file: Path) -> Converted:
     """Convert a model of MuJoCo's to a URDF.
 
-    Velocities are not limited in such a model: a description states them.
-
     Raises
     ------
     RobotError
-        If MuJoCo cannot read it, or a joint has no counterpart in a URDF.
+        If MuJoCo cannot read it, it has no robot, or a joint has no counterpart in a URDF.
     ExtraError
         If MuJoCo is not installed.
     """
     mj = engine()
+    with suppress(MeshError):  # what is no XML is told by MuJoCo
+        require_format(elements_of(bytes_in(file, MAX_BYTES)), file, MJCF)
     try:
         model = mj.MjModel.from_xml_path(str(file))
     except ValueError as error:
@@ -74,31 +89,53 @@ class _Writer:
 
     def __init__(self, mj: Any, model: Any, file: Path):
         self.mj, self.model, self.file = mj, model, file
-        self.robot = ET.Element("robot", name=file.stem)
+        self.robot = ET.Element("robot", {"name": file.stem, "xmlns:comove": NAMESPACE})
         self.meshes: dict[str, bytes] = {}
+        self.drives = drives_of(mj, model)
+        self.roles = Roles.of(mj, model, self.drives)
+        self.told: dict[str, list[str]] = {}
 
     def converted(self) -> Converted:
         """Return the whole model."""
-        model = self.model
+        model, name = self.model, self.file.stem
+        if not self.roles.robot:
+            raise RobotError(
+                "nothing in it has a joint that turns or slides",
+                file=self.file,
+                way_out="name a robot's model",
+            )
         ET.SubElement(self.robot, "link", name=ROOT)
-        bodies = [
-            body for body in range(1, model.nbody) if not self._lies_about(int(model.body_rootid[body]))
-        ]
-        for body in bodies:
-            self._body(body)
+        for body in range(1, model.nbody):
+            if int(model.body_rootid[body]) in self.roles.robot:
+                self._body(body)
         pairs = [self._excluded(number) for number in range(model.nexclude)]
-        srdf = ET.Element("robot", name=self.file.stem)
+        links = {link.get("name") for link in self.robot.findall("link")}
+        srdf = ET.Element("robot", name=name)
         for first, second in pairs:
-            ET.SubElement(srdf, "disable_collisions", link1=first, link2=second, reason="User")
+            if {first, second} <= links:
+                ET.SubElement(srdf, "disable_collisions", link1=first, link2=second, reason="User")
+            else:
+                self._tell(
+                    "the model lets {} touch each other, one of which is no part of the robot",
+                    f"'{first}' and '{second}'",
+                )
         for tree in (self.robot, srdf):
             ET.indent(tree)
-        told = ET.tostring(srdf, encoding="unicode") if pairs else None
-        return Converted(self.file.stem, ET.tostring(self.robot, encoding="unicode"), told, self.meshes)
+        around = Surroundings(self.mj, model, self.roles, self._mesh)
+        obstacles = around.obstacles(MESHES)
+        told = [text.format(", ".join(names)) for text, names in self.told.items()]
+        return Converted(
+            name,
+            ET.tostring(self.robot, encoding="unicode"),
+            ET.tostring(srdf, encoding="unicode") if len(srdf) else None,
+            fragment(obstacles, self.file) if obstacles else None,
+            self.meshes,
+            (*told, *around.notes, *around.payloads()),
+        )
 
-    def _lies_about(self, root: int) -> bool:
-        """Return whether a body that hangs on the world moves freely, without joints in it."""
-        kinds = self.model.jnt_type[self.model.body_rootid[self.model.jnt_bodyid] == root]
-        return len(kinds) > 0 and bool((kinds == self.mj.mjtJoint.mjJNT_FREE).all())
+    def _tell(self, text: str, name: str) -> None:
+        """Note something about a joint or a pair of links, once for all of which it holds."""
+        self.told.setdefault(text, []).append(name)
 
     def _link(self, body: int) -> str:
         return ROOT if body == 0 else str(self.model.body(body).name or f"body{body}")
@@ -140,35 +177,85 @@ class _Writer:
                 file=self.file,
                 way_out="leave out its 'ref', and turn the body instead",
             )
-        limited = bool(model.jnt_limited[joint])
+        drive = self.drives[joint]
+        lower, upper = self._range(joint, name)
+        limited = lower < upper and np.isfinite([lower, upper]).all()
         kind = "prismatic" if slides else "revolute" if limited else "continuous"
         element = self._connect(name, kind, above, below, place, rotation)
         ET.SubElement(element, "axis", xyz=text_of(model.jnt_axis[joint]))
         limit = ET.SubElement(element, "limit")
         if limited:
-            lower, upper = model.jnt_range[joint].tolist()
             limit.set("lower", repr(lower))
             limit.set("upper", repr(upper))
-        effort = self._effort(joint)
-        if effort is not None:
-            limit.set("effort", repr(effort))
+        elif slides:
+            self._tell("nothing limits how far {} slide: give limits in the description", f"'{name}'")
+        known = {"effort": drive.effort, "velocity": drive.velocity if isfinite(drive.velocity) else None}
+        for key, value in known.items():
+            limit.set(key, repr(GUESSED[kind][key] if value is None else value))
+        if guessed := [key for key, value in known.items() if value is None]:
+            limit.set(GUESSES, " ".join(guessed))
+        self._tell_motor(joint, name, kind, known)
+        self._add_dynamics(element, joint, name)
         leads = self._leads(joint)
         if leads is not None:
             other, offset, multiplier = leads
             ET.SubElement(element, "mimic", joint=other, multiplier=repr(multiplier), offset=repr(offset))
 
-    def _effort(self, joint: int) -> float | None:
-        """Return the largest effort of a joint's motors [N m, N], None where nothing limits it."""
-        model, found = self.model, list[float]()
-        if model.jnt_actfrclimited[joint]:
-            found.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
-        for k in range(model.nu):
-            drives = model.actuator_trntype[k] == self.mj.mjtTrn.mjTRN_JOINT
-            if drives and model.actuator_trnid[k, 0] == joint and model.actuator_forcelimited[k]:
-                found.append(
-                    float(np.abs(model.actuator_forcerange[k]).max() * abs(model.actuator_gear[k, 0]))
-                )
-        return min(found, default=None)
+    def _range(self, joint: int, name: str) -> tuple[float, float]:
+        """Return the positions that a joint's range and its servo's commands leave; infinite where nothing does."""
+        model, drive = self.model, self.drives[joint]
+        lower, upper = model.jnt_range[joint].tolist() if model.jnt_limited[joint] else (-np.inf, np.inf)
+        told = max(lower, drive.lower), min(upper, drive.upper)
+        if told[0] < told[1]:
+            return told
+        self._tell("the commands of the servo of {} lie outside its range, which is taken", f"'{name}'")
+        return lower, upper
+
+    def _tell_motor(self, joint: int, name: str, kind: str, known: dict[str, float | None]) -> None:
+        """Note what is guessed about a joint's motor, and what is not as in the model."""
+        drive, model = self.drives[joint], self.model
+        unit = {
+            "effort": "N" if kind == "prismatic" else "N m",
+            "velocity": "m/s" if kind == "prismatic" else "rad/s",
+        }
+        for key, value in known.items():
+            if value is None:
+                guess = f"{GUESSED[kind][key]:g} {unit[key]}"
+                self._tell(f"the model limits no {key} of {{}}: {guess} is a guess", f"'{name}'")
+        if not drive.is_driven:
+            self._tell("no actuator drives {}", f"'{name}'")
+        elif drive.is_one_sided:
+            self._tell(
+                "actuators drive {} one way only: their largest effort is taken for both ways", f"'{name}'"
+            )
+        elif drive.effort is not None and drive.least != -drive.largest:
+            self._tell("actuators of {} are stronger one way: the lesser effort is taken", f"'{name}'")
+        if model.jnt_stiffness[joint].any():
+            self._tell("{} have springs in the model, which no URDF has: they are left out", f"'{name}'")
+
+    def _add_dynamics(self, element: ET.Element, joint: int, name: str) -> None:
+        """Add damping and dry friction of a joint, and the share of its weight that is taken off its motor."""
+        model = self.model
+        dof = int(model.jnt_dofadr[joint])
+        damping, friction = float(np.ravel(model.dof_damping[dof])[0]), float(model.dof_frictionloss[dof])
+        if damping or friction:
+            ET.SubElement(element, "dynamics", damping=repr(damping), friction=repr(friction))
+        share = self._compensated(joint)
+        if share > 0.0:
+            element.set(SPRINGS, repr(share))
+            self._tell(f"the model takes {share:.0%} of the weight off {{}}", f"'{name}'")
+
+    def _compensated(self, joint: int) -> float:
+        """Return the share of the weight of all that a joint moves which does not load its motor."""
+        model, root = self.model, int(self.model.jnt_bodyid[joint])
+        if model.jnt_actgravcomp[joint]:
+            return 0.0
+        moved = {root}
+        for body in range(root + 1, model.nbody):
+            if int(model.body_parentid[body]) in moved:
+                moved.add(body)
+        shares = [float(model.body_gravcomp[body]) for body in moved if model.body_mass[body] > 0.0]
+        return min(max(min(shares, default=0.0), 0.0), 1.0)
 
     def _leads(self, joint: int) -> tuple[str, float, float] | None:
         """Return the joint that one goes along with, its offset and multiplier; None where it is free."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.verification.bodies import beyond_wrists, obstacle_object
+from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_object
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld
@@ -107,7 +107,9 @@ def _contacts(
             continue
         for k in range(len(geometry.collisionPairs)):
             if state.collisionResults[k].isCollision():
-                depth = -pin.computeDistance(geometry, state, k).min_distance
+                ends = geometry.collisionPairs[k].first, geometry.collisionPairs[k].second
+                shapes = [geometry.geometryObjects[end].geometry for end in ends]
+                depth, _ = depth_of(shapes, [state.oMg[end] for end in ends])
                 first, deepest = found.get(k, (float(time[step]), 0.0))
                 found[k] = first, max(deepest, float(depth))
     pairs = geometry.collisionPairs

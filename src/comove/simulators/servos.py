@@ -1,8 +1,10 @@
 """Position servos of a robot's joints, within the limits of their motors.
 
 A servo gives the torque k (q_ref - q) + c (v_ref - v): the reference velocity is added to its reference position as
-c/k v_ref. The robot's own weight is compensated. Springs hold a share of it and the motors the rest, w; so a servo
-whose motor has the effort limit E may give torques from -E - w to E - w.
+c/k v_ref. The robot's own weight is compensated, and so is the payload, as by controllers that are told of it: the
+torques are added that carry each holder's share of the mass that the scene states. Springs hold a share of the
+robot's weight, and the motors the rest, w, and the payload's torques, p; so a servo whose motor has the effort limit
+E may give torques from -E - w - p to E - w - p.
 """
 
 from __future__ import annotations
@@ -13,8 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError
+from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.verification.reach import joint_axes
+from comove.scenes.scene import Scene
 from comove.simulators.engine import engine
 from comove.simulators.world import World
 
@@ -85,11 +89,38 @@ def add_servo(spec: Any, joint: str, stiffness: float, damping: float, force: fl
 
 
 def limit_servos(world: World, data: Any) -> None:
-    """Set the servos' limits to what the robot's weight, at the present posture, leaves of the motors' limits."""
+    """Set the servos' limits to what the weights of robot and payload, at present, leave of the motors' limits."""
     weight, limit = motor_weight(world, data), world.robot.effort
     world.model.actuator_forcerange[world.servos] = np.stack([-limit - weight, limit - weight], axis=1)
 
 
 def motor_weight(world: World, data: Any) -> Array:
-    """Return the motors' share of the torques of the robot's own weight; array, shape (n_joints,) [N m]."""
-    return (1 - world.robot.relief) * data.qfrc_gravcomp[world.dofs]
+    """Return the motors' share of the torques of the robot's own weight, and those that carry the payload; array,
+    shape (n_joints,) [N m].
+    """
+    return (1 - world.robot.relief) * data.qfrc_gravcomp[world.dofs] + data.qfrc_applied[world.dofs]
+
+
+def carry_payload(world: World, data: Any, torque: Array) -> None:
+    """Apply the torques that carry the payload, array of shape (n_joints,), from now on [N m]."""
+    data.qfrc_applied[world.dofs] = torque
+
+
+def payload_torques(
+    robot: Robot, scene: Scene, position: Array, velocity: Array, acceleration: Array
+) -> Array:
+    """Compute the torques that carry the payload's stated mass, by inverse dynamics with and without it.
+
+    Parameters
+    ----------
+    position, velocity, acceleration : arrays, shape (n_steps, n_joints) [rad, s, m for prismatic joints]
+
+    Returns
+    -------
+    array, shape (n_steps, n_joints) [N m, N for prismatic joints]
+    """
+    if scene.file.load is None:
+        return np.zeros_like(position)
+    arms, motion = [robot.arm(name) for name in scene.manipulators], (position, velocity, acceleration)
+    loaded = loaded_model(robot, tuple(arms), carried_masses(scene))
+    return torques(robot, loaded, *motion) - torques(robot, robot.model, *motion)

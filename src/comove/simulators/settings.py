@@ -68,7 +68,8 @@ class Perturbation:
 
     Attributes
     ----------
-    friction, mass : factors on the friction between fingers and load, and on the load's mass
+    friction, mass : factors on the friction between fingers and load, and on the load's mass, of which servos do not
+        know: they carry what the scene states
     gains : factors on stiffness and damping of the servos, one for all joints or one each
     start_error : displacement of the load from its planned place when it is grasped, in its own axes [m]; it is
         unknown to the robot, so the hands carry the load displaced

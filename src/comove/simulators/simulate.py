@@ -16,7 +16,7 @@ from comove.simulators.engine import engine, without_log
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.loads import hand_poses, load_of, require_fit
-from comove.simulators.servos import limit_servos, motor_weight
+from comove.simulators.servos import carry_payload, limit_servos, motor_weight, payload_torques
 from comove.simulators.settings import PLAN, USUAL, Perturbation, Settings
 from comove.simulators.world import World, lower_floor
 
@@ -34,8 +34,8 @@ def simulate(
 ) -> Execution:
     """Simulate servos that follow a joint motion in MuJoCo, with the load in the hands.
 
-    The servos get positions and velocities at every time step, as controllers that interpolate a trajectory do; they
-    do not take the load into account.
+    The servos get positions and velocities at every time step, as controllers that interpolate a trajectory do, and
+    know the payload by the mass that the scene states; the perturbation's `mass` is the error of that.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ def simulate(
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     with without_log():
         world = build_world(robot, scene, load, grasp, perturbation)
-        data = at_start(world, motion, perturbation)
+        data = at_start(world, motion, scene, perturbation)
         if load is not None:
             grasp.close(world, data)
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
-        log = _run(world, data, motion, perturbation, settings)
+        log = _run(world, data, motion, scene, perturbation, settings)
     return Execution(
         robot=robot,
         scene=scene,
@@ -75,12 +75,15 @@ def simulate(
     )
 
 
-def at_start(world: World, motion: JointMotion, perturbation: Perturbation) -> Any:
-    """Return MuJoCo's data with the hands at the load, and with the load's grasps at the hands."""
+def at_start(world: World, motion: JointMotion, scene: Scene, perturbation: Perturbation) -> Any:
+    """Return MuJoCo's data with the hands at the load, which they carry, and with the load's grasps at the hands."""
     mj, model = engine(), world.model
     data = mj.MjData(model)
     data.qpos[world.qpos] = motion.position[0]
     data.ctrl[world.servos] = motion.position[0]
+    if world.load is not None:
+        still = np.zeros_like(motion.position[:1])
+        carry_payload(world, data, payload_torques(world.robot, scene, motion.position[:1], still, still)[0])
     if world.load is not None:
         pose = world.load.pose.copy()
         pose[:3, 3] += pose[:3, :3] @ perturbation.start_error
@@ -106,7 +109,12 @@ def _move_grasps(world: World, data: Any) -> None:
 
 
 def _run(
-    world: World, data: Any, motion: JointMotion, perturbation: Perturbation, settings: Settings
+    world: World,
+    data: Any,
+    motion: JointMotion,
+    scene: Scene,
+    perturbation: Perturbation,
+    settings: Settings,
 ) -> dict[str, Any]:
     """Run the simulation; returns the logged quantities, by the names of `Execution`."""
     mj, model = engine(), world.model
@@ -114,14 +122,21 @@ def _run(
     every = max(1, round(1 / (settings.log_rate * TIMESTEP)))
     n_steps = every * int(np.ceil((motion.duration + settings.hold) / (every * TIMESTEP)))
     time = (np.arange(n_steps + 1) * TIMESTEP).astype(np.float64)
-    position, velocity, _ = motion.at(np.minimum(time, motion.duration))
-    control = position + world.lead * np.where(time[:, None] < motion.duration, velocity, 0.0)
+    position, velocity, acceleration = motion.at(np.minimum(time, motion.duration))
+    moves = time[:, None] < motion.duration
+    velocity, acceleration = np.where(moves, velocity, 0.0), np.where(moves, acceleration, 0.0)
+    control = position + world.lead * velocity
+    carrying = payload_torques(
+        world.robot, scene, position[::limiting], velocity[::limiting], acceleration[::limiting]
+    )
     push, pushed = _push(world, motion, perturbation, time)
     log, unstable = _Log(world, n_steps // every + 1), None
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     began = perf_counter()
     for step in range(n_steps + 1):
         data.ctrl[world.servos] = control[step]
+        if step % limiting == 0:
+            carry_payload(world, data, carrying[step // limiting])
         if step == 0 or pushed[step] != pushed[step - 1]:
             data.xfrc_applied[world.load_body, :3] = push * pushed[step]
         logged = step % every == 0

@@ -72,6 +72,16 @@ class Verification:
     online: OnlineRecord | None = None
 
     @property
+    def is_proof(self) -> bool:
+        """Return whether the measures hold at every instant, and not at samples."""
+        return self.part not in (Part.ROBOT_RUN, Part.SIMULATION)
+
+    @property
+    def is_hands_alone(self) -> bool:
+        """Return whether the scene names a robot, and no joint of it was looked at."""
+        return self.scene.file.robot is not None and self.part in (Part.MOTION, Part.RUN)
+
+    @property
     def verified(self) -> bool:
         """Return whether nothing speaks against it."""
         return not self.reasons

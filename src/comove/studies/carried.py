@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ResultError, SceneError
-from comove.planning import movements_of
+from comove.planning import Budget, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
@@ -34,8 +34,8 @@ from comove.scenes.scene import Scene
 from comove.simulators import GRASPS, Execution, Perturbation, simulate
 from comove.studies.cameras import CamerasPart, videos_of
 from comove.studies.episode import (
-    CUT,
     DAMAGED,
+    OPTION,
     Made,
     measured,
     packed,
@@ -152,11 +152,10 @@ def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
             demonstration=movements,
             seed=run.seed,
             method=how.method,
-            budget=how.budget,
+            budget=Budget.of(how.budget, option=OPTION),
             found=lambda motion: firsts.append(now() - begun),
         )
-        cut_short = int(now() - begun > CUT * how.budget)  # it may solve several times
-        run = replace(measured(run, found.solution, how.budget), cut_short=cut_short)
+        run = measured(run, found.solution)
         if found.motion is None:
             reasons = "; ".join(found.solution.reasons or found.verdict.reasons)
             return replace(run, status="not verified", reason=reasons[:LONGEST]), None
@@ -191,15 +190,23 @@ def executed(motion: VerifiedJointMotion, simulation: SimulationPart, seed: int)
 
 def _stored_carry(key: str, motion: VerifiedJointMotion, execution: Execution | None) -> StoredCarry:
     """Return joints, certificate and measures of a simulation as the store keeps them."""
-    joints = _arrays(motion.joints)
-    figures = {name: finite(value) for name, value in motion.report.asdict().items()}
-    robot = {
+    simulated = {} if execution is None else {name: finite(x) for name, x in execution.measures.items()}
+    return StoredCarry(
+        key,
+        packed(_arrays(motion.joints)),
+        _json(figures_of(motion)),
+        _json(simulated) if simulated else "",
+    )
+
+
+def figures_of(motion: VerifiedJointMotion) -> dict[str, Any]:
+    """Return the measures of a verified joint motion, and the checksums of robot and joints."""
+    return {
+        **{name: finite(value) for name, value in motion.report.asdict().items()},
         "robot": motion.robot.name,
         "robot_sha256": motion.robot.sha256,
-        "joints_sha256": checksum(joints),
+        "joints_sha256": checksum(_arrays(motion.joints)),
     }
-    simulated = {} if execution is None else {name: finite(x) for name, x in execution.measures.items()}
-    return StoredCarry(key, packed(joints), _json(figures | robot), _json(simulated) if simulated else "")
 
 
 def _arrays(joints: JointMotion) -> dict[str, Any]:

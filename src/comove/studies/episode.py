@@ -20,8 +20,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, InputError, ResultError
-from comove.planning import Solution, solve
-from comove.planning.clock import processor_time
+from comove.planning import Budget, Solution, solve
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
 from comove.results.solution import CURVE, motion_arrays, rebuild
@@ -34,7 +33,7 @@ from comove.verification.bounds import largest_jerk, node_bounds
 
 Made = tuple[StudyRun, StoredMotion | None]
 
-CUT = 0.9  # share of the budget beyond which a search counts as cut short
+OPTION = "budget:"  # of a study, in words
 DAMAGED = "copy the store again, or generate the episode again in a new folder"
 
 
@@ -48,9 +47,10 @@ def solved_run(run: StudyRun, scene: Scene, method: Method, budget: float) -> Ma
     """
 
     def search(run: StudyRun) -> Made:
-        solution = solve(scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=budget)
+        bounds = Budget.of(budget, option=OPTION)
+        solution = solve(scene, demonstration=movement_of(scene), seed=run.seed, method=method, budget=bounds)
         motion = stored(run.key, solution.attempt) if solution.verified else None
-        return measured(run, solution, budget), motion
+        return measured(run, solution), motion
 
     return timed_run(run, scene, search)
 
@@ -62,21 +62,20 @@ def timed_run(run: StudyRun, scene: Scene, search: Callable[[StudyRun], Made]) -
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
-            with processor_time():  # the same rows, however many workers share the machine
-                run, motion = search(run)
+            run, motion = search(run)
     except InputError as error:
         run = replace(run, status="refused", reason=str(error)[:LONGEST])
     return replace(run, seconds=time.process_time() - begun), motion
 
 
-def measured(run: StudyRun, solution: Solution, budget: float) -> StudyRun:
-    """Return the row of a run with the figures of its solution, for which `budget` [s] was allowed."""
+def measured(run: StudyRun, solution: Solution) -> StudyRun:
+    """Return the row of a run with the figures of its solution."""
     report, motion = solution.report, solution.attempt
     return replace(
         run,
         status="verified" if solution.verified else "not verified",
         reason="; ".join(solution.reasons)[:LONGEST],
-        cut_short=int(solution.solve_time_s > CUT * budget),
+        cut_short=int(solution.timed_out),
         duration=solution.scene.duration,
         cost=finite(solution.cost.total),
         clearance_min=finite(report.clearance_min),

@@ -67,7 +67,7 @@ class StudyReport:
     verified_share : share of verified runs among those whose scene is valid
     figures : figures of the verified runs, by measure; those of a robot's joints begin with "joints.", those of their
         simulation with "simulation."
-    cut_short : number of runs whose search used up its budget: on another machine they may come out otherwise
+    cut_short : number of runs whose budget ran out: on another machine they may come out otherwise
     seconds : median processor time of a verified run [s]
     seconds_in_all : processor time of all runs [s]
     bytes_each : size of the store by run [byte]

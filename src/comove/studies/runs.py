@@ -45,7 +45,7 @@ class StudyRun:
     passing : class of the motion among the obstacles
     motion_sha256 : checksum of the motion
     first : processor time from the scene to the first verified motion, of joints where a robot carries [s]
-    cut_short : 1 if the search used up its budget, so that the motion hangs on the pace of the machine, else 0
+    cut_short : 1 if the budget ran out, so that the motion hangs on the pace of the machine, else 0
     seconds : processor time of the run [s]; of one that was lost, time on the wall
     started : its beginning in UTC (ISO 8601)
     """

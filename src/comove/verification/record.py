@@ -200,7 +200,7 @@ def verify_execution(record: Record | RecordSamples, blocker: str = "") -> Execu
     hands = record.nodes[:, : len(scene.manipulators)]
     velocity = np.diff(hands, axis=0) / step[:, :, None]
     speeds = np.linalg.norm(velocity, axis=2)
-    changes = np.diff(velocity, axis=0, prepend=0.0)  # from rest
+    changes = np.diff(velocity, axis=0, prepend=0.0, append=0.0)  # from rest to rest
     misses = np.linalg.norm(hands[[0, -1], :, : scene.n_dims] - [scene.start, scene.goal], axis=2).max(axis=1)
     clearance = clearance_of(record)
     findings = examine(_RecordCourse(record), scene.constraints, scene.manipulators)

@@ -19,7 +19,7 @@ class Smoothness:
 
     Attributes
     ----------
-    jerk_max : upper bound of the jerk of a hand at every instant [m/s^3]; the others are sampled, not certified
+    jerk_max : upper bound of the jerk of a hand between start and end [m/s^3]; the others are sampled, not certified
     jerk_squared : squared jerk of all hands, integrated over unit duration [m^2]
     jerk_ratio : `jerk_squared` over that of straight minimum-jerk motions with the same ends (Flash and Hogan, 1985)
     spectral_arc_length : mean over the hands' speeds (Balasubramanian et al., 2015): smoother if nearer to 0

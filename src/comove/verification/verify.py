@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 END_ERROR = 1e-9  # m
 END_SPEED = 1e-9  # m/s
+END_STEP = 1e-9  # of the largest acceleration, and of 1 m/s^2: what is less is rounding
 
 _SEAL = object()
 
@@ -48,7 +49,7 @@ class Report:
     height_error_max : upper bound of the difference of heights that must be the same [m]
     constraint_excess_max : upper bound of what errors of constraints of other kinds exceed their tolerance by, each
         in its own unit
-    jerk_max : upper bound of a hand's jerk [m/s^3]
+    jerk_max : upper bound of a hand's jerk, infinite where its acceleration jumps at the start or the end [m/s^3]
 
     The last five are None where the scene asks for nothing of the kind.
     """
@@ -160,6 +161,10 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     ends = np.abs(position[[0, -1], :, : scene.n_dims] - np.stack([scene.start, scene.goal]))
     bounds = node_bounds(motion)
     clearance = certify(motion, bounds)
+    start_speed, step = _from_rest(scene, velocity / duration, acceleration / duration**2)
+    jerk_max = None
+    if np.isfinite(scene.jerk_limit):  # a step of the acceleration is an infinite jerk
+        jerk_max = largest_jerk(motion, bounds.jerk) if step == 0.0 else np.inf
     findings = examine(MotionCourse(motion, bounds, position), scene.constraints, scene.manipulators)
     report = Report(
         clearance_min=clearance.lower,
@@ -167,7 +172,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         end_speed=float(lengths(velocity[-1]).max() / duration),
         speed_max=largest_speed(motion, velocity, bounds.jerk),
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
-        jerk_max=largest_jerk(motion, bounds.jerk) if np.isfinite(scene.jerk_limit) else None,
+        jerk_max=jerk_max,
         **{"distance_error_max": 0.0, **measures(findings)},
     )
     reasons = []
@@ -178,6 +183,12 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     if not report.end_error <= END_ERROR:
         reasons.append(f"an end is missed by {report.end_error:.3g} m")
     reasons += [finding.reason for finding in findings if finding.reason]
+    if not start_speed <= END_SPEED:
+        reasons.append(f"a hand moves at {start_speed:.3g} m/s at the start already, before which it rests")
+    if jerk_max is not None and step > 0.0:
+        reasons.append(
+            f"a hand's acceleration jumps by {step:.3g} m/s^2 at the start or the end, where it rests"
+        )
     reasons += broken_limits(report, scene, END_SPEED)
     if not clearance.lower >= scene.clearance:
         reasons.append(_contact(motion, clearance))
@@ -186,6 +197,24 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         reasons.extend([told] if isinstance(told, str) else told)
     verified = None if reasons else VerifiedMotion(motion, report, seal=_SEAL)
     return Verdict(verified, report, tuple(reasons))
+
+
+def _from_rest(scene: Scene, velocity: Array, acceleration: Array) -> tuple[float, float]:
+    """Return the largest speed at the start [m/s], and the largest step of acceleration at an end [m/s^2].
+
+    Before the start and after the end hands rest, unless the scene goes on from another movement; steps that are
+    rounding are 0.
+
+    Parameters
+    ----------
+    velocity, acceleration : arrays, shape (n_knots, n_manipulators, 3), at the knots
+    """
+    in_motion = scene.begins > 0 or any(group.start_twist.any() for group in scene.groups)
+    sizes = lengths(acceleration)
+    step = float(sizes[-1:].max() if in_motion else sizes[[0, -1]].max())
+    rounding = END_STEP * max(1.0, float(sizes.max()))
+    speed = 0.0 if in_motion else float(lengths(velocity[0]).max())
+    return speed, 0.0 if step <= rounding else step
 
 
 def broken_limits(
@@ -199,18 +228,21 @@ def broken_limits(
     up_to : said before bounds, in contrast to what was measured
     rounding : by which a share of a limit may exceed 1
     """
-    reasons, most = [], 1 + rounding
+    reasons, share = [], 1 + rounding
     if not report.end_speed <= end_speed:
         reasons.append(f"a hand still moves at {report.end_speed:.3g} m/s at the end")
-    if not report.speed_max <= scene.speed_limit * most:
+    if not report.speed_max <= scene.speed_limit * share:
         limit = f"(limit {scene.speed_limit:g} m/s)"
         reasons.append(f"a hand moves at {up_to}{report.speed_max:.4g} m/s {limit}")
-    if not report.acceleration_max <= scene.acceleration_limit * most:
+    if not report.acceleration_max <= scene.acceleration_limit * share:
         limit = f"(limit {scene.acceleration_limit:g} m/s^2)"
         reasons.append(f"a hand accelerates by {up_to}{report.acceleration_max:.4g} m/s^2 {limit}")
-    if report.jerk_max is not None and not report.jerk_max <= scene.jerk_limit * most:
+    if report.jerk_max is not None and not report.jerk_max <= scene.jerk_limit * share:
         limit = f"(limit {scene.jerk_limit:g} m/s^3)"
-        reasons.append(f"a hand's jerk reaches {up_to}{report.jerk_max:.4g} m/s^3 {limit}")
+        most = (
+            f"reaches {up_to}{report.jerk_max:.4g} m/s^3" if np.isfinite(report.jerk_max) else "has no bound"
+        )
+        reasons.append(f"a hand's jerk {most} {limit}")
     return reasons
 
 

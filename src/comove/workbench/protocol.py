@@ -21,7 +21,7 @@ class SearchTimes:
 
     Attributes
     ----------
-    budget : after which a search takes the best motion so far [s]
+    budget : processor time after which a search takes the best motion so far [s]
     patience : that a search has to find its first motion although a newer draft waits [s]
     pause : between better motions that are sent [s]
     """

@@ -121,5 +121,5 @@ def _origin(summary: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _commands(folder: Path) -> str:
     name = shlex.quote(folder.resolve().name)
-    verify, again = f"comove verify {name}", command_again(folder, "../again")
+    verify, again = f"comove verify {name}", command_again(folder)
     return verify if again is None else f"{verify}\ncd {name}\n{again}"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import socket
+import sys
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -186,9 +187,20 @@ def _behind(gate: Gate) -> Iterator[list[int]]:
                     response.headers[name] = value
             return response
 
+        async def handled(connection: Any) -> None:
+            """Close a page that sends what cannot be read, without the viewer's own account of it."""
+            try:
+                await handler(connection)
+            except Exception as error:
+                print(
+                    f"a page sent what cannot be read, and was closed ({type(error).__name__})",
+                    file=sys.stderr,
+                )
+                await connection.close(1003, "unreadable")
+
         ports.append(port)
         return plain(
-            handler, host, port, **options | {"process_request": process, "max_size": LARGEST_MESSAGE}
+            handled, host, port, **options | {"process_request": process, "max_size": LARGEST_MESSAGE}
         )
 
     websockets.serve = serve

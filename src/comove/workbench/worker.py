@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveError, ExtraError, OptionError
 from comove.planning import (
+    Budget,
     Comove,
     LeastJerk,
     LeastTime,
@@ -288,7 +289,7 @@ class Worker:
             "demonstration": taught,
             "seed": draft.seed,
             "objective": aim,
-            "budget": asked["times"].budget,
+            "budget": Budget.of(asked["times"].budget, option="comove solve --budget"),
             "progress": progress,
             "stop": stop,
         }

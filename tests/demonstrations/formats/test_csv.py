@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from comove.demonstrations import Demonstration, read_csv, write_csv
-from comove.demonstrations.formats import csv
+from comove.demonstrations.formats import tables
 from comove.errors import ComoveWarning, DemonstrationError
 
 GOOD = "time,x,y\n0,0,0\n0.1,0.5,1\n0.2,1,2\n"
@@ -67,6 +67,23 @@ def test_columns_are_found_by_name(tmp_path):
         "# a note\n\n" + GOOD.replace("0.2", "# another, note\n0.2"),
         GOOD.replace(",", " ,\t").replace("time ,\tx ,\ty", ' "time" , "x", y '),
         GOOD.replace("0.1,", "1e-1,").replace("0.2,1", "+.2,1."),
+        GOOD.replace("0.5", '"0.5"'),
+        GOOD.encode("utf-16"),
+        GOOD.encode("utf-16-le"),
+        GOOD.encode("utf-16-be"),
+        GOOD.replace("\n", ",größe\n").replace("0,größe", "0,ü").encode("latin-1"),
+        GOOD.replace(",", ";").replace(".", ","),
+        GOOD.replace(",", "\t"),
+        GOOD.replace(",", " "),
+        GOOD.replace(",", "   "),
+        GOOD.replace(",", "|"),
+        GOOD.replace(",", ";").replace(".", ",").replace("time;x;y", "time,x,y"),
+        "% " + GOOD,
+        "#" + GOOD,
+        "recorded today\n\n" + GOOD,
+        GOOD.replace("\n", ",\n"),
+        ",".join(["y,time,x"]) + "\n0,0,0\n1,0.1,0.5\n2,0.2,1\n",
+        "," + GOOD.replace("\n0", "\n7,0"),
     ],
 )
 def test_harmless_habits_are_accepted(tmp_path, content):
@@ -79,37 +96,37 @@ def test_harmless_habits_are_accepted(tmp_path, content):
     ("content", "key", "says", "way_out"),
     [
         # the header
-        ("", "row 1", "empty", "time,x,y"),
-        ("\n\n", "row 1", "empty", "time,x,y"),
-        ("0,0,0\n0.1,1,1\n", "row 1", "numbers stand where the header", "time,x,y"),
-        ("# carry\n0,0,0\n", "row 2", "numbers stand where the header", "time,x,y"),
-        ("tmie,x,y\n0,0,0\n", "header, column 1", "'tmie', not time", "did you mean 'time'"),
-        ("Time,x,y\n0,0,0\n", "header, column 1", "'Time', not time", "did you mean 'time'"),
-        ("x,y,time\n0,0,0\n", "header, column 1", "'x', not time", "known: time"),
-        ("time\n0\n", "row 1", "no positions", "time,x,y"),
-        ("time,x,X\n0,0,0\n", "header, column 3", "'X' is not known", "did you mean 'x'"),
-        ("time,left.x,left.u\n", "header, column 3", "'left.u'", r"known: left\.x, left\.y, left\.z"),
-        ("time,.x\n0,0\n", "header, column 2", r"'\.x' is not known", "known: x, y, z"),
-        ("time,x,x\n0,0,0\n", "header, column 3", "'x' names column 2 too", "rename"),
-        ("time,x,\n0,0,\n", "header, column 3", "no name", "name or remove"),
-        (",time,x\n0,0,0\n", "header, column 1", "no name", "name or remove"),
-        ("time,x,z\n0,0,0\n", "header", "the movement has the columns x, z", "x and y"),
-        ("time,a.x,a.y,b.x\n0,0,0,0\n", "header", "b has the columns x", "the same for every"),
-        ("time,x,y,b.x,b.y\n0,0,0,0,0\n", "header", "some columns name a manipulator", r"NAME\.x"),
-        ("time;x;y\n0,1;0,2;0,3\n", "row 1", "not separated by commas", "points in numbers"),
-        ("time\tx\ty\n0\t1\t2\n", "row 1", "not separated by commas", "commas between columns"),
+        ("", None, "empty", "name a recording"),
+        ("\n\n", None, "empty", "name a recording"),
+        ("0,0,0\n0.1,1,1\n", "columns", "no column is named", "--columns 2,3"),
+        ("# carry\n0,0\n0.1,1\n", "columns", "no column is named", "--columns 2"),
+        (
+            "tmie,x,y\n0,0,0\n0.1,1,1\n",
+            "time",
+            "no column of time",
+            "did you mean 'tmie'.*; run: .*--time tmie",
+        ),
+        ("time\n0\n1\n", None, "a single column", "a row a sample"),
+        ("time,x,X\n0,0,0\n", "columns", r"x \(column 2\), X \(column 3\)", "--columns 2"),
+        ("time,left.x,left.u\n", None, "no rows below the header", "two rows at least"),
+        ("time,x,x\n0,0,0\n", "columns", r"x \(column 2\), x \(column 3\)", "--columns 2"),
+        (
+            "time,x,y,b.x,b.y\n0,0,0,0,0\n",
+            "columns",
+            "x, y belong to no body",
+            "--columns b; run: .*--columns x,y ",
+        ),
         # the rows
         ("time,x,y\n", None, "no rows below the header", "two rows at least"),
         ("time,x,y\n0,0,0\n", "time", "this one has 1", "record more"),
         (GOOD.replace("0.5", "half"), "row 3, column x", "'half' is not a number", "numbers"),
         (GOOD.replace("0.5", "1_0"), "row 3, column x", "'1_0' is not a number", "numbers"),
         (GOOD.replace("0.5", "1٣"), "row 3, column x", "is not a number", "numbers"),
-        (GOOD.replace("0.5", '"1"'), "row 3, column x", "is not a number", "numbers"),
         (GOOD.replace("0.5,1", "0.5,1 # why"), "row 3, column y", "'1 # why' is not a number", "numbers"),
         (GOOD.replace("0.5", "0x10"), "row 3, column x", "'0x10' is not a number", "numbers"),
         (GOOD.replace("0.5", "1" * 50 + "a"), "row 3, column x", "'1{37}...' is not a number", "numbers"),
-        (GOOD.replace("0.5", ""), "row 3, column x", "cell is empty", "fill in"),
-        (GOOD.replace("0.5", "nan"), "row 3, column x", "nan is not a finite number", "fill in"),
+        (GOOD.replace("0.5", ""), "row 3, column x", "cell is empty", "fill in.*--drop-missing"),
+        (GOOD.replace("0.5", "nan"), "row 3, column x", "nan is not a finite number", "--drop-missing"),
         (GOOD.replace("0.5", "-inf"), "row 3, column x", "-inf is not a finite number", "fill in"),
         (GOOD.replace("0.5", "1e999"), "row 3, column x", "1e999 is too large", "remove the row"),
         (GOOD.replace("0.5", "1e99"), "row 3, column x", r"1e\+99 is not a number below", "remove the row"),
@@ -118,32 +135,32 @@ def test_harmless_habits_are_accepted(tmp_path, content):
         (GOOD + "0.3,1\n", "row 5", "2 cells", "fill in or remove"),
         (GOOD + "0.3,1", "row 5", "2 cells", "fill in or remove"),
         # orientations and named coordinates
-        ("time,x,qw,qx,qy\n", "header", "the columns qw, qx, qy, x", "all of qw, qx, qy, qz or none"),
-        ("time,qw,qx,qy,qz\n", "header", "the columns qw, qx, qy, qz", "give x"),
-        ("time,a.x,a.qw,a.qx,a.qy,a.qz,b.x\n", "header", "b has the columns x", "same for every"),
+        ("time,qw,qx,qy,qz\n0,1,0,0,0\n1,1,0,0,0\n", "columns", "named as a position", "--columns qw,qx,qy"),
         (TURNED.replace("0.6", "0.7"), "row 3, columns qw to qz", "norm 1.063, not 1", "w x y z"),
-        ("time,elbow\n0,0\n", "header, column 2", "'elbow' is not known", r"such as elbow \[rad\]"),
-        ("time,elbow [rad],wrist [m]\n", "header", "'elbow' is in rad and 'wrist' in m", "one unit"),
-        ("time,elbow [rad],x\n", "header", "'elbow' is in rad and 'x' in m", "one unit"),
-        ("time,elbow [rad],elbow  [rad]\n", "header, column 3", "'elbow' stands twice", "rename"),
-        ("time,elbow [rad],b.elbow [rad]\n", "header", "some columns name a manipulator", r"NAME\.x"),
-        ("time,elbow []\n0,0\n", "header, column 2", r"'elbow \[\]' is not known", r"elbow \[rad\]"),
+        (
+            "time,elbow [rad],elbow  [rad]\n0,0,0\n1,1,1\n",
+            "columns",
+            r"elbow  \[rad\] \(column 3\)",
+            "--columns 2",
+        ),
         ("time,x\n0,1,2\n0,3,4\n", "row 2", "3 cells and the header has 2", "fill in or remove"),
         ("time,x,y\n0,0,1,5,2,5\n0,1,1,6,2,6\n", "row 2", "6 cells", "decimal commas"),
-        ("time,x,y\n0,1;0,2;0,3\n", "row 2", "4 cells", "decimal commas"),
-        ("time,x,y\n0,1;0,2\n", "row 2, column x", "'1;0' is not a number", "points in numbers"),
+        ("time,x,y\n0,1;0,2\n", "row 2", "2 cells and the header has 3", "fill in or remove"),
         ("time,x,y\n\n# c\n0,0,0\n1,a,0\n", "row 5, column x", "'a'", "numbers"),
+        ("time,x,y\n0,0,0\n1,1,1\nx,y,time\n1,1,2\n", "row 4", "names .* again, in another order", "cut"),
+        ("time,x,y\n0,0,0\n1,1,1\ntime,x,y\n1,1,2\n", "row 4", "stand there again$", "cut"),
         # time
         (GOOD.replace("0.2", "0.05"), "row 4, column time", "goes back from 0.1 s to 0.05 s", "sort"),
         ("time,x\n# c\n\n3,0\n3,1\n", "row 5, column time", "stands still at 3.0 s", "in seconds"),
         # the file
-        (GOOD.encode() + b"0.3,\xff,1\n", "row 5", "not UTF-8", "save it again as UTF-8"),
-        (b"t\xefme,x\n", "row 1", "not UTF-8", "save it again as UTF-8"),
-        (GOOD.encode("utf-16"), "row 1", "not UTF-8", "save it again as UTF-8"),
+        (GOOD.encode() + b"0.3,\xff,1\n", "row 5, column x", "'ÿ' is not a number", "numbers"),
+        (b"\x00\x01\x02\x03" * 100, None, "it is no text", "suffix"),
+        ("<!DOCTYPE html>\n<html>\n", None, "page of a web site", "download the raw file"),
+        ("only words\nin some\nlines\n", None, "no table of numbers.*'only words'", "--delimiter"),
     ],
 )
 def test_bad_files_are_told_by_row_and_column(tmp_path, refused, content, key, says, way_out):
-    refused(read_csv, write(tmp_path, content), key=key, says=says, way_out=way_out)
+    refused(Demonstration.load, write(tmp_path, content), key=key, says=says, way_out=way_out)
 
 
 def test_rows_are_counted_as_in_an_editor(tmp_path, refused):
@@ -200,7 +217,7 @@ def test_ten_million_rows_are_refused_before_they_are_parsed(tmp_path, refused, 
 
 
 def test_the_row_limit_is_exact(tmp_path, refused, monkeypatch):
-    monkeypatch.setattr(csv, "MAX_ROWS", 3)
+    monkeypatch.setattr(tables, "MAX_ROWS", 3)
     assert read_csv(write(tmp_path, GOOD))[""].n_steps == 3
     path = write(tmp_path, GOOD + "0.3,0,0\n")
     refused(read_csv, path, key=None, says="more than 3 rows", way_out="every n-th row")
@@ -334,7 +351,7 @@ def test_files_that_end_as_they_should_are_read_without_a_word(tmp_path, content
 @given(st.data())
 def test_notes_and_blank_lines_do_not_show(tmp_path, data):
     lines = data.draw(st.lists(st.sampled_from(["{},1.5", "# {}", "", "  ", "{} , 2e-3 "]), max_size=30))
-    rows = [line.format(index) for index, line in enumerate(["{},0", *lines, "{},0"])]
+    rows = [line.format(index / 50) for index, line in enumerate(["{},0", *lines, "{},0"])]
     kept = [[float(cell) for cell in row.split(",")] for row in rows if "," in row]
     demo = read_csv(write(tmp_path, "time,x\n" + "\n".join(rows) + "\n"))[""]
     np.testing.assert_array_equal(np.column_stack((demo.time, demo.position)), kept)
@@ -367,7 +384,10 @@ LARGE = {
         "time," + ",".join(f"c{i} [rad]" for i in range(WIDE)) + "\n",
         "more than 1,048,576 characters",
     ),
-    "named columns": ("time," + ",".join(f"{i}.x" for i in range(50_000)) + "\n", "there are 50001 columns"),
+    "named columns": (
+        "time," + ",".join(f"{i}.x" for i in range(50_000)) + "\n" + "0," * 50_000 + "0\n",
+        "there are 50001 columns",
+    ),
     "commas": ("time" + "," * 5_000_000 + "\n", "row 1: it has more than"),
     "a line without an end": ("x" * 5_000_000, "row 1: it has more than"),
     "a comment": ("time,x\n#" + "#" * 5_000_000, "row 2: it has more than"),
@@ -377,8 +397,8 @@ LARGE = {
     "a long cell": ("time,x\n0,0\n1," + "9" * 900_000 + "\n", "99... is too large"),
     "a text": ("time,x\n0,0\n1," + "a" * 900_000 + "\n", "aa...' is not a number"),
     "cells": ("time,x\n0,0\n" + "1," * 500_000 + "\n", "it has 500001 cells and the header has 2"),
-    "a name": ("time," + "n" * 900_000 + " [rad]\n", "the name has 900006 characters"),
-    "rows without columns": ("time\n" + "0\n" * 1_000_000, "there are no positions beside time"),
+    "a name": ("time," + "n" * 900_000 + " [rad]\n0,0\n1,1\n", "the name has 900006 characters"),
+    "rows without columns": ("time\n" + "0\n" * 1_000_000, "it has a single column"),
     "blank rows": ("time,x\n" + "\n" * 1_900_000, "there are no rows"),
     "returns": ("time,x\r" + "x" * 3_000_000, "row 2: it has more than"),
 }
@@ -398,12 +418,12 @@ def test_whatever_is_large_is_told_soon_and_in_short(tmp_path, content, words):
 def test_lines_that_fill_blocks_are_no_long_lines(tmp_path):
     """What is read at a time ends within a line, at its end, or before it."""
     for width in (2**15 - 1, 2**15, 2**15 + 1, 2**16 - 1, 2**16):
-        rows = "".join(f"{i},{'0' * width}\n" for i in range(40))
+        rows = "".join(f"{i / 50},{'0' * width}\n" for i in range(40))
         assert read_csv(write(tmp_path, "time,x\n" + rows))[""].n_steps == 40
 
 
 def test_more_numbers_than_memory_is_meant_for(tmp_path, monkeypatch):
-    monkeypatch.setattr("comove.demonstrations.formats.csv.MAX_CELLS", 1000)
+    monkeypatch.setattr("comove.demonstrations.formats.tables.MAX_CELLS", 1000)
     path = write(tmp_path, "time,x\n" + "".join(f"{i},0\n" for i in range(501)))
     with pytest.raises(DemonstrationError, match="more than 1,000 numbers; keep every n-th row"):
         read_csv(path)

@@ -14,6 +14,7 @@ pytest.importorskip("rosbags")
 from rosbags import rosbag1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from tests.demonstrations.formats.advice import printed_options
 from tests.demonstrations.formats.bags import TYPES, bag, header, joint_state, make, point, pose, pose_stamped
 
 SECOND = 10**9
@@ -56,7 +57,8 @@ def choices(path, topic=None):
     """Return the movements that a refusal names; each of them can be loaded."""
     with pytest.raises(DemonstrationError) as caught:
         load(path, topic)
-    names = re.findall(r"(?<!\w)/[\w:@+.]+", caught.value.way_out)
+    names = re.findall(r"(?<!\w)/[\w:@+.]+", caught.value.way_out.partition("; run:")[0])
+    assert printed_options(caught.value) == {"topic": names[0]}
     return {name: load(path, name) for name in names}
 
 
@@ -205,6 +207,12 @@ def test_headers_that_all_say_the_same_tell_no_time(path):
     assert "headers with one and the same stamp: time is that of the bag" in demo.notes
 
 
+def test_slow_topics_are_in_seconds(path):
+    demo = load(bag(path, poses_at(*(SECOND * (1 + 2 * k) for k in range(30)))), unit="m")
+    assert demo.duration == 58.0
+    assert demo.notes == ()
+
+
 @pytest.mark.parametrize("stamp", [0, 7 * SECOND])
 def test_paths_without_times_need_a_rate(path, stamp):
     """Planners give no stamps, or one for all poses."""
@@ -214,8 +222,7 @@ def test_paths_without_times_need_a_rate(path, stamp):
     bag(path, [("/plan", "nav_msgs/Path", 1, plan)])
     with pytest.raises(DemonstrationError, match="11 poses have one and the same stamp") as caught:
         load(path)
-    assert "--rate 10" in caught.value.way_out
-    demo = load(path, rate=10.0)
+    demo = load(path, **printed_options(caught.value))
     np.testing.assert_allclose(demo.time, 0.1 * np.arange(11))
     np.testing.assert_allclose(demo.position[:, 0], 0.1 * np.arange(11))
     timed = bag(path.with_name("timed"), poses_at(SECOND, 2 * SECOND))

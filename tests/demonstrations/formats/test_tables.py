@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from comove.cli import learn  # noqa: F401  registers the verb
 from comove.cli.library import add  # noqa: F401  this one too
 from comove.demonstrations import Demonstration, resampling
-from comove.demonstrations.formats import tables
 from comove.demonstrations.units import LENGTHS
 from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
 from tests.cases import examples
@@ -28,12 +27,6 @@ POSITION = np.column_stack(  # stands still, moves from 2 s to 5 s, stands still
 )
 
 
-def read_table(path, **options):
-    """What `Demonstration.load` makes of a table, also where all of it is detected."""
-    samples = tables.read(path, **options)
-    return Demonstration.of(samples).in_base_unit()
-
-
 def write(path, header, *columns, separator=";", comma=False, preamble=""):
     rows = "".join(separator.join(f"{x:.9g}" for x in row) + "\n" for row in np.column_stack(columns))
     path.write_text(preamble + header + "\n" + (rows.replace(".", ",") if comma else rows))
@@ -45,7 +38,7 @@ def write(path, header, *columns, separator=";", comma=False, preamble=""):
 def test_positions_come_back_in_metres(tmp_path, separator, unit):
     header = separator.join(["t", "X", "Y", "Z"])
     path = write(tmp_path / "r.txt", header, TIME, POSITION * 1e-3 / LENGTHS[unit], separator=separator)
-    read = read_table(path, columns=["X", "Y", "Z"], unit=unit)
+    read = Demonstration.load(path, columns=["X", "Y", "Z"], unit=unit)
     np.testing.assert_allclose(read.position, POSITION * 1e-3, atol=1e-8)
     np.testing.assert_allclose(read.time, TIME, atol=1e-9)
 
@@ -56,7 +49,7 @@ def test_what_a_program_writes_is_found(tmp_path):
     columns = np.arange(len(TIME)), 1e3 * TIME, POSITION
     path = write(tmp_path / "r.csv", header, *columns, comma=True, preamble="Tracker v2\n\nid;7\n")
     for chosen in (None, ["x", "y", "z"], ["X [mm]", "Y", "5"]):
-        read = read_table(path, columns=chosen)
+        read = Demonstration.load(path, columns=chosen)
         np.testing.assert_allclose(read.position, POSITION * 1e-3, atol=1e-8)
         np.testing.assert_allclose(read.time, TIME, atol=1e-9)
 
@@ -64,9 +57,9 @@ def test_what_a_program_writes_is_found(tmp_path):
 def test_columns_have_numbers_where_they_have_no_names(tmp_path):
     path = tmp_path / "r.dat"
     np.savetxt(path, np.column_stack([POSITION, TIME]))
-    read = read_table(path, columns=["1", "2"], time="4", unit="mm")
+    read = Demonstration.load(path, columns=["1", "2"], time="4", unit="mm")
     np.testing.assert_allclose(read.position, POSITION[:, :2] * 1e-3, atol=1e-9)
-    at_rate = read_table(path, columns=["1", "2"], rate=100, unit="mm")
+    at_rate = Demonstration.load(path, columns=["1", "2"], rate=100, unit="mm")
     np.testing.assert_allclose(at_rate.time, TIME, atol=1e-9)
 
 
@@ -87,7 +80,7 @@ def test_any_numbers_are_read_as_they_stand(tmp_path_factory, values, separator,
     )
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ComoveWarning)
-        read = read_table(path, columns=["x"])
+        read = Demonstration.load(path, columns=["x"])
     np.testing.assert_allclose(read.position[:, 0], values, rtol=1e-7, atol=1e-7)
 
 
@@ -134,23 +127,29 @@ def test_what_stands_still_is_refused():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"columns": ["X", "W"]}, "no line names the columns X, W"),
+        ({"columns": ["X", "W"]}, "no column 'W'.*known: n, t, X, Y, Z"),
         ({"columns": ["X", "X"]}, "stands twice"),
         ({"columns": ["X", "9"]}, "no column '9'"),
         ({"delimiter": "ab"}, "cannot separate"),
-        ({"delimiter": "|"}, "no line names"),
+        ({"delimiter": "|"}, "no table of numbers"),
         ({"time": "clock"}, "no column 'clock'"),
         ({"time": "t [fortnight]"}, "unit of time 'fortnight'"),
         ({"rate": 0.0}, "no rate"),
         ({"rate": 100.0, "time": "t"}, "both a column of time and a rate"),
         ({"unit": "parsec"}, "'parsec' is not known"),
-        ({"time": "n"}, "looks like milliseconds"),
+        ({"time": "n"}, r"steps are 1, .* --rate HZ; run: .* --time 'n \[ms\]' "),
+        ({"time": "X"}, "time"),
+        ({"unit": "deg", "columns": None}, "X is a position, which deg does not measure"),
+        ({"manipulator": "left"}, "one movement without a name"),
+        ({"episode": 1}, "it holds one recording"),
+        ({"topic": "/x"}, "only bags have topics"),
+        ({"dataset": "obs"}, "text table has no such option"),
     ],
 )
 def test_bad_options_are_told(tmp_path, options, words):
     path = write(tmp_path / "r.csv", "n;t;X;Y;Z", np.arange(len(TIME)), TIME, POSITION)
     with pytest.raises(ComoveError, match=words):
-        read_table(path, **{"columns": ["X", "Y"], **options})
+        Demonstration.load(path, **{"columns": ["X", "Y"], **options})
 
 
 @pytest.mark.parametrize(
@@ -158,19 +157,19 @@ def test_bad_options_are_told(tmp_path, options, words):
     [
         ("", "empty"),
         ("t;X\n", "no rows below"),
-        ("t;X\n0;1\n1;\n", "line 3, column X: the cell is empty"),
-        ("t;X\n0;1\n0.1;one\n", "line 3, column X: 'one' is not a number"),
-        ("t;X\n0;1\n0.1\n", "line 3: it has 1 cells"),
-        ("t;X\n0;1\n0.1;nan\n", "line 3, column X"),
+        ("t;X\n0;1\n1;\n", "row 3, column X: the cell is empty"),
+        ("t;X\n0;1\n0.1;one\n", "row 3, column X: 'one' is not a number"),
+        ("t;X\n0;1\n0.1\n", "row 3: it has 1 cells"),
+        ("t;X\n0;1\n0.1;nan\n", "row 3, column X"),
         ("t;X\n0.2;1\n0.1;2\n", "time goes back"),
-        ("Y;X\n0.2;1\n0.1;2\n", "no column of time"),
+        ("Y;X\n0.2;1\n0.1;2\n", "no column of time.* --rate 100"),
     ],
 )
 def test_bad_tables_are_told(tmp_path, text, words):
     path = tmp_path / "bad.csv"
     path.write_text(text)
     with pytest.raises(DemonstrationError, match=words):
-        read_table(path, columns=["X"])
+        Demonstration.load(path, columns=["X"])
 
 
 def test_a_unit_contradicts_what_the_file_says(tmp_path):

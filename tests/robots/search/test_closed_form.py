@@ -11,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.robots import Robot
+from comove.robots.description import find_description, load_description
+from comove.robots.model import assembled
 from comove.robots.search.chains import chains_of
 from comove.robots.search.closed_form import (
     ALONG,
@@ -63,9 +65,16 @@ SINGULAR = (
 SHARES = st.lists(st.floats(0, 1), min_size=7, max_size=7)
 
 
+def with_right_angles(name):
+    """A bundled robot whose right angles are exact, though its URDF has few digits."""
+    description = load_description(find_description(name))
+    models = [model.model_copy(update={"round_right_angles": True}) for model in description.models]
+    return assembled(description.model_copy(update={"models": tuple(models)}), find_description(name))
+
+
 @lru_cache(maxsize=16)
-def arm_of(name):
-    """Robot, chains and closed form of the first arm of a robot."""
+def arm_of(name, *, is_right=False):
+    """Robot, chains and closed form of the first arm of a robot; right angles exact where they must be."""
     if name in MADE:
         parts, before = [], "base"
         for k, (place, axis) in enumerate(MADE[name]):
@@ -84,7 +93,7 @@ def arm_of(name):
         with tempfile.TemporaryDirectory() as folder, pytest.warns():
             machine = Robot.load(written(Path(folder), {"arm.urdf": urdf("".join(parts))}, description))
     else:
-        machine = robot(name)
+        machine = with_right_angles(name) if is_right else robot(name)
     chains = chains_of(machine, machine.arms)
     return machine, chains, closed_form(chains, 0)
 

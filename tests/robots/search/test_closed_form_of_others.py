@@ -61,7 +61,7 @@ def joints_of(machine):
 
 def drawn(name, n, seed=0):
     """Regular joints of an arm within a turn, and the pose of its grasp at them."""
-    machine, _, form = arm_of(name)
+    machine, _, form = arm_of(name, is_right=True)
     columns, rng = machine.arms[0].columns, np.random.default_rng(seed)
     low, high = np.maximum(machine.lower[columns], -3.0), np.minimum(machine.upper[columns], 3.0)
     while n:
@@ -91,7 +91,7 @@ def are_the_same(some, others):
 def test_eaik_finds_the_same_solutions(name):
     """EAIK fixes the joint that is given, too; of what it finds counts what Pinocchio places at the pose."""
     robots = pytest.importorskip("eaik.IK_HP")
-    machine, _, form = arm_of(name)
+    machine, _, form = arm_of(name, is_right=True)
     axes, steps, turn = axes_and_steps(machine)
     for q, rotation, point in drawn(name, 40):
         fixed = [] if form.free < 0 else [(form.free, q[form.free])]
@@ -111,7 +111,7 @@ def test_eaik_finds_the_same_solutions(name):
 def test_ssik_finds_the_same_solutions(name):
     """Of arms of six joints."""
     ssik = pytest.importorskip("ssik")
-    machine, _, form = arm_of(name)
+    machine, _, form = arm_of(name, is_right=True)
     axes, steps, turn = axes_and_steps(machine)
     arm = ssik.Manipulator.from_axes(axes, steps)
     for _, rotation, point in drawn(name, 40):
@@ -124,7 +124,7 @@ def test_ssik_finds_the_same_solutions(name):
 def test_what_frankik_finds_is_found(name, kind):
     """He and Liu's solutions for a given last joint, as published for these two arms; those within their limits."""
     frankik = pytest.importorskip("frankik")
-    form = arm_of(name)[2]
+    form = arm_of(name, is_right=True)[2]
     flange = np.linalg.inv(frankik.fk(np.zeros(7))) @ flange_at_0()
     low, high = (getattr(frankik, f"q_{end}_{kind}") for end in ("min", "max"))
     known = 0

@@ -16,13 +16,18 @@ from comove.robots.search.links import (
     ENOUGH,
     ROUGH,
     LinkSurroundings,
+    all_links,
+    body_distances,
     links_clearance,
     links_of,
     near_enough,
     nearest_shares,
+    pair_distances,
     place_links,
+    recalled,
 )
 from comove.scenes import Scene
+from tests.robots import small_robots
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import BUNDLED, RANDOM, robot, urdf, written
 
@@ -172,7 +177,8 @@ def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_what_st
     body, rng, (start, end) = scene.body, np.random.default_rng(6), start_and_end(links)
     columns = np.concatenate([arm.columns for arm in machine.arms])
     data, far = machine.model.createData(), np.full((scene.body.n_nodes, 3), 10.0)
-    things, pairs = [obstacle(part) for part in scene.file.obstacles], links._replace(pairs=links.pairs[:0])
+    things = [obstacle(part) for part in scene.file.obstacles]
+    pairs = links.some(np.zeros(len(links.pairs), dtype=bool))
     for _ in range(60):
         q = machine.home + rng.uniform(-0.6, 0.6, len(machine.home))
         place_links(chains, links, q[columns], start, end)
@@ -189,19 +195,71 @@ def test_a_search_never_takes_links_for_freer_than_they_are_by_more_than_what_st
         assert found <= max(exact, 0.0) + PROUDEST + ROUGH
 
 
-def test_pairs_that_never_meet_are_forgotten_and_others_are_not():
-    machine = robot("two_pandas")
+def clearance_of_links(machine, links, q):
+    """Least distance of the links from each other at joints of all arms [m]."""
+    start, end = start_and_end(links)
+    place_links(chains_of(machine, machine.arms), links, q[small_robots.columns(machine.arms)], start, end)
+    return links_clearance(links, NOTHING, start, end, np.zeros((2, 3)), 0.2)
+
+
+@pytest.mark.parametrize("name", ["ur5_and_panda", "two_ur10", "random 0"])
+def test_no_pair_of_bodies_of_two_arms_is_left_out_that_can_meet(name):
+    machine, rng = robot(name), np.random.default_rng(11)
+    every, bodies = all_links(machine, machine.arms)
+    across = every.some(every.arm[every.pairs[:, 0]] != every.arm[every.pairs[:, 1]])
+    across = across.some((across.arm[across.pairs] >= 0).all(axis=1))
     chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
-    kept = {tuple(sorted(pair)) for pair in links.pairs.tolist()}
-    hands = [np.flatnonzero(links.holds & (links.arm == arm)) for arm in (0, 1)]
-    assert any(tuple(sorted((i, j))) in kept for i in hands[0] for j in hands[1])
-    assert not any(links.joint[i] < 0 and links.joint[j] < 0 for i, j in kept)
-    home = np.concatenate([arm.home for arm in machine.arms])
-    assert len(links.near(chains, home[None]).pairs) < len(links.pairs)
-    a, b = start_and_end(links)
-    place_links(chains, links, home, a, b)
-    alone = links_clearance(links, NOTHING, a, b, np.zeros((2, 3)), ENOUGH)
-    assert alone == links_clearance(links.near(chains, home[None]), NOTHING, a, b, np.zeros((2, 3)), ENOUGH)
+    columns, met = small_robots.columns(machine.arms), 0
+    for q in rng.uniform(machine.lower, machine.upper, (12000, len(machine.lower))):
+        apart = pair_distances(chains, across, q[None, columns])
+        if (pairs := bodies[across.pairs[apart < -0.02]]).size:
+            exact = body_distances(machine, machine.arms, q[columns], pairs).min()
+            if exact < 0.0:
+                met += 1
+                assert clearance_of_links(machine, links, q) <= PROUDEST
+    assert met > 1
+
+
+@pytest.mark.parametrize("name", ["g1", "two_pandas", "gantry"])
+def test_pairs_are_left_out_by_proof_alone(name):
+    machine, rng = robot(name), np.random.default_rng(12)
+    chains, (every, _) = chains_of(machine, machine.arms), all_links(machine, machine.arms)
+    kept = {tuple(pair) for pair in links_of(machine, machine.arms).pairs.tolist()}
+    out = every.some(np.array([tuple(pair) not in kept for pair in every.pairs.tolist()], dtype=bool))
+    samples = rng.uniform(chains.lower, chains.upper, (600, len(chains.lower)))
+    assert not (pair_distances(chains, out, samples) < ENOUGH).any()
+
+
+def test_clearances_are_those_of_all_pairs_one_by_one():
+    machine, rng = robot("g1"), np.random.default_rng(13)
+    chains, links = chains_of(machine, machine.arms), links_of(machine, machine.arms)
+    columns = small_robots.columns(machine.arms)
+    for q in rng.uniform(machine.lower, machine.upper, (200, len(machine.lower))):
+        one_by_one = pair_distances(chains, links, q[None, columns]).min()
+        assert min(clearance_of_links(machine, links, q), ENOUGH) == pytest.approx(min(one_by_one, ENOUGH))
+
+
+def test_capsules_that_meet_at_home_are_told_as_far_apart_as_their_bodies():
+    """The shoulders' capsules of a G1 are in that of its trunk, which the shoulders can meet."""
+    machine, rng = robot("g1"), np.random.default_rng(14)
+    links, columns = links_of(machine, machine.arms), small_robots.columns(machine.arms)
+    _, bodies = all_links(machine, machine.arms)
+    wide = links.some(links.wider > 0.0)
+    exact = body_distances(machine, machine.arms, machine.home[columns], bodies[wide.pairs])
+    told = pair_distances(chains_of(machine, machine.arms), wide, machine.home[None, columns])
+    assert exact.min() > 0.0 and (told[np.isfinite(told)] <= exact[np.isfinite(told)] + 1e-9).all()
+    for q in rng.uniform(machine.lower, machine.upper, (200, len(machine.lower))):
+        exact = body_distances(machine, machine.arms, q[columns], bodies[wide.pairs])
+        if exact.min() <= -0.01:
+            again = recalled(machine, machine.arms, links, q[columns], 0.01)
+            assert (again.wider <= links.wider).all()
+            assert clearance_of_links(machine, again, q) <= exact.min() + PROUDEST
+            assert clearance_of_links(machine, again, machine.home) <= clearance_of_links(
+                machine, links, machine.home
+            )
+            break
+    else:
+        raise AssertionError("nothing met")
 
 
 def test_links_count_as_farther_from_each_other_by_what_they_need_less():

@@ -2,10 +2,13 @@
 
 import warnings
 
+import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from comove.robots import verify_joints
+from comove.robots.verification.bodies import _triangles, depth_of
 from comove.scenes import Scene
 from tests.meshes import prism, write_stl
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, scene_data
@@ -44,6 +47,42 @@ def test_a_mesh_in_the_way_of_a_link_is_named(tmp_path):
     (reason,) = verdict_on(tmp_path, mesh).reasons
     assert "obstacles[0] (mesh)" in reason
     assert reason.split(" and ")[0] == boxed.split(" and ")[0]  # the same link
+
+
+def depth_told(reason):
+    """How deep bodies meet, as a message says [m]."""
+    return float(reason.partition("meet, ")[2].removeprefix("at most ").split()[0])
+
+
+def test_a_mesh_is_met_as_deep_as_the_box_that_it_is(tmp_path):
+    size, center = [0.06, 0.06, 0.4], [0.75, 0.35, 0.5]
+    mesh = slab(tmp_path, size) | {"center": center}
+    (boxed,) = verdict_on(tmp_path, {"shape": "box", "size": size, "center": center}).reasons
+    (reason,) = verdict_on(tmp_path, mesh).reasons
+    assert depth_told(boxed) > 0.001
+    assert depth_told(reason) == pytest.approx(depth_told(boxed), rel=0.1)
+
+
+@pytest.mark.parametrize("apart", [0.15, 0.1948])
+@pytest.mark.parametrize("meshes", [(), (0,), (1,), (0, 1)])
+def test_depths_of_boxes_are_the_same_as_meshes(apart, meshes, tmp_path):
+    shapes = [coal.Box(0.2, 0.2, 0.2), coal.Box(0.2, 0.2, 0.2)]
+    corners = 0.1 * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+    for k in meshes:
+        vertices, faces = prism(corners, 0, 0.2)
+        shapes[k] = _triangles((vertices - [0, 0, 0.1])[faces])
+    places = [pin.SE3.Identity(), pin.SE3(np.eye(3), np.array([apart, 0.003, 0.002]))]
+    depth, is_bound = depth_of(shapes, places)
+    assert depth == pytest.approx(0.2 - apart, abs=1e-6)
+    assert not is_bound
+
+
+def test_the_depth_of_a_mesh_that_is_not_convex_is_a_bound():
+    vertices, faces = _channel(0.7)
+    places = [pin.SE3.Identity(), pin.SE3(np.eye(3), vertices.mean(axis=0))]
+    depth, is_bound = depth_of([_triangles(vertices[faces]), coal.Sphere(0.05)], places)
+    assert is_bound
+    assert depth > 0.05
 
 
 def test_a_link_inside_a_closed_mesh_is_found_though_no_triangle_is_near(tmp_path):

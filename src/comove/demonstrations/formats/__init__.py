@@ -12,7 +12,7 @@ from typing import Any, cast
 
 from comove.demonstrations.columns import matching_body
 from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables
-from comove.demonstrations.samples import Format, RecordedSamples, fault, select_name
+from comove.demonstrations.samples import Format, RecordedSamples, advising, fault, select_name
 from comove.errors import near_name
 from comove.io.files import require_content, telling
 
@@ -73,7 +73,7 @@ OPTIONS = {
     "manipulator": "a bag knows topics, not manipulators",
     "episode": "it holds one recording",
     "topic": "only bags have topics",
-    "columns": "only text tables have columns that are chosen",
+    "columns": "its columns are not chosen",
     "delimiter": "only text tables have delimiters",
     "time": "its time is not chosen",
     "rate": "it has time stamps of its own",
@@ -93,7 +93,14 @@ def load(
     Options that the format does not take are refused by name; those that are None count as not given.
     """
     path = Path(path)
-    format = format_of(path)
+    said = {"manipulator": manipulator, "unit": unit, **options}
+    with advising(path, {key: value for key, value in said.items() if value is not None}):
+        return _load(path, format_of(path), manipulator, unit, options)
+
+
+def _load(
+    path: Path, format: Format, manipulator: str | None, unit: str | None, options: Mapping[str, Any]
+) -> RecordedSamples:
     given = {key: value for key, value in options.items() if value is not None}
     reading = {key: given.pop(key) for key in sorted(format.options & set(given))}
     part = given.pop(format.part, None)
@@ -106,22 +113,18 @@ def load(
     states = "unit" in format.options
     if unit is not None and states:
         reading["unit"] = unit
-    asked = {key: value for key, value in options.items() if value is not None} | {"unit": unit}
     if not format.part:
         if format.bodies is not None:
-            manipulator = chosen_name(format.bodies(path, **reading), manipulator, path, asked)
+            manipulator = chosen_name(format.bodies(path, **reading), manipulator, path)
             reading["manipulator"] = manipulator or None
         movements = cast(Mapping[str, RecordedSamples], format.read(path, **reading))
-        found = movements[chosen_name(movements, manipulator or None, path, asked)]
+        found = movements[chosen_name(movements, manipulator or None, path)]
     else:
-        if part is None:
-            part = select_name(format.parts(path), None, path, format.part, asked)
+        if part is None and "dataset" not in reading:
+            part = select_name(format.parts(path), None, path, format.part)
         parts = format.read(path, **{format.part: part}, **reading)
-        read = parts[select_name(parts, None, path, format.part, asked)]
-        if isinstance(read, RecordedSamples):
-            found = read
-        else:
-            found = read[chosen_name(read, manipulator, path, asked)]
+        read = parts[select_name(parts, None, path, format.part)]
+        found = read if isinstance(read, RecordedSamples) else read[chosen_name(read, manipulator, path)]
     return found if unit is None or states else found.stating(unit)
 
 
@@ -153,9 +156,7 @@ def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: 
     return demos[chosen_name(demos, manipulator, file)]
 
 
-def chosen_name(
-    names: Iterable[str], manipulator: str | None, file: object, options: Mapping[str, Any] = NO_OPTIONS
-) -> str:
+def chosen_name(names: Iterable[str], manipulator: str | None, file: object) -> str:
     """Return the name among those of a recording's movements that a manipulator's name means.
 
     Raises
@@ -172,4 +173,4 @@ def chosen_name(
             "leave the manipulator out",
         )
     meant = None if manipulator is None else matching_body(manipulator, names)
-    return select_name(names, meant or manipulator, file, "manipulator", options)
+    return select_name(names, meant or manipulator, file, "manipulator")

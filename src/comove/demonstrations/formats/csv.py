@@ -90,10 +90,11 @@ def _own_body(name: str, found: Sequence[tuple[str, str | None, int]], names: Se
         return None
     unit = units.pop()
     unit = None if unit is None else unit_named(unit) or unit
-    is_position = set(moved) == set(AXES[: len(moved)])
+    in_order = AXES[: len(moved)]
+    is_position = tuple(moved) == in_order or (unit is None and set(moved) == set(in_order))
     if unit is None and not is_position:
         return None
-    order = AXES[: len(moved)] if is_position else tuple(moved)
+    order = in_order if is_position else tuple(moved)
     kind = Kind.POSITION if is_position else Kind.JOINT
     moving = tuple(Column(moved[a][1], names[moved[a][1]], kind, a, name, unit) for a in order)
     turns = tuple(

@@ -1,14 +1,23 @@
-"""Recordings in HDF5, in the two layouts that are common in learning from demonstrations.
+"""Recordings in HDF5, in the layouts that are common in learning from demonstrations, and by the path of a dataset.
 
-robomimic, several episodes in one file: `data/demo_0/obs/robot0_eef_pos` (n_steps, 3) [m] and `robot0_eef_quat`
-(n_steps, 4), quaternions **x y z w**, which are reordered to w x y z here; `robot1_...` for a second arm. There are
-no time stamps: the rate is the `control_freq` in the attribute `env_args` of `data`, or else 20 Hz.
+robosuite and robomimic, several episodes in one file: `data/demo_0/obs/robot0_eef_pos` (n_steps, 3) [m] and
+`robot0_eef_quat` (n_steps, 4), quaternions **x y z w**, which are reordered to w x y z here; `robot1_...` for a
+second arm, or `robot0_right_...` and `robot0_left_...` for the arms of one robot. LIBERO has `ee_pos` and `ee_ori`,
+rotation vectors [rad]. There are no time stamps: the rate is the `control_freq` in the attribute `env_args` of
+`data`, or else 20 Hz.
+
+ManiSkill, several episodes in one file: `traj_0/obs/extra/tcp_pose` (n_steps, 7), positions and quaternions w x y z;
+otherwise `traj_0/obs/agent/qpos`. The rate is 20 Hz.
 
 ALOHA, one episode per file: `observations/qpos` (n_steps, 14) [rad], for each arm six joints and the gripper
-(0 closed, 1 open), the left arm first; or 7 columns, one arm. The rate is the attribute `fps`, or else 50 Hz.
+(0 closed, 1 open), the left arm first; or 7 columns, one arm. Other even numbers from 12 on are two arms as well,
+others one arm, of joints without names. The rate is the attribute `fps`, or else 50 Hz.
+
+Plain files: datasets beside each other whose names say what they hold, such as `time` and `position`, or `t`, `x`,
+`y`, `z`. Anything else is read by its path, with `dataset`.
 
 Needs h5py. Shapes are compared with a limit before any data are read; links into other files and Python objects
-are refused.
+are refused (`formats.hdf5_access`).
 """
 
 from __future__ import annotations
@@ -16,85 +25,95 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.demonstrations.formats.hdf5_access import LAYOUTS, HDF5File
+from comove.demonstrations.formats.hdf5_layouts import ALOHA_JOINTS, EpisodeReader, episode_groups
 from comove.demonstrations.samples import (
     MAX_ROWS,
     Episodes,
     Format,
-    Origin,
     RecordedSamples,
     as_episodes,
     by_manipulator,
     common_rate,
-    decoding,
     even_rate,
     fault,
     one_of,
 )
-from comove.errors import near_name
+from comove.demonstrations.units import require_unit
+from comove.errors import OptionError
 from comove.io.files import existing_file, extra, whole_path
 
 if TYPE_CHECKING:
-    from h5py import Dataset, Group
+    from h5py import Group
 
 MAX_BYTES = 64 * 2**30
 """Largest file [bytes]: cameras fill it, and are not read."""
-MAX_ARRAY_BYTES = 256 * 2**20
-"""Largest array that is read [bytes]."""
-ROBOMIMIC_RATE = 20.0
-"""Rate of robosuite's controllers unless `env_args` says otherwise [Hz]."""
-ALOHA_RATE = 50.0
-"""Rate at which ALOHA records [Hz]."""
-ALOHA_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate", "gripper")
-_BROKEN = (OSError, RuntimeError, KeyError, ValueError, TypeError, MemoryError, OverflowError)
-"""What h5py makes of damaged bytes."""
 _VERSIONS = ("v110", "v110")
 """Of the format that is written: the oldest that has checksums of all that describes the data."""
-_LAYOUTS = "give a robomimic file (data/demo_0/obs/...) or an ALOHA episode (observations/qpos)"
 
 
 def read(
-    path: str | os.PathLike[str], *, episode: str | int | None = None, rate_hz: float | None = None
+    path: str | os.PathLike[str],
+    *,
+    episode: str | int | None = None,
+    dataset: str | None = None,
+    columns: Sequence[str] | None = None,
+    rate: float | None = None,
+    unit: str | None = None,
 ) -> dict[str, dict[str, RecordedSamples]]:
     """Read the episodes of an HDF5 file; the layout is recognised.
 
     Parameters
     ----------
-    path : file in one of the layouts of this module
+    path : file
     episode : name (demo_3) or number (3) of the only episode to read; None: all
-    rate_hz : sampling rate [Hz], instead of the one in the file
+    dataset : path of the dataset, or of the group of datasets, that holds the movement; in the file, or in an episode
+    columns : numbers, from 1, of the columns of the dataset that are the positions, or joints
+    rate : samples a second [Hz], instead of what the file says
+    unit : unit of the positions or joints that state none; an angle makes columns joints
 
     Returns
     -------
-    episodes : movements by manipulator (robot0, robot1; left, right; "" for a single ALOHA arm), by episode, in
-        the order of their numbers
+    episodes : movements by manipulator (robot0, robot1; left, right; "" for a single one), by episode, in the order
+        of their numbers
 
     Raises
     ------
     DemonstrationError
         If the file cannot be read, is truncated or has another layout, or a dataset is missing or has a wrong
-        shape; names it.
+        shape; names it, and the datasets that can be named.
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
-    if rate_hz is not None and not (0.0 < rate_hz < math.inf):
-        raise fault(None, "rate_hz", f"{rate_hz!r} is no rate", "give hertz")
+    if rate is not None and not (0.0 < rate < math.inf):
+        raise fault(None, "rate", f"{rate!r} is no rate", "give hertz")
+    if columns is not None and dataset is None:
+        raise OptionError(
+            "they are chosen in a dataset",
+            file=path,
+            key="columns",
+            way_out="give its path as well: --dataset PATH",
+        )
+    unit = None if unit is None else require_unit(unit, path)
 
     found: dict[str, dict[str, RecordedSamples]] = {}
     n_rows = 0
-    with _opened(path) as root:
-        for name in one_of(_episode_names(path, root), episode, "demo_", path):
-            if "observations" in root:
-                found[name] = _read_aloha(path, root, rate_hz)
-            else:
-                found[name] = _read_robomimic(path, root, name, rate_hz)
+    with _opened(path) as file:
+        if dataset is not None and episode is None and file.node(dataset) is not None:
+            groups = {path.stem: ""}
+        else:
+            known = episode_groups(file)
+            groups = {name: known[name] for name in one_of(list(known), episode, "demo_", path)}
+        for name, group in groups.items():
+            reader = EpisodeReader(file, group, name if group else "", rate, unit)
+            found[name] = reader.movements() if dataset is None else reader.chosen(dataset, columns)
             n_rows += sum(demo.n_steps for demo in found[name].values())
             if n_rows > MAX_ROWS:
                 raise fault(path, None, f"it has more than {MAX_ROWS:,} rows", "read episode by episode")
@@ -107,11 +126,11 @@ def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
     Raises
     ------
     DemonstrationError
-        The file cannot be read, or is of another layout.
+        If the file cannot be read, or its only episode is of another layout.
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
-    with _opened(path) as root:
-        return tuple(_episode_names(path, root))
+    with _opened(path) as file:
+        return tuple(episode_groups(file))
 
 
 def write_robomimic(path: str | os.PathLike[str], episodes: Episodes) -> None:
@@ -209,7 +228,13 @@ def write_aloha(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[s
 
 
 FORMAT = Format(
-    "HDF5", read, suffixes=(".hdf5", ".h5"), part="episode", parts=episodes, write=write_robomimic
+    "HDF5",
+    read,
+    suffixes=(".hdf5", ".h5"),
+    part="episode",
+    parts=episodes,
+    options=frozenset({"dataset", "columns", "rate", "unit"}),
+    write=write_robomimic,
 )
 
 
@@ -221,162 +246,9 @@ def _written(path: str | os.PathLike[str]) -> Iterator[Group]:
         yield root
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Group]:
+def _opened(path: Path) -> AbstractContextManager[HDF5File]:
     """Lend the open file; convert h5py's exceptions to a `DemonstrationError`."""
-    h5py = extra("h5py", path)
-    way_out = f"copy or record it again; {_LAYOUTS}"
-    with decoding(path, "HDF5 file", _BROKEN, way_out), h5py.File(path, "r") as root:
-        yield root
-
-
-def _episode_names(path: Path, root: Group) -> list[str]:
-    """Return the names of the episodes in the order of their numbers; for ALOHA the file's own name."""
-    if "observations" in root:
-        return [path.stem]
-    names = [name for name in root["data"] if re.fullmatch(r"demo_\d+", name)] if "data" in root else []
-    if not names:
-        held = ", ".join(list(root)[:10]) or "nothing"
-        raise fault(path, None, f"it holds {held}, and no episode", _LAYOUTS)
-    return sorted(names, key=lambda name: int(name.removeprefix("demo_")))
-
-
-def _read_robomimic(path: Path, root: Group, name: str, rate_hz: float | None) -> dict[str, RecordedSamples]:
-    """Read one episode of a robomimic file."""
-    folder = f"data/{name}/obs"
-    if folder not in root:
-        raise fault(path, folder, "it holds no observations", "extract them with robomimic first")
-    held = list(root[folder])
-    robots = sorted(key.removesuffix("_eef_pos") for key in held if re.fullmatch(r"robot\d+_eef_pos", key))
-    if not robots:
-        raise fault(
-            path,
-            f"{folder}/robot0_eef_pos",
-            "the positions of the hands are missing",
-            near_name("robot0_eef_pos", held[:20]),
-        )
-    rate = rate_hz or _control_rate(path, root["data"])
-    n_steps = root[f"data/{name}"].attrs.get("num_samples")
-    demos = {}
-    for robot in robots:
-        place, turns = f"{folder}/{robot}_eef_pos", f"{folder}/{robot}_eef_quat"
-        position = _array(path, root, place, (3,))
-        if n_steps is not None and (np.size(n_steps) != 1 or int(np.ravel(n_steps)[0]) != len(position)):
-            message = f"it has {len(position)} rows and num_samples says {n_steps}"
-            raise fault(path, place, message, "record or convert it again")
-        orientation = None
-        if f"{robot}_eef_quat" in held:
-            orientation = _array(path, root, turns, (4,))[:, [3, 0, 1, 2]]
-        demos[robot] = RecordedSamples(
-            np.arange(len(position)) / rate,
-            position,
-            f"{path.stem}.{name}.{robot}",
-            orientation=orientation,
-            origin=_origin(path, place, turns),
-        )
-    return demos
-
-
-def _read_aloha(path: Path, root: Group, rate_hz: float | None) -> dict[str, RecordedSamples]:
-    """Read an ALOHA episode."""
-    key, n_joints = "observations/qpos", len(ALOHA_JOINTS)
-    if key not in root:
-        raise fault(path, key, "the dataset is missing", near_name("qpos", list(root["observations"])[:20]))
-    qpos = _array(path, root, key)
-    if qpos.shape[1] not in (n_joints, 2 * n_joints):
-        raise fault(
-            path,
-            key,
-            f"it has {qpos.shape[1]} columns",
-            f"ALOHA has {n_joints} an arm: {', '.join(ALOHA_JOINTS)}",
-        )
-    rate = rate_hz or _attribute_rate(path, "fps", root.attrs.get("fps"), ALOHA_RATE)
-    arms = (
-        {"left": qpos[:, :n_joints], "right": qpos[:, n_joints:]} if qpos.shape[1] > n_joints else {"": qpos}
-    )
-    return {
-        arm: RecordedSamples(
-            np.arange(len(position)) / rate,
-            position,
-            f"{path.stem}.{arm}" if arm else path.stem,
-            ("gripper: 0 closed, 1 open",),
-            "rad",
-            axes=ALOHA_JOINTS,
-            origin=_origin(path, key, first=n_joints * index),
-        )
-        for index, (arm, position) in enumerate(arms.items())
-    }
-
-
-def _origin(path: Path, position: str, orientation: str = "", first: int = 0) -> Origin:
-    """Name samples by their indices in the datasets; the positions begin in the column `first`."""
-    return Origin(
-        path,
-        position=lambda sample, dim: f"{position}[{sample}, {first + dim}]",
-        orientation=lambda sample: f"{orientation}[{sample}]",
-    )
-
-
-def _control_rate(path: Path, data: Group) -> float:
-    """Read `control_freq` from `env_args`."""
-    text = data.attrs.get("env_args")
-    if text is None:
-        return ROBOMIMIC_RATE
-    try:
-        arguments = json.loads(text)
-        rate = arguments.get("env_kwargs", {}).get("control_freq")
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise fault(path, "data, attribute env_args", "it is no JSON object", "give rate_hz") from error
-    return _attribute_rate(path, "env_args.env_kwargs.control_freq", rate, ROBOMIMIC_RATE)
-
-
-def _attribute_rate(path: Path, key: str, rate: object, default: float) -> float:
-    if rate is None:
-        return default
-    if isinstance(rate, int | float | np.number) and not isinstance(rate, bool) and 0.0 < rate < 1e6:
-        return float(rate)
-    raise fault(path, key, f"{rate!r} is no rate", "give rate_hz")
-
-
-def _array(path: Path, root: Group, key: str, width: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Read one dataset of numbers, shape (n_steps, ...), after a check of its type, shape and size."""
-    h5py = extra("h5py", path)
-    parts = key.split("/")
-    for depth in range(1, len(parts) + 1):
-        if isinstance(root.get("/".join(parts[:depth]), getlink=True), h5py.ExternalLink):
-            raise fault(path, key, "it is a link into another file", "copy what it links to")
-    dataset: Dataset = root[key]
-    if not isinstance(dataset, h5py.Dataset):
-        raise fault(path, key, "it is a group, not a dataset", _LAYOUTS)
-    if dataset.is_virtual or dataset.external:
-        raise fault(path, key, "its numbers lie in another file", "copy them into this one")
-    if dataset.dtype.kind not in "iuf":
-        raise fault(path, key, f"it holds {dataset.dtype}, not numbers", "give real numbers")
-    shape, size = dataset.shape, dataset.dtype.itemsize
-    if shape is None or len(shape) != 2 or (width and shape[1:] != width):
-        expected = f"(n_steps, {width[0]})" if width else "(n_steps, n_joints)"
-        raise fault(path, key, f"it has shape {shape}", f"give shape {expected}")
-    claimed = max(math.prod(shape), math.prod(dataset.chunks or ())) * max(size, 8)
-    if shape[0] > MAX_ROWS or claimed > MAX_ARRAY_BYTES:
-        raise fault(
-            path, key, f"it claims {dataset.dtype} of shape {shape}", f"up to {MAX_ROWS:,} rows are read"
-        )
-    _require_filled(path, key, dataset)
-    if shape[0] < 2:
-        message = f"a movement needs two rows at least, this one has {shape[0]}"
-        raise fault(path, key, message, "record more samples, or remove the episode")
-    return np.asarray(dataset[()], dtype=np.float64)
-
-
-def _require_filled(path: Path, key: str, dataset: Dataset) -> None:
-    """Raise if a part of a dataset was never written, which HDF5 would read as zeros."""
-    if dataset.chunks is None:
-        missing = dataset.id.get_storage_size() < dataset.nbytes
-    else:
-        per_axis = [-(-n // chunk) for n, chunk in zip(dataset.shape, dataset.chunks, strict=True)]
-        missing = dataset.id.get_num_chunks() < math.prod(per_axis)
-    if missing:
-        raise fault(path, key, "not all of it was written", "record or copy it again")
+    return HDF5File.opened(path, f"copy or record it again; {LAYOUTS}")
 
 
 def write_demo(

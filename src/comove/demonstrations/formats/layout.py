@@ -51,7 +51,7 @@ class Layout:
     ----------
     path, encoding : the file and the encoding of its text
     separator : character between columns; a blank for any number of blanks
-    decimal_comma : whether numbers have commas for points
+    decimal_comma : whether numbers may have commas for points
     first : number of the first row of numbers, in lines of the file from 1
     n_cells : number of columns
     names, bodies, kinds, types, units : the rows of the header; names are () where there is none
@@ -173,11 +173,8 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
     """
     encoding = encoding_of(path)
     head = list(islice(lines_of(path, encoding), PREAMBLE + LIKE + 1))
-    text = next((line.strip() for _, line in head if line.strip()), "")
-    if not text:
+    if not any(line.strip() for _, line in head):
         raise fault(path, None, "the file is empty", "name a recording")
-    if text.lower().startswith(("<!doctype html", "<html")):
-        raise fault(path, None, "it is a page of a web site, not the recording", "download the file itself")
     found = [
         (at, separator, score)
         for separator in ((delimiter,) if delimiter else SEPARATORS)
@@ -187,15 +184,14 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
         raise _no_numbers(path, head)
     at, separator, _ = max(found, key=lambda one: one[2])
     body = [(row, line) for row, line in head[at:] if line.strip() and not line.lstrip().startswith(COMMENTS)]
-    sample = [split(line, separator) for _, line in body[: LIKE + 1]]
+    sample = [cells for _, line in body[: LIKE + 1] if _score(cells := split(line, separator))]
     n_cells = Counter(map(len, sample)).most_common(1)[0][0]
-    decimal_comma = separator != "," and any(
-        "," in cell and is_number(cell) for row in sample for cell in row
-    )
+    numbers = [cell for row in sample for cell in row if is_number(cell)]
+    decimal_comma = separator != "," and not any("." in cell for cell in numbers)
     header = _header(head[:at], separator, n_cells)
     said = _statements([line for _, line in head[:at]], separator)
     names = header.get("names", ())
-    _require_as_many(path, names, sample, head[:at], separator)
+    _require_as_many(path, names, len(header.get("cells", ())), sample, head[: at + 1], separator)
     rate = next((_positive(said[key]) for key in _RATES if _positive(said.get(key, "")) is not None), None)
     unit = next((UNITS.get(said[key].lower()) for key in _LENGTH_UNITS if key in said), None)
     if any(key in said for key in _QUALISYS):  # which writes lengths in mm, and says so nowhere
@@ -234,14 +230,13 @@ def _first_numbers(head: Sequence[tuple[int, str]], separator: str) -> Iterator[
     for place, (at, cells) in enumerate(rows):
         after = range(place + 1, min(place + 1 + LIKE, len(rows)))
         alike = all(abs(len(rows[k][1]) - len(cells)) <= 1 and scores[k] for k in after)
-        if scores[place] and (
-            alike or (len(after) > 1 and scores[place] and _mostly_alike(rows, scores, place))
-        ):
+        named = place > 0 and not scores[place - 1] and _are_names(rows[place - 1][1], len(cells))
+        if scores[place] and (alike or named or (len(after) > 1 and _is_followed(rows, scores, place))):
             yield at, scores[place]
             return
 
 
-def _mostly_alike(rows: Sequence[tuple[int, list[str]]], scores: Sequence[int], place: int) -> bool:
+def _is_followed(rows: Sequence[tuple[int, list[str]]], scores: Sequence[int], place: int) -> bool:
     """Return whether the next row is like this one, so that a damaged row further down is told by its number."""
     n_cells = len(rows[place][1])
     return len(rows[place + 1][1]) == n_cells and scores[place + 1] == scores[place]
@@ -263,31 +258,33 @@ def _score(cells: Sequence[str]) -> int:
 def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> dict[str, tuple[str, ...]]:
     """Return the rows of the header: names, units, bodies, kinds and types, as far as there are any."""
     rows: list[list[str]] = []
+    n_named = 0
     for _, line in reversed(above):
         marked = line.lstrip().startswith(COMMENTS)
-        if not line.strip():
+        if not line.strip() or (marked and rows):
             if rows:
                 break
             continue
-        if marked and rows:
-            break
         text = line.strip()[1:] if line.lstrip()[:2] in ("# ", "% ") or line.strip()[:1] == "#" else line
         cells = split(text.strip("\r\n"), separator)
-        if not rows and abs(len(cells) - n_cells) > 1:  # names may have separators of their own
-            cells = next((other for mark in SEPARATORS if len(other := split(text, mark)) == n_cells), cells)
+        if not rows and (len(cells) < 2 or abs(len(cells) - n_cells) > 1):
+            others = [split(text, mark) for mark in SEPARATORS]  # names may have separators of their own
+            cells = next((other for other in others if len(other) == n_cells), cells)
+            cells = max(others, key=len) if len(cells) < 2 else cells
         if marked and not _are_names(cells, n_cells):
-            break
+            continue
         leads_blank = separator != " " and len(cells) > 2 and not cells[0]
         if not (n_cells - 1 <= len(cells) <= n_cells + 1 or (rows and leads_blank)):
             break
         if sum(map(is_number, cells)) > (1 if rows else 0) and not (leads_blank and not rows):
             break
+        n_named = n_named or len(cells)
         rows.append((cells + [""] * n_cells)[: max(n_cells, len(cells))])
         if marked:
             break
     if not rows:
         return {}
-    found: dict[str, tuple[str, ...]] = {}
+    found: dict[str, tuple[str, ...]] = {"cells": ("",) * n_named}
     if len(rows) > 1 and _are_units(rows[0]):
         found["units"] = tuple(rows.pop(0))
     names, above_names = rows[0], rows[1:]
@@ -319,23 +316,26 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
 def _require_as_many(
     path: Path,
     names: Sequence[str],
+    n_named: int,
     sample: Sequence[Sequence[str]],
     above: Sequence[tuple[int, str]],
     separator: str,
 ) -> None:
     """Raise if the rows have more or fewer cells than the line that names the columns."""
-    last = next(((row, line) for row, line in reversed(above) if line.strip()), None)
-    if not names and last is not None and not last[1].lstrip().startswith(COMMENTS):
-        others = [split(last[1], mark) for mark in (separator, *SEPARATORS)]
-        names = next((o for o in others if len(o) > 1 and _are_names(o, len(o))), ())
-    n_names = len(names) - (bool(names) and not names[-1])
-    n_cells = len(sample[0]) - (not sample[0][-1] and not any(row[-1] for row in sample))
-    if names and n_names != n_cells and n_cells != len(names) and last is not None:
-        many = separator == "," and n_cells >= 2 * n_names
+    last = next((line for _, line in reversed(above[:-1]) if line.strip()), "")
+    if not names and last and not last.lstrip().startswith(COMMENTS):
+        others = [split(last, mark) for mark in (separator, *SEPARATORS)]
+        names = next((one for one in others if len(one) > 1 and _are_names(one, len(one))), ())
+        n_named = len(names)
+    n_cells = len(sample[0])
+    n_named -= n_named > n_cells and not names[-1]
+    n_cells -= n_cells > n_named and not any(row[-1] for row in sample)
+    if names and n_named != n_cells:
+        many = separator == "," and n_cells >= 2 * n_named
         raise fault(
             path,
-            f"row {last[0] + 1}",
-            f"it has {n_cells} cells and the header has {n_names}",
+            f"row {above[-1][0]}",
+            f"it has {n_cells} cells and the header has {n_named}",
             "these look like decimal commas: separate the columns by semicolons"
             if many
             else "fill in or remove the row",
@@ -408,6 +408,8 @@ def _no_numbers(path: Path, head: Sequence[tuple[int, str]]) -> DemonstrationErr
     names = max((split(line, separator) for line in text for separator in SEPARATORS), key=len)
     if len(text) == 1 and len(names) > 1:
         return fault(path, None, "there are no rows below the header", "record two rows at least")
+    if sum(is_number(line.strip()) for line in text) > len(text) // 2:
+        return fault(path, None, "it has a single column", "record time and positions, a row a sample")
     first = bare_name(text[0])[:40]
     return fault(
         path,

@@ -3,11 +3,11 @@
 The readable layouts are v2.0, v2.1 (`data/chunk-000/episode_000000.parquet`, `meta/episodes.jsonl`) and v3.0
 (`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`); v2.1 is written. Videos are ignored.
 One vector feature of each episode is read, by default `observation.state`. The names of its coordinates in
-`meta/info.json` tell their meaning: `x, y, z`, `qw, qx, qy, qz` (or after `NAME_`, for several manipulators),
-otherwise joints, which the prefixes `left_` and `right_` assign to two arms.
+`meta/info.json` tell position, orientation, joints and gripper, and whose they are (`lerobot_features`).
 
 LeRobot keeps time stamps as float32 and requires even steps of 1 / `fps`; where they are even within 0.1 ms, time is
-read as frame / fps, exactly. The format has no units: Cartesian coordinates are read as metres, joints as radians.
+read as frame / fps, exactly. The format has no units: Cartesian coordinates are read as metres, joints as radians,
+those of LeRobot's own small arms as they stand.
 
 Needs pyarrow. Sizes are compared with a limit before any data are read, and paths out of the folder are refused.
 """
@@ -18,6 +18,7 @@ import json
 import math
 import os
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,12 +27,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import MAX_DIMS
+from comove.demonstrations.columns import Body
+from comove.demonstrations.formats.lerobot_features import STATE, Feature, Movement, movements_of
 from comove.demonstrations.samples import (
     AXES,
     MAX_ROWS,
     QUATERNION,
-    Columns,
+    TIME,
+    UNIT,
     Episodes,
     Format,
     Origin,
@@ -42,7 +45,8 @@ from comove.demonstrations.samples import (
     fault,
     one_of,
 )
-from comove.errors import DemonstrationError, near_name
+from comove.demonstrations.units import TIMES, require_unit
+from comove.errors import ComoveWarning, DemonstrationError, listed, near_name
 from comove.io.files import existing_file, extra, telling
 from comove.io.folders import Contents, whole_folder
 
@@ -57,7 +61,6 @@ MAX_COLUMN_BYTES = 512 * 2**20
 """Largest columns of a file, unpacked [bytes]."""
 _BATCH = 65_536
 """Rows that are read at a time."""
-STATE = "observation.state"
 CHUNK = 1000
 """Episodes, or files, of one folder `chunk-...`."""
 SCALARS = {"timestamp": "float32"} | dict.fromkeys(
@@ -75,7 +78,9 @@ def read(
     path: str | os.PathLike[str],
     *,
     episode: str | int | None = None,
-    feature: str = STATE,
+    feature: str | None = None,
+    columns: Sequence[str] | None = None,
+    rate: float | None = None,
     unit: str | None = None,
 ) -> dict[str, dict[str, RecordedSamples]]:
     """Read the episodes of a dataset.
@@ -83,9 +88,11 @@ def read(
     Parameters
     ----------
     path : folder that holds `meta/info.json`
-    episode : number of the only episode to read; None: all
-    feature : vector to read, such as `observation.state` or `action`
-    unit : unit of the positions; by default metres for x, y, z and radians for others
+    episode : number of the only episode to read; None: all that have two rows at least
+    feature : vector to read, such as `action`; by default `observation.state`, or the only one but actions
+    columns : names, or numbers from 1, of its columns that are the positions, or joints
+    rate : samples a second, instead of the stamps [Hz]
+    unit : unit of positions or joints; by default metres, and radians or `lerobot_features.UNSTATED`
 
     Returns
     -------
@@ -94,35 +101,62 @@ def read(
     Raises
     ------
     DemonstrationError
-        If the dataset cannot be read, is truncated or has another version, or its parts do not agree; names the
-        file.
+        If the dataset cannot be read, is truncated or has another version, its parts do not agree, or nothing says
+        what the coordinates hold; names the file.
+
+    Warns
+    -----
+    ComoveWarning
+        If episodes without two rows were left out.
     """
     dataset = _Dataset.open(Path(path))
+    if rate is not None and not 0.0 < rate < math.inf:
+        raise fault(None, "rate", f"{rate!r} is no rate", "give hertz")
     names = one_of([str(number) for number in dataset.lengths], episode, "", dataset.folder)
+    short = [name for name in names if dataset.lengths[int(name)] < 2] if len(names) > 1 else []
+    if short and len(short) < len(names):
+        names = [name for name in names if name not in short]
+        message = f"{path}: episodes without two rows are left out: {listed(short, 10)}"
+        warnings.warn(message, ComoveWarning, stacklevel=3)
     n_rows = sum(dataset.lengths[int(name)] for name in names)
     if n_rows > MAX_ROWS:
         raise fault(
             path, None, f"its episodes have {n_rows:,} rows", f"read one by one: up to {MAX_ROWS:,} are read"
         )
-    columns = _coordinates(dataset, feature, unit)
+    info = dataset.folder / _INFO
+    vector = Feature.of(info, dataset.info["features"], feature)
+    movements = movements_of(
+        info,
+        vector,
+        robot_type=str(dataset.info.get("robot_type")),
+        columns=columns,
+        unit=None if unit is None else require_unit(unit, path),
+    )
     found: dict[str, dict[str, RecordedSamples]] = {}
     tables: dict[Path, Table] = {}
     for name in names:
         file, task = dataset.files[int(name)], dataset.tasks[int(name)]
         if file not in tables:
-            tables = {file: _read_table(file, (feature, "timestamp", "frame_index", "episode_index"))}
-        rows = _episode(dataset, file, tables[file], int(name), feature)
+            tables = {file: _read_table(file, (vector.name, "timestamp", "frame_index", "episode_index"))}
+        rows = _episode(dataset, file, tables[file], int(name), vector, rate)
         found[name] = {
             manipulator: RecordedSamples(
                 rows.time,
                 name=".".join(filter(None, (dataset.folder.name, name, manipulator))),
-                notes=(f"task: {task}",) if task else (),
-                origin=_origin(file, feature, rows.first, group.position + group.orientation),
-                **group.of(rows.values),
+                notes=((f"task: {task}",) if task else ()) + rows.notes + one.notes,
+                origin=_origin(file, vector.name, rows.first, one.body),
+                **_fields(one, rows),
             )
-            for manipulator, group in columns.items()
+            for manipulator, one in movements.items()
         }
     return found
+
+
+def _fields(one: Movement, rows: _Rows) -> dict[str, Any]:
+    """Return the fields of a movement; what it states are its unit and, where they fit the rate, its stamps."""
+    fields = one.body.samples(rows.values, unit=one.unit)
+    is_stated = one.unit not in (None, "rad") or fields.pop("stated", None) is not None
+    return fields | {"stated": frozenset([TIME] * rows.is_timed + [UNIT] * is_stated)}
 
 
 def episodes(path: str | os.PathLike[str]) -> tuple[str, ...]:
@@ -169,6 +203,11 @@ def write(
         )
     fps = _common_fps(path, written)
     names = _names(path, written[0])
+    feature: dict[str, Any] = {"dtype": dtype, "shape": [len(names)], "names": names}
+    units = {demo.unit for demo in written[0].values()}
+    if units != {"m"} and len(units) == 1:
+        feature["info"] = {"unit": units.pop()}
+    _require_readable(path, feature, written[0])
     pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
     lengths: list[int] = []
     with whole_folder(Path(path), Contents("recording", error=DemonstrationError)) as draft:
@@ -182,11 +221,18 @@ def write(
                 parquet.write_table(arrow_table(pa, columns), file, write_page_checksum=True)
                 stats = {key: _statistics(values) for key, values in columns.items()}
                 statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
-        feature = {"dtype": dtype, "shape": [len(names)], "names": names}
         _write_meta(draft, lengths, feature, fps, task, robot_type)
 
 
-FORMAT = Format("LeRobot", read, marker=_INFO, part="episode", parts=episodes, write=write)
+FORMAT = Format(
+    "LeRobot",
+    read,
+    marker=_INFO,
+    part="episode",
+    parts=episodes,
+    options=frozenset({"feature", "columns", "rate", "unit"}),
+    write=write,
+)
 
 
 @dataclass(frozen=True)
@@ -279,80 +325,40 @@ def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], numb
     return pattern.format(**places)
 
 
-def _coordinates(dataset: _Dataset, feature: str, unit: str | None) -> dict[str, Columns]:
-    """Return the columns of a feature by manipulator, according to the names of the columns."""
-    file, features = dataset.folder / _INFO, dataset.info["features"]
-    if feature not in features or not isinstance(features[feature], dict):
-        raise fault(file, "features", f"there is no {feature!r}", near_name(feature, features))
-    shape, names = features[feature].get("shape"), features[feature].get("names")
-    key = f"features.{feature}"
-    if not (isinstance(shape, list) and len(shape) == 1 and isinstance(shape[0], int) and shape[0] > 0):
-        raise fault(file, key, f"it has shape {shape}, which is no vector", "choose a feature of shape [n]")
-    while isinstance(names, dict) and names:
-        names = next(iter(names.values()))
-    if not names:
-        names = [f"{feature}_{index}" for index in range(shape[0])]
-    if not isinstance(names, list) or len(set(map(str, names))) != len(names) or len(names) != shape[0]:
-        raise fault(file, key, f"{names!r} are not {shape[0]} distinct names", "name each coordinate once")
-    groups = {
-        manipulator: _group(
-            {axis: names.index(f"{manipulator}_{axis}" if manipulator else axis) for axis in axes}, unit
-        )
-        for manipulator, axes in _divided([str(name) for name in names]).items()
-    }
-    for group in groups.values():
-        if len(group.position) > MAX_DIMS:
-            raise fault(file, key, f"it has {len(group.position)} coordinates", f"up to {MAX_DIMS} are read")
-    return groups
-
-
-def _divided(names: list[str]) -> dict[str, list[str]]:
-    """Return the names of the axes by manipulator, or all under "" if the names contain no manipulator."""
-    cartesian = {*AXES, *QUATERNION}
-    split = [name.rpartition("_") for name in names]
-    if not all(mark and manipulator and axis in cartesian for manipulator, mark, axis in split):
-        split = [name.partition("_") for name in names]
-        if {manipulator for manipulator, mark, axis in split if mark and axis} != {"left", "right"}:
-            return {"": names}
-        if not all(manipulator in ("left", "right") and axis for manipulator, _, axis in split):
-            return {"": names}
-    divided: dict[str, list[str]] = {}
-    for manipulator, _, axis in split:
-        divided.setdefault(manipulator, []).append(axis)
-    return divided
-
-
-def _group(columns: Mapping[str, int], unit: str | None) -> Columns:
-    """Separate the columns of quaternions from those of positions."""
-    axes = tuple(axis for axis in columns if axis not in QUATERNION)
-    turned = [columns[axis] for axis in QUATERNION if axis in columns]
-    if not axes or len(turned) < 4:
-        axes, turned = tuple(columns), []
-    if unit is None:
-        unit = "m" if set(axes) <= set(AXES) else "rad"
-    return Columns([columns[axis] for axis in axes], turned, axes, unit)
-
-
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of one episode: time (n_steps,) [s], values (n_steps, n_columns), and their first row in the table."""
+    """Rows of one episode.
+
+    Attributes
+    ----------
+    time : array, shape (n_steps,), [s]
+    values : array, shape (n_steps, n_columns)
+    first : number of the first row in the table
+    is_timed : whether it is certain that time is in seconds
+    notes : what was found out about the stamps
+    """
 
     time: NDArray[np.float64]
     values: NDArray[np.float64]
     first: int
+    is_timed: bool
+    notes: tuple[str, ...]
 
 
-def _origin(file: Path, feature: str, first: int, columns: list[int]) -> Origin:
+def _origin(file: Path, feature: str, first: int, body: Body) -> Origin:
     """Name samples by their row and column in the table."""
+    turned = sorted(column.number for column in body.orientation)
     return Origin(
         file,
         time=lambda sample: f"row {first + sample}, column timestamp",
-        position=lambda sample, dim: f"row {first + sample}, {feature}[{columns[dim]}]",
-        orientation=lambda sample: f"row {first + sample}, {feature}[{columns[-4]}] to [{columns[-1]}]",
+        position=lambda sample, dim: f"row {first + sample}, {feature}[{body.moving[dim].number}]",
+        orientation=lambda sample: f"row {first + sample}, {feature}[{turned[0]}] to [{turned[-1]}]",
     )
 
 
-def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: str) -> _Rows:
+def _episode(
+    dataset: _Dataset, file: Path, table: Table, number: int, feature: Feature, rate: float | None
+) -> _Rows:
     """Return the rows of one episode in a table."""
     pc = extra("pyarrow.compute", file)
     chosen = np.flatnonzero(_column(file, table, "episode_index") == number)
@@ -365,14 +371,12 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
             _COPY,
         )
     if expected < 2:
-        raise fault(
-            file, None, f"a movement needs two rows at least, episode {number} has {expected}", "leave it out"
-        )
+        message = f"a movement needs two rows at least, episode {number} has {expected}"
+        raise fault(file, None, message, "choose another episode")
     rows = table.slice(int(chosen[0]), expected)
-    vectors = rows.column(feature).combine_chunks()
-    width = dataset.info["features"][feature]["shape"][0]
+    vectors, width = rows.column(feature.name).combine_chunks(), feature.width
     if vectors.null_count:
-        raise fault(file, feature, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
+        raise fault(file, feature.name, f"{vectors.null_count} rows of episode {number} are empty", _COPY)
     if hasattr(vectors, "flatten") and str(vectors.type).startswith(
         ("list", "fixed_size_list", "large_list")
     ):
@@ -381,21 +385,48 @@ def _episode(dataset: _Dataset, file: Path, table: Table, number: int, feature: 
             row = int(np.argmax(lengths != width))
             raise fault(
                 file,
-                f"row {chosen[row]}, {feature}",
+                f"row {chosen[row]}, {feature.name}",
                 f"it has {lengths[row]} numbers, and {width} are described",
                 _COPY,
             )
         vectors = vectors.flatten()
-    values = _numeric(file, feature, vectors)
+    values = _numeric(file, feature.name, vectors)
     if len(values) != width * expected:
-        raise fault(file, feature, f"it has one number a row, and {width} are described", _COPY)
+        raise fault(file, feature.name, f"it has one number a row, and {width} are described", _COPY)
+    first = int(chosen[0])
+    time, is_timed, notes = _times(dataset, file, rows, first, rate)
+    return _Rows(time, values.reshape(expected, width).astype(np.float64), first, is_timed, notes)
+
+
+def _times(
+    dataset: _Dataset, file: Path, rows: Table, first: int, rate: float | None
+) -> tuple[NDArray[np.float64], bool, tuple[str, ...]]:
+    """Return the time of each row [s], whether it is certain to be in seconds, and notes."""
     frames = _column(file, rows, "frame_index")
+    if rate is not None:
+        return np.arange(len(frames)) / rate, True, ()
     stamps = _column(file, rows, "timestamp").astype(np.float64)
     even = frames / dataset.fps
-    near = np.array_equal(frames, frames[0] + np.arange(expected)) and (
+    if np.array_equal(frames, frames[0] + np.arange(len(frames))) and (
         np.abs(stamps - stamps[0] - even + even[0]).max() <= _STAMP_TOLERANCE
-    )
-    return _Rows(even if near else stamps, values.reshape(expected, width), int(chosen[0]))
+    ):
+        return even, True, ()
+    passed = np.diff(stamps)
+    if (passed < 0.0).any():
+        row = int(np.argmax(passed < 0.0)) + 1
+        raise fault(
+            file,
+            f"row {first + row}, column timestamp",
+            f"time goes back from {stamps[row - 1]:.6g} s to {stamps[row]:.6g} s",
+            f"say how many samples a second there are, instead of the stamps: --rate {dataset.fps:g}",
+            rate=f"{dataset.fps:g}",
+        )
+    frames_a_step = float(np.median(passed)) * dataset.fps
+    for unit in ("s", "ms", "us", "ns"):
+        if abs(np.log2(max(frames_a_step * TIMES[unit], 1e-9))) < 1.0:
+            notes = () if unit == "s" else (f"timestamp is taken to be in {unit}, as fps is {dataset.fps:g}",)
+            return stamps * TIMES[unit], True, notes
+    return stamps, False, (f"stamps pass in other steps than those of fps, {dataset.fps:g}",)
 
 
 def _read_table(file: Path, columns: Sequence[str], optional: Sequence[str] = ()) -> Table:
@@ -505,14 +536,23 @@ def _names(path: object, demos: Mapping[str, RecordedSamples]) -> list[str]:
         unnamed = AXES[: demo.n_dims] if demo.n_dims <= 3 else [f"axis{i}" for i in range(demo.n_dims)]
         axes = [*(demo.axes or unnamed), *(QUATERNION if demo.orientation is not None else ())]
         names += [f"{manipulator}_{axis}" if manipulator else axis for axis in axes]
-    if list(demos) != list(_divided(names)):
+    return names
+
+
+def _require_readable(path: object, vector: dict[str, Any], demos: Mapping[str, RecordedSamples]) -> None:
+    """Raise unless the names of a vector tell the movements that it holds."""
+    try:
+        read = movements_of(Path(str(path)), Feature.of(Path(str(path)), {STATE: vector}, STATE))
+    except DemonstrationError:
+        read = {}
+    expected = {name: demo.n_dims for name, demo in demos.items()}
+    if {name: len(one.body.moving) for name, one in read.items()} != expected:
         raise fault(
             path,
             None,
-            f"the names {', '.join(names[:8])} would not be read as {', '.join(map(repr, demos))}",
+            f"the names {', '.join(vector['names'][:8])} would not be read as {', '.join(map(repr, demos))}",
             "call the manipulators left and right, or give positions x, y, z",
         )
-    return names
 
 
 def _columns(

@@ -257,6 +257,7 @@ def _read_path(path: Path, topic: str, messages: Messages, rate: float | None) -
             topic,
             f"its {len(said)} poses have one and the same stamp: it is a path without times",
             "choose another topic, or say how many poses pass a second: --rate 10",
+            rate=10,
         )
     return _track(said, rows, notes)
 

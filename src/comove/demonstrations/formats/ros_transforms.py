@@ -136,8 +136,12 @@ class TransformTree:
             parent = chain[-1].parent
         return self._resolved(child, parent)
 
-    def _fault(self, message: str, way_out: str) -> DemonstrationError:
-        return fault(self.path, self.topic, message, way_out)
+    def _fault(self, message: str, way_out: str, pair: Sequence[str] = ()) -> DemonstrationError:
+        """Return an error; `pair` are frames, child and parent, between which a movement can be read."""
+        if not pair:
+            return fault(self.path, self.topic, message, way_out)
+        name = f"{self.topic}:{pair[0]}@{pair[1]}"
+        return fault(self.path, self.topic, message, f"{way_out}, such as {name}", topic=name)
 
     def _chain(self, frame: str) -> list[Transforms]:
         """Return the transforms from a frame up to the root of its tree."""
@@ -146,7 +150,8 @@ class TransformTree:
             if len(parents) > 1:
                 raise self._fault(
                     f"the frame {frame!r} has {len(parents)} parents: {listed(parents, 10)}",
-                    f"name two frames with one way between them, such as {self.topic}:{frame}@{parents[0]}",
+                    "name two frames with one way between them",
+                    (frame, parents[0]),
                 )
             chain.append(self.edges[frame, parents[0]])
             frame = parents[0]
@@ -155,7 +160,8 @@ class TransformTree:
                 circle = [*passed[passed.index(frame) :], frame]
                 raise self._fault(
                     f"its frames go round in a circle: {listed(circle, 10)}",
-                    f"name two neighbours, such as {self.topic}:{circle[0]}@{circle[1]}",
+                    "name two neighbours",
+                    circle[:2],
                 )
         return chain
 
@@ -186,7 +192,8 @@ class TransformTree:
             spans = listed([f"{one.child} in {one.parent}" for one in moving], 10)
             raise self._fault(
                 f"the transforms between {parent!r} and {child!r} have no common time: {spans}",
-                f"name two of these: {self.topic}:{moving[0].child}@{moving[0].parent}",
+                "name two neighbours",
+                (moving[0].child, moving[0].parent),
             )
         position, orientation = _after(_inverse(_product(down, stamps)), _product(up, stamps))
         notes = tuple(dict.fromkeys(note for one in moving for note in one.notes))

@@ -37,16 +37,18 @@ from comove.demonstrations.formats.ros_messages import (
 )
 from comove.demonstrations.samples import (
     MAX_ROWS,
+    TIME,
     Format,
     Origin,
     RecordedSamples,
     by_manipulator,
     decoding,
     fault,
+    require_bytes,
     select_name,
 )
 from comove.errors import DemonstrationError, listed
-from comove.io.files import existing_file, extra, require_content, telling, whole_path
+from comove.io.files import existing_file, extra, telling, whole_path
 from comove.io.folders import Contents, whole_folder
 
 MAX_METADATA_BYTES = 4 * 2**20
@@ -205,7 +207,8 @@ def _opened(path: Path) -> Iterator[_Bag]:
     with decoding(path, "bag", (Exception,), _RECORD), _supported(path):
         for file in sorted(path.iterdir()) if is_folder else [path]:
             if file.suffix.lower() in (".db3", ".mcap", ".bag"):
-                require_content(file)
+                existing_file(file, MAX_BYTES, "split the bag")
+                require_bytes(file)
             if file.suffix.lower() == ".db3":
                 _check_sqlite_size(file)
             elif file.suffix.lower() == ".mcap":
@@ -342,6 +345,7 @@ def _samples(path: Path, topic: str, track: Track, first: int) -> RecordedSample
         "rad" if track.axes else "m",
         orientation=track.orientation,
         axes=track.axes,
+        stated=frozenset({TIME}),
         origin=origin,
     )
 

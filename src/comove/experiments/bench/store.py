@@ -34,7 +34,7 @@ class Configuration:
     scene_sha256 : checksum of the scene
     system : name of the system that is run
     seed : seed of all random numbers
-    budget : time that the system may use [s]
+    budget : processor time that the system may use [s]
     version : version of comove
     tool : version of the tool behind the system; empty where it is comove itself
     """
@@ -69,8 +69,8 @@ class Figures:
 
     Attributes
     ----------
-    seconds : time until the system ended [s]
-    first_verified : time until the first verified offer [s]
+    seconds : processor time until the system ended [s]
+    first_verified : processor time until the first verified offer [s]
     cost : J of equation (4) in unit duration, of the last offer, like all that follows
     path_length : length of the paths of all hands together [m]
     acceleration_max : largest acceleration, from step to step [m/s^2]

@@ -149,7 +149,7 @@ def count_execution(search: Search, hands: Array) -> None:
     scene, even = search.scene, np.linspace(0.0, len(hands) - 1.0, N_STEPS)
     sampled = interpolated(even, np.arange(len(hands), dtype=np.float64), hands.reshape(len(hands), -1))
     nodes = spatial(sampled.reshape(1, N_STEPS, *hands.shape[1:]))
-    search.evaluations += 1
+    search.count(1)
     value = search.objective.evaluate_nodes(nodes, scene.offsets_along(N_STEPS))
     search.tell(float(value.cost[0]), float(value.penalty[0]))
 

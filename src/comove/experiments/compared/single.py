@@ -95,8 +95,7 @@ class Single(Method):
                 name for name in suited if not np.array_equal(suited[name].weights, across[name].weights)
             ]
             suited = suited | {f"{name} in {PLANES[1]}": across[name] for name in planar}
-        left = 0.25 * search.time_left()
-        ranking = best_movement(suited, scene, objective=search.objective.weights, budget=left).ranking
+        ranking = best_movement(suited, scene, objective=search.objective.weights).ranking
         chosen = {candidate.name: candidate.dmp for candidate in ranking[: self.n_movements]}
         if search.taught is None:
             return chosen

@@ -13,7 +13,6 @@ from comove.experiments.examples import example_path
 from comove.experiments.summaries import Interval, table, wilson
 from comove.experiments.systems import OwnSystem
 from comove.optimisers import FactorForm, NoForm, PrintedForm, StaleForm
-from comove.planning.clock import processor_time
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.paper import OPTIMISER, Paper
@@ -59,8 +58,8 @@ VARIANTS: dict[str, tuple[str, Method]] = {
 
 
 def systems() -> dict[str, OwnSystem]:
-    """Return the variants as systems that can be run, by name; budgets and times are processor times."""
-    return {name: OwnSystem(name, method, timing=processor_time) for name, (_, method) in VARIANTS.items()}
+    """Return the variants as systems that can be run, by name."""
+    return {name: OwnSystem(name, method) for name, (_, method) in VARIANTS.items()}
 
 
 def scenes(count: int) -> list[BenchScene]:

@@ -13,7 +13,7 @@ from comove.experiments.compared import TaskPriority
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import largest_turn
 from comove.planning import LeastJerk, Paper, PaperCost, SceneKind, load_kernels, movements_of
-from comove.planning.clock import now, processor_time
+from comove.planning.clock import now
 from comove.planning.method import Method
 from comove.scenes import demonstration_of
 
@@ -114,18 +114,17 @@ def transport(passage: Passage) -> Transport:
     method = (METHODS | {WITH_JOINTS: TaskPriority()})[passage.who]
     recorded = passage.start == STARTS[0]
     load_kernels(SceneKind.of(scene))
-    with processor_time():
-        begun = now()
-        found = carry(
-            scene,
-            robot,
-            demonstration=movements_of(demonstration_of(scene), scene) if recorded else None,
-            seed=passage.seed,
-            method=method,
-            budget=passage.budget,
-            objective=LeastJerk() if method is None else PaperCost(velocity=passage.velocity),
-        )
-        seconds = now() - begun
+    begun = now()
+    found = carry(
+        scene,
+        robot,
+        demonstration=movements_of(demonstration_of(scene), scene) if recorded else None,
+        seed=passage.seed,
+        method=method,
+        budget=passage.budget,
+        objective=LeastJerk() if method is None else PaperCost(velocity=passage.velocity),
+    )
+    seconds = now() - begun
     if found.solution.interrupted:
         raise KeyboardInterrupt
     planned = Transport(

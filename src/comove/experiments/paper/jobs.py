@@ -13,7 +13,6 @@ from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, Tas
 from comove.experiments.examples import example
 from comove.experiments.paper.measures import Along, Measures, follow, measure
 from comove.planning import Comove, Paper, PaperCost, Printed, Projection, SceneKind, load_kernels, solve
-from comove.planning.clock import processor_time
 from comove.planning.method import Method
 from comove.primitives import DMP
 from comove.primitives.operations import in_space
@@ -134,17 +133,16 @@ def run(job: Job) -> Outcome:
     taught = job.taught
     if isinstance(taught, DMP) and taught.n_dims < scene.n_dims:
         taught = in_space(taught, PLANE)
-    with processor_time():
-        solution = solve(
-            scene,
-            demonstration=taught,
-            seed=job.seed,
-            method=contender.method,
-            planner=contender.planner,
-            budget=job.budget,
-            objective=PaperCost(velocity=job.velocity, resemblance=job.resemblance),
-            obstacles=job.obstacles,
-        )
+    solution = solve(
+        scene,
+        demonstration=taught,
+        seed=job.seed,
+        method=contender.method,
+        planner=contender.planner,
+        budget=job.budget,
+        objective=PaperCost(velocity=job.velocity, resemblance=job.resemblance),
+        obstacles=job.obstacles,
+    )
     if solution.interrupted:
         raise KeyboardInterrupt
     measures = measure(solution)

@@ -227,9 +227,10 @@ class OmplPlanning:
 
     def simplify(self) -> None:
         """Shorten the present path."""
-        budget = self.problem.budget
-        left = min(self.settings.simplifying * budget, budget - self.offers.seconds)
-        needed("ompl.geometric").PathSimplifier(self.information).simplify(self.path, left)
+        budget, begun = self.problem.budget, self.offers.seconds
+        until = min(begun + self.settings.simplifying * budget, budget)
+        ended = needed("ompl.base").PlannerTerminationCondition(lambda: self.offers.seconds > until)
+        needed("ompl.geometric").PathSimplifier(self.information).simplify(self.path, ended)
 
 
 class OmplLoad:

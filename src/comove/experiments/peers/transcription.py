@@ -84,7 +84,7 @@ class Transcription(Peer):
             if (left := problem.budget - offers.seconds) <= 0.0:
                 break
             programme.set_initial(y, moved_aside(guess, noise, rng).reshape(self.n_knots, -1))
-            programme.solver("ipopt", {"print_time": False}, OPTIONS | {"max_wall_time": left})
+            programme.solver("ipopt", {"print_time": False}, OPTIONS | {"max_cpu_time": left})
             with suppress(RuntimeError):  # not converged: its last iterate is looked at all the same
                 programme.solve()
             knots = np.asarray(programme.debug.value(y)).reshape(self.n_knots, *problem.scene.start.shape)

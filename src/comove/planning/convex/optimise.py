@@ -244,10 +244,10 @@ def step(
         found = minimum(
             here.gradient, here.whiten, clearances, trust, here.limits, prices, settings.quadratic
         )
-        programmes += 1
         if found is None:
             return None
-        w, slack, short, slower = found
+        w, slack, short, slower, solved = found
+        programmes += solved
         dz = w @ here.whiten
         if not hasty:
             slack += settings.limit * slower

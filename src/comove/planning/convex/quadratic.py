@@ -111,12 +111,14 @@ class Minimum(NamedTuple):
     slack : largest amount by which clearances are missed [m]
     short : sum over owners of the squared distance by which each is nearer than wished for [m^2]
     slower : growth of the pace, in durations
+    programmes : number of programmes that were solved, one for each set of rows
     """
 
     w: Array
     slack: float
     short: float
     slower: float
+    programmes: int
 
 
 def minimum(
@@ -152,7 +154,9 @@ def minimum(
     absent, free = np.ones(k + m, dtype=bool), np.ones(len(trust.moves), dtype=bool)
     near, beyond = np.flatnonzero(least > -settings.nearly), np.zeros(0, dtype=int)
     cut, limit = limits.cuts(np.zeros(n), 0.0, settings.active)
+    programmes = 0
     for _ in range(settings.rounds):
+        programmes += 1
         block = np.zeros((len(near) + len(beyond) + len(cut), matrix.shape[1]))
         block[:, :n] = np.concatenate([rows[of_row[near]], trust.moves[beyond], cut]) @ whiten.T
         block[np.arange(len(near)), slack_of[near]] = UNIT
@@ -181,7 +185,7 @@ def minimum(
         if not (len(near) or len(beyond) or len(cut)):
             break
     short = float(((x[n + 1 : n + 1 + more] * UNIT) ** 2).sum())
-    return Minimum(x[:n], float(x[n]) * UNIT, short, slower)
+    return Minimum(x[:n], float(x[n]) * UNIT, short, slower, programmes)
 
 
 def _worst(broken: Array, few: int) -> NDArray[np.int64]:

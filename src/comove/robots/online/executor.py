@@ -26,6 +26,7 @@ from comove.execution.clouds import Clouds
 from comove.execution.executor import Event, StepLog
 from comove.execution.observers import Functions, Observer
 from comove.geometry.rotations import matrices
+from comove.planning.clock import Budget
 from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
@@ -58,7 +59,7 @@ class OnlineSettings:
     Attributes
     ----------
     period : control period [s]
-    leisure : time that the search of the plan may take, before anything moves [s]
+    leisure : work of the search for the plan, before anything moves, as `Budget.work`
     catch_up : time constant of the return to the reference [s]
     behind : distance of the hands behind the reference at which it waits [m]
     near_by : distance up to which what is foreseen along the reference counts for where the hands are [m]
@@ -387,7 +388,7 @@ class JointExecutor:
 
     def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
         begun = clock.perf_counter()
-        found = carry(standing, self.robot, seed=self.seed, budget=self.settings.leisure)
+        found = carry(standing, self.robot, seed=self.seed, budget=Budget(work=self.settings.leisure))
         self.log.planning.append(clock.perf_counter() - begun)
         if found.motion is None:
             raise RobotError(

@@ -175,7 +175,7 @@ def link_rows(
                 _load_row(arms, i, one, nearest, load, -rate(apart - need, rates.gain, rates), work)
     for p in range(links.pairs.shape[0]):
         i, k = links.pairs[p]
-        need = links.radius[i] + links.radius[k] + needs.other
+        need = links.radius[i] + links.radius[k] - links.wider[p] + needs.other
         spare = points_apart(work.middle[i], work.middle[k]) - work.half[i] - work.half[k] - need
         if spare >= needs.near:
             continue

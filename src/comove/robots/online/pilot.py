@@ -54,7 +54,6 @@ class PilotSettings:
     n_nodes, most_goals : nodes of the trees, and joints at the goal that are tried, where no course leads from where
         arms have come
     spare : clearance of the load beyond the scene's, in the roadmap [m]
-    meets : links are looked at in pairs that come near where joints differ so much from the plan's [rad]
     roadmap, courses, reference : settings of the roadmap, of the choice of a course, and of what is followed
     """
 
@@ -73,13 +72,12 @@ class PilotSettings:
     n_nodes: int = 400
     most_goals: int = 6
     spare: float = 0.002
-    meets: float = 0.5
     roadmap: RoadmapSettings = field(default_factory=RoadmapSettings)
     courses: CourseSettings = field(default_factory=CourseSettings)
     reference: ReferenceSettings = field(default_factory=ReferenceSettings)
 
     def __post_init__(self) -> None:
-        for name in ("every", "at_once", "anew", "thinking", "braking", "worth", "off", "patience", "meets"):
+        for name in ("every", "at_once", "anew", "thinking", "braking", "worth", "off", "patience"):
             require_positive(name, getattr(self, name))
 
 
@@ -118,10 +116,7 @@ class Pilot:
         self.standing, self.coordinates, self._plan, self._seed = standing, coordinates, plan, seed
         how, chains = settings.roadmap, arms.chains
         space = configuration_space(standing, coordinates)
-        rng, slots = np.random.default_rng(seed), self._slots(plan, 0.0, plan.duration)
-        along = slots.joints[rng.integers(len(slots.joints), size=300)]
-        along = np.clip(along + rng.normal(0.0, settings.meets, along.shape), chains.lower, chains.upper)
-        self.arms = arms._replace(links=arms.links.near(chains, along))
+        self.arms = arms
         self.ground = Ground(
             space._replace(required=standing.clearance + settings.spare),
             self.arms,

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from comove.robots.model import Robot
 from comove.robots.search.capsules import vertices_of
-from comove.scenes.model import ROBOT_CLEARANCE
 
 Array = NDArray[np.float64]
 
@@ -44,9 +43,9 @@ def _points_around(shape: coal.CollisionGeometry) -> Array:
     return np.array(list(product(*zip(shape.aabb_local.min_, shape.aabb_local.max_, strict=True))))
 
 
-def touching(robot: Robot, joints: Array, margin: float = 0.0) -> NDArray[np.bool_]:
-    """Return which pairs of bodies touch, or come within a margin [m], in some configurations; array, shape
-    (n_configurations, n_pairs).
+def touching(robot: Robot, joints: Array, margin: float | Array = 0.0) -> NDArray[np.bool_]:
+    """Return which pairs of bodies touch, or come within margins [m], one or one a pair, in some configurations;
+    array, shape (n_configurations, n_pairs).
 
     Parameters
     ----------
@@ -54,8 +53,9 @@ def touching(robot: Robot, joints: Array, margin: float = 0.0) -> NDArray[np.boo
     """
     geometry = robot.collision
     data, of_geometry = robot.model.createData(), geometry.createData()
-    for request in of_geometry.collisionRequests:
-        request.security_margin = margin
+    margins = np.broadcast_to(margin, len(geometry.collisionPairs)).tolist()
+    for request, amount in zip(of_geometry.collisionRequests, margins, strict=True):
+        request.security_margin = amount
     touched = np.zeros((len(joints), len(geometry.collisionPairs)), dtype=bool)
     for k, q in enumerate(joints):
         pin.computeCollisions(robot.model, data, geometry, of_geometry, q, False)
@@ -71,9 +71,15 @@ def pairs_of(robot: Robot) -> list[tuple[str, str]]:
 
 
 def near_but_apart(
-    robot: Robot, count: int, rng: np.random.Generator, *, most_between: int = 2, contact: float = 5e-4
+    robot: Robot,
+    margin: Array,
+    count: int,
+    rng: np.random.Generator,
+    *,
+    most_between: int = 2,
+    contact: float = 5e-4,
 ) -> set[tuple[str, str]]:
-    """Return the pairs of links that come nearer to each other than is kept between links, but do not touch.
+    """Return the pairs of links that come nearer to each other than a home keeps them, but do not touch.
 
     Of those that are seen to do so in random configurations, only links with one or two joints between them can be
     among these: they are looked at on a grid of these joints, refined about its nearest configuration. So it is seen,
@@ -81,12 +87,13 @@ def near_but_apart(
 
     Parameters
     ----------
+    margin : array, shape (n_pairs,), distance that each pair keeps [m]
     count : number of random configurations
     most_between : joints between two links whose every distance can be looked at
     contact : distance of two links that counts as contact [m]
     """
     joints = rng.uniform(robot.lower, robot.upper, (count, len(robot.lower)))
-    near, touch = (touching(robot, joints, margin) for margin in (ROBOT_CLEARANCE, 0.0))
+    near, touch = (touching(robot, joints, margin) for margin in (margin, 0.0))
     links, geometry = pairs_of(robot), robot.collision
     # by links, which have several bodies
     touched = {pair for pair, seen in zip(links, touch.T, strict=True) if seen.any()}

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import link_of, pairs_of, touching
 from comove.robots.proposal.homes import base_of, tilt_of
+from comove.robots.proposal.rules import near_limits, near_links
 
 Array = NDArray[np.float64]
 
@@ -102,16 +103,27 @@ def examine(
     clearance, nearest = _at_home(robot)
     free, often = _contacts(robot, rng, settings)
     faults, doubts = [], []
-    if clearance <= 0.0:
-        faults.append(
-            f"at home '{nearest[0]}' and '{nearest[1]}' touch: give another home, or name the pair in an SRDF if "
-            "it always touches"
-        )
     faults += [
-        f"the hands of '{a}' and '{b}' have no place in common: put the bases nearer to each other"
-        for (a, b), share in shared.items()
-        if share == 0.0
+        f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or name the pair in an SRDF if "
+        "they are always so near"
+        for a, b, distance, needed in near_links(robot)
     ]
+    faults += [
+        f"at home '{joint}' is {away:.3g} from its limit, and the search keeps joints off it: give a home between "
+        f"{lower:.6g} and {upper:.6g}"
+        for joint, away, lower, upper in near_limits(robot)
+    ]
+    doubts += [
+        f"the hands of '{a}' and '{b}' come no nearer to each other than {_gap(arms, a, b):.2g} m in random "
+        "joints: a payload between them has to be as long, or their bases nearer"
+        for a, b in _neighbours(robot)
+        if shared[a, b] == 0.0
+    ]
+    if len(arms) == 1:
+        doubts.append(
+            f"'{arms[0].name}' is the only arm, and a payload is held by two: give two URDFs, or one twice, to "
+            "comove robot new"
+        )
     faults += [
         f"the motor of '{joint}' would have to give {share:.0%} of what it can to hold the robot's own weight at "
         "home: say by `springs` what else does, or give another home"
@@ -157,6 +169,34 @@ def overloaded(robot: Robot) -> dict[str, float]:
     torque = pin.computeGeneralizedGravity(robot.model, robot.model.createData(), robot.home)
     shares = np.abs(torque) * (1.0 - robot.relief) / robot.effort
     return {robot.joint_names[k]: float(shares[k]) for k in np.flatnonzero(shares > 1.0)}
+
+
+def _how_near(distance: float, needed: float) -> str:
+    return (
+        "touch"
+        if distance <= 0.0
+        else f"are {1e3 * distance:.3g} mm apart, and have to keep {1e3 * needed:.3g} mm"
+    )
+
+
+def _neighbours(robot: Robot) -> list[tuple[str, str]]:
+    """Return the pairs of arms that no third arm stands between: none whose base is nearer to both bases than these
+    are to each other (the relative neighbourhood graph: Toussaint, 1980).
+    """
+    bases = np.array([base_of(robot, arm) for arm in robot.arms])
+    apart = np.linalg.norm(bases[:, None] - bases, axis=-1).round(6)
+    names = [arm.name for arm in robot.arms]
+    return [
+        (names[i], names[j])
+        for i, j in combinations(range(len(names)), 2)
+        if not (np.maximum(apart[i], apart[j]) < apart[i, j]).any()
+    ]
+
+
+def _gap(arms: tuple[ArmFindings, ...], a: str, b: str) -> float:
+    """Return the least distance of places of two hands that were seen [m]."""
+    one, other = (next(arm.places for arm in arms if arm.name == name) for name in (a, b))
+    return float(cKDTree(one).query(other)[0].min())
 
 
 def _shared(a: Array, b: Array, near: float) -> float:

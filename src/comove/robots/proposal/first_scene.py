@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ import yaml
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
+from comove.planning.clock import Budget
 from comove.planning.kernels import SceneKind
 from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
@@ -21,6 +22,7 @@ from comove.robots.model import Arm, Robot
 from comove.robots.proposal.examination import findings_of
 from comove.robots.proposal.homes import base_of, floor_of
 from comove.robots.solving import RobotSolution, carry
+from comove.robots.transfers import plan_transfers
 from comove.scenes.grasp import HELD
 from comove.scenes.scene import Scene
 
@@ -49,8 +51,9 @@ class FirstSceneSettings:
     fewest, most : places in a row, forwards and upwards, that a carry over a rail needs and has at most
     rails : heights of the rail that are tried, as shares of what the load can be lifted by
     n_tried : scenes that are solved, of those that both hands reach
-    rounds : time to solve each, and to carry, in turn [s]: most that can be carried is solved in the first, and a
-        joint may be slow
+    n_carried : scenes that are carried out, until one is left without approach and release
+    rounds : work to solve each, as `Budget.work`, and time to carry [s], in turn: most that can be carried is solved
+        in the first, and a joint may be slow
     """
 
     n_cells: int = 11
@@ -64,6 +67,7 @@ class FirstSceneSettings:
     most: int = 5
     rails: tuple[float, ...] = (0.5, 0.2)
     n_tried: int = 8
+    n_carried: int = 3
     rounds: tuple[tuple[float, float], ...] = ((3.0, 8.0), (10.0, 16.0))
 
 
@@ -75,10 +79,12 @@ class SceneProposal:
     ----------
     data : contents of its file (`comove.scenes.model.SceneFile`)
     found : its verified motion
+    unreached : why no approach and release lead to and from home; empty where they do
     """
 
     data: dict[str, Any]
     found: RobotSolution
+    unreached: str = ""
 
     def text(self) -> str:
         """Return the scene as YAML."""
@@ -101,6 +107,7 @@ class _Place:
     floor : height on which the robot stands [m]
     cell : distance of neighbouring places [m]
     aside : room about all places [m]
+    around : obstacles that stand around the robot, as a scene has them
     """
 
     arms: tuple[Arm, Arm]
@@ -113,6 +120,7 @@ class _Place:
     floor: float
     cell: float
     aside: float
+    around: tuple[dict[str, Any], ...] = ()
 
     @property
     def worth(self) -> float:
@@ -158,7 +166,8 @@ class _Place:
             "grasp": self.grasp,
             "workspace": {"lower": lower.tolist(), "upper": upper.tolist()},
             "obstacles": [
-                {"shape": "box", "center": center.round(4).tolist(), "size": size.round(4).tolist()}
+                {"shape": "box", "center": center.round(4).tolist(), "size": size.round(4).tolist()},
+                *self.around,
             ],
             "load": {
                 "shape": "bar",
@@ -183,7 +192,13 @@ class _Place:
 
 
 def propose_scene(
-    robot: Robot, named: str, *, seed: int = 0, settings: FirstSceneSettings = FirstSceneSettings()
+    robot: Robot,
+    named: str,
+    *,
+    around: Sequence[dict[str, Any]] = (),
+    folder: Path = Path(),
+    seed: int = 0,
+    settings: FirstSceneSettings = FirstSceneSettings(),
 ) -> SceneProposal:
     """Propose a first scene for a robot, which is solved once so that it is known to be feasible.
 
@@ -193,6 +208,8 @@ def propose_scene(
     Parameters
     ----------
     named : the robot's name or its description's path, as the scene will name it
+    around : obstacles that stand around the robot, as a scene has them
+    folder : folder of the scene, to which files of obstacles are relative
     seed : of the solver
 
     Raises
@@ -216,18 +233,27 @@ def propose_scene(
             key="arms",
             way_out=WAY_OUT,
         )
-    reasons: list[str] = []
+    reasons, first, n_carried = list[str](), None, 0
     tried = list(product(places, settings.rails))[: settings.n_tried]
-    for (budget, duration), (place, rail) in product(settings.rounds, tried):
-        data = place.data(named, rail, duration)
+    for (work, duration), (place, rail) in product(settings.rounds, tried):
+        data = replace(place, around=tuple(around)).data(named, rail, duration)
         try:
-            found = carry(Scene.from_dict(data), robot, seed=seed, budget=budget)
+            found = carry(Scene.from_dict(data, folder=folder), robot, seed=seed, budget=Budget(work=work))
         except SceneError as error:
             reasons.append(str(error))
             continue
-        if found.verified:
+        if found.verdict.verified is not None:
+            try:
+                plan_transfers(found.verdict.verified, seed=seed)
+            except RobotError as error:
+                first, n_carried = first or SceneProposal(data, found, error.message), n_carried + 1
+                if n_carried < settings.n_carried:
+                    continue
+                return first
             return SceneProposal(data, found)
-        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found in time")[:1]
+        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found")[:1]
+    if first is not None:
+        return first
     raise RobotError(
         f"none of {len(tried)} scenes that two hands of '{robot.name}' reach was solved: {reasons[-len(tried)]}",
         key="arms",

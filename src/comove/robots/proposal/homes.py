@@ -13,8 +13,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.robots.free_space import RoomSettings
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import placed_bodies
+from comove.robots.proposal.rules import clearance_at_home, limit_margin
 
 Array = NDArray[np.float64]
 
@@ -37,7 +39,7 @@ class HomeSettings:
     far : share of the places of hands that are nearer than a home
     steep : angle from straight down of an approach that counts as down where a home is looked for [rad]
     near_down : angle from straight down at home from which on it is told [rad]
-    free : clearance at home, where there is one that has it [m]
+    digits : of joints at home
     """
 
     n_drawn: int = 3000
@@ -53,7 +55,7 @@ class HomeSettings:
     far: float = 0.75
     steep: float = radians(30.0)
     near_down: float = radians(5.0)
-    free: float = 0.01
+    digits: int = 3
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,7 @@ def homes_of(robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings()) ->
     drawn_by_arm = [_Drawn.of(robot, arm, rng, how.n_drawn) for arm in robot.arms]
     ahead = _middle_of_reach(drawn_by_arm, how)
     reach = min(drawn.reach for drawn in drawn_by_arm)
+    needed = clearance_at_home(robot)
     between = _facing(np.array([drawn.base for drawn in drawn_by_arm]) / reach, ahead, how)
     for k, (arm, drawn, wanted) in enumerate(zip(robot.arms, drawn_by_arm, between, strict=True)):
         later = {int(column) + 1 for other in robot.arms[k + 1 :] for column in other.columns}
@@ -84,16 +87,17 @@ def homes_of(robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings()) ->
         place = drawn.base + reach * wanted
         ended = [_settled(robot, arm, each, place, reach, how) for each in begun]
         best = [each for each, miss in ended if miss < how.settled]
-        found = _first_free(robot, best, later, how.free)
+        found = _first_free(robot, best, later, needed)
         if found is None:  # then anywhere with the hand down
             own = [robot.tool_pose(each, arm)[:3, 3] for each in begun]
             ended = [_settled(robot, arm, *pair, reach, how) for pair in zip(begun, own, strict=True)]
             best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > how.settled)]
-            found = _first_free(robot, best, later, how.free)
+            found = _first_free(robot, best, later, needed)
         q = best[0] if found is None else found
         if found is None:
             notes.append(
-                f"no home of '{arm.name}' was found at which nothing touches: draw one, and write it there"
+                f"no home of '{arm.name}' was found at which links keep {1e3 * needed.max():.3g} mm from each other: "
+                "write one"
             )
         tilt = tilt_of(robot.tool_pose(q, arm))
         if tilt > how.near_down:
@@ -241,7 +245,9 @@ def _settled(
     model, q = robot.model, q.copy()
     data, frame = model.createData(), model.getFrameId(arm.tip)
     aside = np.eye(3)[:2]  # the axes about which a hand that points down is turned; the vertical one is free
-    miss = np.inf
+    keep, miss = limit_margin(robot), np.inf
+    lower, upper = robot.lower + keep, robot.upper - keep
+    q = np.clip(q, lower, upper)
     for _ in range(how.n_steps):
         pose = robot.tool_pose(q, arm)
         error = np.concatenate([place - pose[:3, 3], aside @ np.cross(pose[:3, 2], DOWN)])
@@ -253,24 +259,33 @@ def _settled(
         rates = np.concatenate([moved[:3] + np.cross(moved[3:].T, lever).T, aside @ moved[3:]])
         square = rates @ rates.T + how.damping * np.eye(5)
         q[arm.columns] += how.gain * rates.T @ np.linalg.solve(square, error)
-        q = np.clip(q, robot.lower, robot.upper)
-    return q, miss
+        q = np.clip(q, lower, upper)
+    rounded = q.round(how.digits)
+    return np.where((rounded < lower) | (rounded > upper), q, rounded), miss
 
 
-def _first_free(robot: Robot, some: list[Array], later: set[int], spare: float) -> Array | None:
-    """Return the first configuration at which nothing touches, with a margin [m] if one has it; None if none does."""
-    near = (each for margin in (spare, 0.0) for each in some if _is_free(robot, each, margin, later))
+def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:
+    """Return the first configuration at which all links keep what approach and release need, with as much to spare
+    as one has; None if none does.
+
+    Parameters
+    ----------
+    needed : array, shape (n_pairs,), clearance of the pairs of links [m]
+    """
+    least, *more = (spare for spare in RoomSettings().spares[::-1])
+    margins = (needed + (spare - least) for spare in (*more[::-1], least))
+    near = (each for margin in margins for each in some if _is_free(robot, each, margin, later))
     return next(near, None)
 
 
-def _is_free(robot: Robot, q: Array, margin: float, later: set[int]) -> bool:
-    """Return whether links that can collide keep a margin [m], without those of joints whose turn comes later."""
+def _is_free(robot: Robot, q: Array, margin: Array, later: set[int]) -> bool:
+    """Return whether pairs of links keep margins [m], without those of joints whose turn comes later."""
     geometry = robot.collision
     data, of_geometry = robot.model.createData(), geometry.createData()
     for k, pair in enumerate(geometry.collisionPairs):
         joints = {geometry.geometryObjects[i].parentJoint for i in (pair.first, pair.second)}
         if joints & later:
             of_geometry.deactivateCollisionPair(k)
-    for request in of_geometry.collisionRequests:
-        request.security_margin = margin
+    for request, amount in zip(of_geometry.collisionRequests, margin.tolist(), strict=True):
+        request.security_margin = amount
     return not pin.computeCollisions(robot.model, data, geometry, of_geometry, q, True)

@@ -19,26 +19,32 @@ from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
-from comove.robots.description import RobotFile
+from comove.robots.description import RobotFile, errors_in
+from comove.robots.formats import SRDF, URDF, elements_in
 from comove.robots.model import Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
-from comove.robots.proposal.tree import ArmShape, Chain, Tree
-from comove.robots.urdf import CONVERT, resolve
+from comove.robots.proposal.rules import clearance_at_home
+from comove.robots.proposal.tree import GUESSED, ArmShape, Chain, Tree, has_word
+from comove.robots.soundness import require_tree
+from comove.robots.urdf import resolve
+from comove.robots.verification.reach import joint_axes
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 SIDES = ("left", "right")
-TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}  # rad/s, N m; m/s, N
-# By kind of joint, where a URDF states nothing above 0.
-GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
 TOLD = {
     "Always": "touch in every configuration",
     "Never": "come near each other, but were never seen to touch",
 }
-TOOLS = re.compile(r"tcp|grasp|tool_frame|gripper$", re.IGNORECASE)  # names of frames between fingers
+BETWEEN = ("tcp", "grasp|grasping", "gripper$")  # words in the names of frames between fingers
+TOOL_FRAME = re.compile(r"(?i)(^|[^a-z])tool_?frame([^a-z]|$)")
+FORWARD = re.compile(
+    r"(?i)(^|[^a-z])(tool_?0|tcp)([^a-z]|$)"
+)  # of frames whose z leads forward by convention
+MOUNT = "tool|ee|eef|flange"  # words of frames whose z, or x, leads forward
 SIDE_OF = re.compile(r"(?:^|[_/])((?i:left|right|l|r))(?=[_/]|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
 
 
@@ -52,8 +58,9 @@ class ProposalSettings:
     springs : share of a weight that is too much for a motor, guessed to be held by springs
     n_samples : random configurations that tell which pairs of links touch always, and which come near
     always : share of these from which on a pair counts as always touching
-    tip_off : distance of a tip from the last joint from which on it tells the direction of approach [m]
-    mass_off : likewise of the centre of mass, which lies behind a bare flange, but by less [m]
+    tip_off : distance of a tip, or of a joint before, from the last joint from which on it tells the direction of
+        approach [m]
+    mass_off : likewise of the centre of mass of a hand without a body [m]
     between : share of the fingers' length from which on a tip lies between them
     grip : share of the fingers' length at which a tool is put
     arm, home : settings of the search for arms, and for their homes
@@ -155,11 +162,11 @@ def propose(
     robot = _without(robot, pairs)
     homes: Homes = homes_of(robot, seed, settings.home)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
-        data["arms"][arm.name]["home"] = _written(home, robot.lower[arm.columns], robot.upper[arm.columns])
+        data["arms"][arm.name]["home"] = home.tolist()
     notes += homes.notes
     weak = overloaded(_robot(data, file))
     if weak:
-        data["springs"] = dict.fromkeys(weak, settings.springs)
+        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, settings.springs)
         notes.append(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
             f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
@@ -173,24 +180,36 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
     notes = [note for part in parts for note in part.notes]
     limits: dict[str, dict[str, float]] = {}
     posture: dict[str, float] = {}
+    springs: dict[str, float] = {}
     for part in parts:
         prefix, joints = part.prefix, {joint.name: joint for joint in part.tree.joints}
         for chain in part.chains:
             name = _arm_name(chain, prefix, data["arms"])
             data["arms"][name] = {"tip": prefix + chain.tip}
             if chain.fingers:
-                data["arms"][name]["fingers"] = [prefix + finger for finger in chain.fingers]
+                fingers = [prefix + finger for finger in chain.fingers]
+                data["arms"][name]["fingers"] = fingers
+                notes.append(
+                    f"the last joint of the arm '{name}' is '{prefix}{chain.joints[-1]}'; {', '.join(fingers)} are "
+                    "taken for fingers, which stay: where one is the arm's, take it out of `fingers`, name a `tip` "
+                    "beyond it, and give `home` a value for it"
+                )
             trunk = {prefix + joint: joints[joint].nearest_to_0 for joint in chain.trunk}
             if trunk.keys() - posture.keys():
                 notes.append(f"all arms hang on {', '.join(trunk)}: `posture` says where that stays")
             posture |= trunk
         guessed = _limits_of(part, settings.endless)
         limits |= guessed
-        if guessed:
+        keys = {joint: " and ".join(given) for joint, given in guessed.items()}
+        for told in dict.fromkeys(keys.values()):
+            names = [joint for joint, lacks in keys.items() if lacks == told]
             notes.append(
-                f"the URDF states no usable limits of {', '.join(guessed)}: those under `limits` are guesses; "
+                f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
                 "put the maker's there"
             )
+        own = {joint for chain in part.chains for joint in chain.joints}
+        held = {prefix + joint: joints[joint].springs for joint in own if joints[joint].springs > 0.0}
+        springs |= {joint: held[joint] for joint in sorted(held)}
         lost = [joint for joint in part.tree.joints if joint.leader not in (None, *joints)]
         posture |= {prefix + joint.name: joint.nearest_to_0 for joint in lost}
         notes += [
@@ -202,14 +221,15 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
         data["posture"] = posture
     if limits:
         data["limits"] = limits
-    notes.append("no URDF states accelerations: 5 rad/s^2 unless `acceleration` says something else")
+    if springs:
+        data["springs"] = springs
+        notes.append(f"the model takes weight off the motors of {', '.join(springs)}, as `springs` says")
+    states = (joint.states_acceleration for part in parts for joint in part.tree.joints if joint.moves)
+    if not all(states):
+        notes.append(
+            "where a URDF states no acceleration, it is 5 rad/s^2 unless `acceleration` says otherwise"
+        )
     return data, notes
-
-
-def _written(home: Array, lower: Array, upper: Array) -> list[float]:
-    """Return joints in thousandths, or in all digits where rounding would lead out of their limits."""
-    rounded = home.round(3)
-    return np.where((rounded < lower) | (rounded > upper), home, rounded).tolist()
 
 
 def _name_of(file: Path) -> str:
@@ -227,15 +247,10 @@ def _srdf_beside(urdf: Path) -> Path | None:
 def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
     """Read one URDF and find its arms."""
     path = resolve(urdf, file) if "://" in urdf else Path(urdf)
-    try:
-        text = path.read_text(encoding="utf-8")
-        if ET.fromstring(text).tag == "mujoco":
-            raise RobotError(f"'{urdf}' is a model of MuJoCo's", file=file, way_out=CONVERT)
-        tree = Tree.of(text, shape)
-    except (OSError, UnicodeDecodeError, ET.ParseError, IndexError, AttributeError) as error:
-        raise RobotError(
-            f"'{urdf}' cannot be read: {error}", file=file, way_out="name a URDF; xacro makes one of a .xacro"
-        ) from error
+    top = elements_in(path, URDF)
+    with errors_in(path):
+        require_tree(top)
+    tree = Tree.of(top, shape)
     entry: dict[str, Any] = {"urdf": urdf if "://" in urdf else os.path.relpath(path, file.absolute().parent)}
     notes: list[str] = []
     if (pairs := _srdf_beside(path)) is not None:
@@ -251,12 +266,17 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) 
         notes.append(
             f"the base of {path.stem} number {i + 1} stands at y = {entry['base']['position'][1]:g} m"
         )
-    chains = tree.chains()
-    for chain in chains:
-        if chain.is_other:
-            notes.append(
-                f"the chain from '{chain.joints[0]}' to '{chain.tip}' was taken for no arm: it stays"
-            )
+    chains, prefix = tree.chains(), entry.get("prefix", "")
+    notes += [
+        f"{', '.join(prefix + name for name in chain.joints)} are called like a leg, a wheel or a neck, and are no "
+        f"arm: they stay; if they are one, add it to `arms`: {{NAME: {{tip: {prefix}{chain.tip}}}}}"
+        for chain in chains
+        if chain.is_other
+    ]
+    if rest := tree.rest(chains):
+        notes.append(
+            f"{', '.join(prefix + name for name in rest)} belong to no chain of four joints: they stay"
+        )
     return _Part(entry, tree, tuple(c for c in chains if not c.is_other), tuple(notes))
 
 
@@ -281,7 +301,8 @@ def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
     for joint in part.tree.joints:
-        stated, usual = joint.limits, GUESSED.get(joint.kind, {})
+        usual = GUESSED.get(joint.kind, {})
+        stated = {key: value for key, value in joint.limits.items() if key not in joint.guessed}
         missing = {key: value for key, value in usual.items() if key not in stated}
         if joint.name in moving:
             missing = {key: value for key, value in usual.items() if not (stated.get(key) or 0.0) > 0.0}
@@ -307,14 +328,14 @@ def _with_tools(
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
         hand = {prefix + link for link in (*chain.links, *chain.grippers)}
         held = [points for link, points in bodies if link in hand]
-        frames, at_tip = _finger_frames(robot, arm), TOOLS.search(chain.tip) is not None
+        frames = _finger_frames(robot, arm)
+        at_tip = any(has_word(chain.tip, word) for word in BETWEEN) or bool(TOOL_FRAME.search(chain.tip))
         if not chain.fingers:
-            if not at_tip:
-                tool, note = _flange(robot, arm, frames[0], held, how)
-                arms[arm.name] = arms[arm.name] | tool
-                notes.append(note)
+            tool, note = _flange(robot, arm, frames[0], [] if at_tip else held, how)
+            arms[arm.name] = arms[arm.name] | tool
+            notes.append(note)
             continue
-        turn, begin = _grasp_axes(frames)
+        turn, begin = _grasp_axes(frames, bool(FORWARD.search(chain.tip)))
         approach = turn[:, 2]
         end = _farthest(robot, arm, approach, held, begin)
         between = at_tip and begin + how.between * (end - begin) <= 0.0
@@ -362,37 +383,98 @@ def _flange(
 ) -> tuple[dict[str, Any], str]:
     """Return the entry of the tool of an arm without fingers, and a note about it.
 
-    The approach leads away from the last joint: to the tip, where that lies apart, or else to the centre of mass of
-    all that the joint moves. The load is at the end of what is fixed to the tip, or at that centre without a body.
+    The payload is at the end of what is fixed to the tip; where a hand without a body is known by its mass alone, at
+    its centre.
 
     Parameters
     ----------
     from_wrist : array, shape (3,), the tip from the last joint, in its own frame [m]
-    hand : as in `_farthest`
+    hand : as in `_farthest`; empty for a tip that is the tool itself
     """
-    center, approach, least = _center_of_mass(robot, arm), np.array([0.0, 0.0, 1.0]), 0.0
-    if np.linalg.norm(from_wrist) > how.tip_off:
-        approach = _nearest_axis(from_wrist)
-    elif np.linalg.norm(from_wrist + center) > how.mass_off:
-        approach = _nearest_axis(from_wrist + center)
-        least = float(center @ approach)
+    wrist = _Wrist.of(robot, arm, from_wrist)
+    approach, why = wrist.approach(how)
+    least = float(wrist.center @ approach) if why == BY_MASS else 0.0
     end = _farthest(robot, arm, approach, hand, least)
     axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
     axes[:, 0] *= np.linalg.det(axes)
     return _tool(axes, max(end, 0.0)), (
         f"the arm '{arm.name}' ends in '{arm.tip}' without fingers: its tool is taken for the end of that, its "
-        f"approach along {_axis_name(approach)}; give the one that it holds the load with, "
+        f"approach along {_axis_name(approach)}, {why}; give the one that it holds the payload with, "
         "tool: {position: [0, 0, LENGTH]}"
     )
 
 
-def _center_of_mass(robot: Robot, arm: Arm) -> Array:
-    """Return the centre of mass of all that the last joint of an arm moves, from its tip; array, shape (3,) [m]."""
-    model, data = robot.model, robot.model.createData()
-    last = int(arm.columns[-1]) + 1
-    pin.framesForwardKinematics(model, data, robot.home)
-    place = data.oMi[last].act(model.inertias[last].lever)
-    return np.array(data.oMf[model.getFrameId(arm.tip)].actInv(place))
+BY_NAME = "as its name says"
+BY_PLACE = "away from the last joint"
+BY_MASS = "towards the mass of the hand"
+BY_AXIS = "along the axis of the last joint, away from the others"
+BY_CHAIN = "away from the joints before"
+BY_NOTHING = "as nothing tells of another"
+
+
+@dataclass(frozen=True, eq=False)
+class _Wrist:
+    """The end of an arm without fingers, in the axes of its tip.
+
+    Attributes
+    ----------
+    tip : name of the tip
+    place : array, shape (3,), the tip from the last joint [m]
+    axis : array, shape (3,), axis of the last joint
+    center : array, shape (3,), centre of mass of all that the last joint moves, from the tip [m]
+    before : array, shape (n, 3), the last joint from those before it, the nearest first [m]
+    """
+
+    tip: str
+    place: Array
+    axis: Array
+    center: Array
+    before: Array
+
+    @classmethod
+    def of(cls, robot: Robot, arm: Arm, place: Array) -> _Wrist:
+        """Return the end of an arm, with all joints at home."""
+        model, data = robot.model, robot.model.createData()
+        last, *before = (int(column) + 1 for column in arm.columns[::-1])
+        pin.framesForwardKinematics(model, data, robot.home)
+        tip, origin = data.oMf[model.getFrameId(arm.tip)], data.oMi[last].translation
+        turn = tip.rotation.T
+        axes, _ = joint_axes(model)
+        return cls(
+            tip=arm.tip,
+            place=place,
+            axis=turn @ data.oMi[last].rotation @ axes[last - 1],
+            center=np.array(tip.actInv(data.oMi[last].act(model.inertias[last].lever))),
+            before=np.array([turn @ (origin - data.oMi[joint].translation) for joint in before]).reshape(
+                -1, 3
+            ),
+        )
+
+    def approach(self, how: ProposalSettings) -> tuple[Array, str]:
+        """Return the signed axis of the tip along which it approaches, and why.
+
+        A tool's frame has z forward by convention (ROS-Industrial's tool0), a flange's has z or x forward. The centre
+        of mass tells only of a hand that reaches out aside of the last axis: that of a bare flange lies behind it.
+        """
+        forward = np.array([0.0, 0.0, 1.0])
+        if FORWARD.search(self.tip):
+            return forward, BY_NAME
+        if np.linalg.norm(self.place) > how.tip_off:
+            return _nearest_axis(self.place), BY_PLACE
+        if has_word(self.tip, MOUNT):
+            return (np.roll(forward, 1) if np.abs(self.axis).argmax() == 0 else forward), BY_NAME
+        mass = self.place + self.center
+        along = float(mass @ self.axis)
+        aside = mass - along * self.axis
+        if np.linalg.norm(aside) > max(how.mass_off, abs(along)):
+            return _nearest_axis(aside), BY_MASS
+        far = self.before[np.linalg.norm(self.before, axis=1) > how.tip_off]
+        rolls = len(far) > 0 and abs(far[0] @ self.axis) > 0.5 * np.linalg.norm(far[0])
+        if rolls:
+            return _nearest_axis(float(far[0] @ self.axis) * self.axis), BY_AXIS
+        if abs(along) > how.mass_off:
+            return _nearest_axis(along * self.axis), BY_MASS
+        return (_nearest_axis(far[0]), BY_CHAIN) if len(far) else (forward, BY_NOTHING)
 
 
 def _farthest(robot: Robot, arm: Arm, approach: Array, hand: Sequence[Array], least: float) -> float:
@@ -408,12 +490,13 @@ def _farthest(robot: Robot, arm: Arm, approach: Array, hand: Sequence[Array], le
     return max([least, *(float(((points - tip[:3, 3]) @ along).max()) for points in hand)])
 
 
-def _grasp_axes(frames: Array) -> tuple[Array, float]:
+def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
     """Return the axes of a grasp frame in those of the tip, and how far along its approach the fingers begin [m].
 
     Parameters
     ----------
     frames : array, shape (1 + n_fingers, 3), as `_finger_frames` returns them
+    z_is_forward : whether the tip is a frame whose z is its approach by convention
 
     Returns
     -------
@@ -421,7 +504,9 @@ def _grasp_axes(frames: Array) -> tuple[Array, float]:
     """
     from_wrist, fingers = frames[0], frames[1:]  # the tip is at minus the one from the last joint
     middle = fingers.mean(axis=0)
-    approach = _nearest_axis(middle) if np.linalg.norm(middle) > 1e-3 else np.array([0.0, 0.0, 1.0])
+    approach = np.array([0.0, 0.0, 1.0])
+    if np.linalg.norm(middle) > 1e-3 and not z_is_forward:
+        approach = _nearest_axis(middle)
     spread = np.ptp(fingers, axis=0) if len(fingers) > 1 else np.array([0.0, 1.0, 0.0])
     across = _nearest_axis(spread - (spread @ approach) * approach)
     if abs(across @ approach) > 0.5:
@@ -467,7 +552,7 @@ def _left_out(
     drawn = rng.uniform(robot.lower, robot.upper, (how.n_samples, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
     always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= how.always}
-    never = near_but_apart(robot, how.n_samples, rng)
+    never = near_but_apart(robot, clearance_at_home(robot), how.n_samples, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     for part, ((a, b), reason) in product(parts, reasons.items()):
@@ -487,7 +572,7 @@ def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:
     """Return the SRDF of a model with those of its pairs that are left out."""
     top = ET.Element("robot", name=part.tree.name)
     if "srdf" in part.entry:
-        top = ET.fromstring(resolve(part.entry["srdf"], file).read_bytes())
+        top = elements_in(resolve(part.entry["srdf"], file), SRDF)
     for (one, other), reason in left_out[part.entry["urdf"]].items():
         ET.SubElement(top, "disable_collisions", link1=one, link2=other, reason=reason)
     ET.indent(top)

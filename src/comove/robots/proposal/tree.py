@@ -8,20 +8,49 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, pi
 
+from comove.robots.joint_limits import stated_limits
 from comove.robots.soundness import number
 
 MOVING = ("revolute", "continuous", "prismatic")
-OTHERS = re.compile(r"leg|hip|knee|ankle|foot|toe|wheel|thigh|calf|neck|head|gaze", re.IGNORECASE)
-FINGERS = re.compile(r"finger|gripper|jaw|knuckle|thumb|claw", re.IGNORECASE)
-TIPS = tuple(  # names of the last frame of an arm, the best first
-    re.compile(pattern, re.IGNORECASE)
-    for pattern in ("tcp", "grasp", "tool", "gripper$", "(^|_)ee(_|$)|eef", "palm", "hand", "gripper")
+# By kind of joint, where a model states nothing above 0 [rad/s, N m, m/s, N].
+TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}
+GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
+GUESSES, SPRINGS = "comove:guessed", "comove:springs"  # attributes of a URDF (`comove.simulators.mjcf`)
+WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_A-Za-z]+")
+OTHERS = re.compile(r"[lr]?(leg|hip|knee|ankle|foot|toe|wheel|thigh|calf|neck|head|gaze)s?")
+FINGERS = re.compile(r"[lr]?(finger|gripper|jaw|knuckle|thumb|claw)s?")
+WRISTS = frozenset(("roll", "pitch", "yaw", "wrist", "swivel", "rotate", "rotation", "twist"))
+TIPS = (
+    "tcp",
+    "grasp|grasping",
+    "tool(head|frame|plate)?",
+    "gripper$",
+    "ee|eef|effector",
+    "flange",
+    "palm",
+    "hand",
+    "gripper",
 )
+"""Words in the name of an arm's last frame, the best first; with $ only as the last word."""
+LONG_STROKE = 0.2  # m, from which on a joint that slides is no finger unless it is called so
+
+
+def words_of(name: str) -> tuple[str, ...]:
+    """Return the words of a name in lower case: it is split at all that is no letter, and in camelCase."""
+    return tuple(word.lower() for word in WORD.findall(name))
+
+
+def has_word(name: str, pattern: str | re.Pattern[str]) -> bool:
+    """Return whether a whole word of a name matches a pattern; with $ at its end, whether the last one does."""
+    words = words_of(name)
+    if isinstance(pattern, str) and pattern.endswith("$"):
+        words, pattern = words[-1:], pattern[:-1]
+    return any(re.fullmatch(pattern, word) for word in words)
 
 
 @dataclass(frozen=True)
@@ -52,6 +81,8 @@ class Joint:
     parent, child : links that it connects
     leader : name of the joint that it goes along with; None where it moves by itself
     limits : the numbers that are stated, by name; None where a text is none
+    guessed : names of those of them that are guesses
+    springs : share of the weight that is taken off its motor
     """
 
     name: str
@@ -60,11 +91,18 @@ class Joint:
     child: str
     leader: str | None
     limits: Mapping[str, float | None]
+    guessed: tuple[str, ...] = ()
+    springs: float = 0.0
 
     @property
     def moves(self) -> bool:
         """Return whether it has a motor of its own."""
         return self.kind in MOVING and self.leader is None
+
+    @property
+    def states_acceleration(self) -> bool:
+        """Return whether an acceleration is stated, with any prefix."""
+        return any(key.rpartition(":")[2] == "acceleration" for key in self.limits)
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -81,13 +119,16 @@ class Joint:
 
     @property
     def grips(self) -> bool:
-        """Return whether it may be a finger's: it slides, follows, or has such a name and turns by less than half a
-        turn, as wrists of that name do not.
+        """Return whether it may be a finger's: it follows, slides by little, or has such a name and turns by less
+        than half a turn. A roll, pitch or yaw of a gripper is a wrist.
         """
-        if self.kind == "prismatic" or self.leader is not None:
+        if self.leader is not None:
             return True
         lower, upper = self.bounds
-        return bool(FINGERS.search(self.name)) and upper - lower < pi
+        is_called_so = has_word(self.name, FINGERS)
+        if self.kind == "prismatic":
+            return is_called_so or upper - lower < LONG_STROKE
+        return is_called_so and upper - lower < pi and not WRISTS & set(words_of(self.name))
 
 
 @dataclass(frozen=True)
@@ -98,6 +139,7 @@ class Chain:
     ----------
     trunk : joints from the base to the trunk, which move other arms too
     joints : joints from the trunk to the last body
+    moved : links that these joints move, one a joint
     links : links of the last body, from the last joint on
     fingers : joints beyond, those that go along with others included
     grippers : links that fingers move
@@ -106,6 +148,7 @@ class Chain:
 
     trunk: tuple[str, ...]
     joints: tuple[str, ...]
+    moved: tuple[str, ...]
     links: tuple[str, ...]
     fingers: tuple[str, ...]
     grippers: tuple[str, ...]
@@ -115,14 +158,19 @@ class Chain:
         """Return the link of the last body whose name is that of a tool, else the last one."""
         for pattern in TIPS if self.fingers else TIPS[:-1]:
             for link in self.links:
-                if pattern.search(link):
+                if has_word(link, pattern):
                     return link
         return self.links[-1]
 
     @property
     def is_other(self) -> bool:
-        """Return whether the names are those of a leg, a wheel or a neck."""
-        return any(OTHERS.search(name) for name in (*self.joints, *self.links))
+        """Return whether most of its joints, or of the links they move, are called as those of a leg, a wheel or a
+        neck: one such name may be that of a tool.
+        """
+        return any(
+            2 * sum(has_word(name, OTHERS) for name in names) >= len(names)
+            for names in (self.joints, self.moved)
+        )
 
 
 @dataclass(frozen=True)
@@ -143,9 +191,8 @@ class Tree:
     shape: ArmShape = ArmShape()
 
     @classmethod
-    def of(cls, urdf: str, shape: ArmShape = ArmShape()) -> Tree:
-        """Return the tree of a URDF's text, which has been found sound (`comove.robots.soundness`)."""
-        top = ET.fromstring(urdf)
+    def of(cls, top: ET.Element, shape: ArmShape = ArmShape()) -> Tree:
+        """Return the tree of a URDF's root element, which `comove.robots.soundness.require_tree` has accepted."""
         joints = tuple(
             Joint(
                 joint.get("name", ""),
@@ -153,7 +200,9 @@ class Tree:
                 joint.find("parent").get("link", ""),  # type: ignore[union-attr]  # sound
                 joint.find("child").get("link", ""),  # type: ignore[union-attr]
                 next((mimic.get("joint", "") for mimic in joint.findall("mimic")), None),
-                {key: number(text) for limit in joint.findall("limit") for key, text in limit.attrib.items()},
+                stated_limits(joint),
+                tuple(word for limit in joint.findall("limit") for word in limit.get(GUESSES, "").split()),
+                number(joint.get(SPRINGS, "0")) or 0.0,
             )
             for joint in top.findall("joint")
         )
@@ -206,10 +255,11 @@ class Tree:
         at_hand = len(joints) >= shape.least and not is_chest and has_fingers
         if not leaving or at_hand:
             fingers = tuple(self._all_from(leaving))
-            moved = (link for finger in fingers for link in self.body(finger.child))
-            yield Chain(
-                trunk, joints, self.body(link), tuple(finger.name for finger in fingers), tuple(moved)
-            )
+            grippers = (link for finger in fingers for link in self.body(finger.child))
+            child = {joint.name: joint.child for joint in self.joints}
+            moved = tuple(child[joint] for joint in joints)
+            names = tuple(finger.name for finger in fingers)
+            yield Chain(trunk, joints, moved, self.body(link), names, tuple(grippers))
             return
         long = [joint for joint in leaving if self.depth(joint) >= shape.least]
         if len(long) > 1:
@@ -220,7 +270,13 @@ class Tree:
         deepest = max(leaving, key=self.depth)
         yield from self._from(deepest.child, trunk, (*joints, deepest.name) if deepest.moves else joints)
 
+    def rest(self, chains: Iterable[Chain]) -> tuple[str, ...]:
+        """Return the joints with motors of their own that belong to no chain, its trunk or its fingers."""
+        known = {name for chain in chains for name in (*chain.trunk, *chain.joints, *chain.fingers)}
+        return tuple(joint.name for joint in self.joints if joint.moves and joint.name not in known)
+
     def _all_from(self, joints: list[Joint]) -> Iterator[Joint]:
+        """Yield some joints, and all that move beyond them."""
         for joint in joints:
             yield joint
             yield from self._all_from(self.leaving(joint.child))

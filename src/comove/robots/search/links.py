@@ -71,7 +71,11 @@ class Links(NamedTuple):
     arm : array, shape (n_links,), index of the arm, -1 for a link that does not move
     start, end : arrays, shape (n_links, 3), ends of the capsule's axis [m]; in the scene's frame for static links
     radius : array, shape (n_links,), radius of the capsule [m]
-    pairs : array, shape (n_pairs, 2), pairs of links that must not meet
+    pairs : array, shape (n_pairs, 2), pairs of links that must not meet, run by run
+    wider : array, shape (n_pairs,), amount by which the capsules of a pair are nearer than its bodies [m]
+    runs : array, shape (n_runs, 4), the groups of both links, then first and last (exclusive) row of the pairs
+    group : array, shape (n_links,), group of links that move together
+    group_radius : array, shape (n_groups,), radius of a ball about the mean of a group's middles that holds it [m]
     holds : array, shape (n_links,), whether the link is part of the hand, which touches the load
     moving : array, shape (n_moving,), indices of the links that move, arm by arm
     """
@@ -82,22 +86,23 @@ class Links(NamedTuple):
     end: Array
     radius: Array
     pairs: NDArray[np.int64]
+    wider: Array
+    runs: NDArray[np.int64]
+    group: NDArray[np.int64]
+    group_radius: Array
     holds: NDArray[np.bool_]
     moving: NDArray[np.int64]
 
-    def near(self, chains: Chains, samples: Array) -> Links:
-        """Keep only the pairs that come near each other in some of the configurations `samples`, shape (n_samples,
-        n_joints).
-        """
-        return self._replace(pairs=self.pairs[pair_distances(chains, self, samples) < ENOUGH])
+    def some(self, which: NDArray[np.bool_]) -> Links:
+        """Keep only some of the pairs; array, shape (n_pairs,)."""
+        pairs = self.pairs[which]
+        return self._replace(pairs=pairs, wider=self.wider[which], runs=_runs(self.group[pairs]))
 
     def of(self, arm: int) -> Links:
         """Keep only the links of one arm, and their pairs with each other and with links that do not move."""
         others = (self.arm != arm) & (self.arm >= 0)
-        return self._replace(
-            pairs=self.pairs[~others[self.pairs].any(axis=1)],
-            moving=self.moving[self.arm[self.moving] == arm],
-        )
+        own = self.some(~others[self.pairs].any(axis=1))
+        return own._replace(moving=self.moving[self.arm[self.moving] == arm])
 
 
 def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
@@ -115,21 +120,93 @@ def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
     return np.concatenate([body.edges, lattice]), np.concatenate([body.radii, np.zeros(len(lattice))])
 
 
-def links_of(robot: Robot, arms: tuple[Arm, ...], *, meeting: float = 0.02, n_samples: int = 400) -> Links:
+def links_of(robot: Robot, arms: tuple[Arm, ...], *, meeting: float = 0.02) -> Links:
     """Build capsules around the collision geometry; arms that are not among `arms` stay at home.
 
-    Pairs whose capsules, unlike the bodies, meet at home are left out, and those that never come near each other.
+    Only pairs that provably never come near each other are left out. Capsules are wider than bodies: where a pair of
+    them meets at home, it counts as farther apart by what the bodies are there (`wider`).
 
     Parameters
     ----------
-    meeting : distance at home up to which capsules count as meeting, where the bodies are known to be apart [m]
-    n_samples : random configurations that tell which links may come near each other
+    meeting : distance at home up to which capsules count as meeting [m]
     """
-    links, _ = all_links(robot, arms)
+    links, bodies = all_links(robot, arms)
     chains, home = chains_of(robot, arms), np.concatenate([arm.home for arm in arms])
-    links = links._replace(pairs=links.pairs[pair_distances(chains, links, home[None]) > meeting])
-    rng = np.random.default_rng(0)
-    return links.near(chains, rng.uniform(chains.lower, chains.upper, (n_samples, len(chains.lower))))
+    links, apart = links.some(may := _may_meet(chains, links)), pair_distances(chains, links, home[None])[may]
+    meets = np.flatnonzero(apart <= meeting)
+    exact = body_distances(robot, arms, home, bodies[links.pairs[meets]])
+    wider = links.wider.copy()
+    wider[meets] = np.maximum(0.0, exact - apart[meets])
+    return links._replace(wider=wider)
+
+
+def recalled(robot: Robot, arms: tuple[Arm, ...], links: Links, q: Array, too_near: float) -> Links:
+    """Correct how much `wider` capsules are than bodies, where a verification found bodies too near.
+
+    Parameters
+    ----------
+    q : array, shape (n_joints,), joints of `arms` at which they are [rad, m for prismatic joints]
+    too_near : distance of bodies above which pairs stay as they are [m]
+    """
+    _, bodies = all_links(robot, arms)
+    apart, wider = pair_distances(chains_of(robot, arms), links, q[None]), links.wider.copy()
+    some = np.flatnonzero((wider > 0.0) & np.isfinite(apart))
+    exact = body_distances(robot, arms, q, bodies[links.pairs[some]])
+    is_near = exact < too_near
+    some, exact = some[is_near], exact[is_near]
+    wider[some] = np.clip(exact - (apart[some] - wider[some]), 0.0, wider[some])
+    return links._replace(wider=wider)
+
+
+def body_distances(robot: Robot, arms: tuple[Arm, ...], q: Array, pairs: NDArray[np.int64]) -> Array:
+    """Compute the distances of pairs of collision bodies at joints of some arms, the others at home.
+
+    Parameters
+    ----------
+    q : array, shape (n_joints,), joints of `arms` [rad, m for prismatic joints]
+    pairs : array, shape (n_pairs, 2), numbers of bodies
+
+    Returns
+    -------
+    array, shape (n_pairs,) [m]
+    """
+    geometry, joints = robot.collision.copy(), robot.home
+    joints[np.concatenate([arm.columns for arm in arms])] = q
+    geometry.removeAllCollisionPairs()
+    unique, which = np.unique(np.sort(pairs, axis=1), axis=0, return_inverse=True)
+    for first, second in unique.tolist():
+        geometry.addCollisionPair(pin.CollisionPair(first, second))
+    placed = geometry.createData()
+    pin.computeDistances(robot.model, robot.model.createData(), geometry, placed, joints)
+    return np.array([result.min_distance for result in placed.distanceResults])[which.ravel()]
+
+
+def _may_meet(chains: Chains, links: Links) -> NDArray[np.bool_]:
+    """Return which pairs may come within `ENOUGH` of each other, as far as the lengths of the chains tell; array,
+    shape (n_pairs,). Pairs of one arm always may.
+    """
+    root, length = 0.5 * (links.start + links.end), np.linalg.norm(links.end - links.start, axis=1) / 2
+    length, slid = (
+        length + links.radius,
+        np.where(chains.slides, np.maximum(-chains.lower, chains.upper), 0.0),
+    )
+    for i in links.moving.tolist():
+        first, joint = chains.first[links.arm[i]], links.joint[i]
+        length[i] += (
+            np.linalg.norm(root[i]) + np.linalg.norm(chains.offset[first + 1 : joint + 1], axis=1).sum()
+        )
+        length[i] += slid[first : joint + 1].sum()
+        root[i] = chains.offset[first]
+    one, two = links.pairs.T
+    apart = np.linalg.norm(root[one] - root[two], axis=1) - length[one] - length[two]
+    return (links.arm[one] == links.arm[two]) | (apart <= ENOUGH)
+
+
+def _runs(groups: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return `Links.runs` of pairs, whose groups are an array of shape (n_pairs, 2)."""
+    changes = np.flatnonzero((groups[1:] != groups[:-1]).any(axis=1)) + 1
+    first = np.concatenate([np.zeros(min(1, len(groups)), dtype=np.int64), changes])
+    return np.column_stack([groups[first], first, np.append(first[1:], len(groups))[: len(first)]])
 
 
 @lru_cache(maxsize=32)
@@ -157,6 +234,8 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, NDArray[np.in
             radii.append(radius)
     joint, placed = np.array(joints, dtype=np.int64), np.array(ends, dtype=float).reshape(-1, 2, 3)
     arm_of = np.where(joint == STATIC, -1, of_arm[joint])
+    bodies = np.repeat(np.arange(len(of_geometry)), [len(numbers) for numbers in of_geometry])
+    _, group = np.unique(np.where(joint == STATIC, len(columns) + bodies, joint), return_inverse=True)
     pairs = [
         (i, j)
         for pair in collision.collisionPairs
@@ -164,18 +243,38 @@ def all_links(robot: Robot, arms: tuple[Arm, ...]) -> tuple[Links, NDArray[np.in
         for j in of_geometry[pair.second]
         if joint[i] != STATIC or joint[j] != STATIC
     ]
-    bodies = np.repeat(np.arange(len(of_geometry)), [len(numbers) for numbers in of_geometry])
+    pairs.sort(key=lambda pair: (group[pair[0]], group[pair[1]]))
+    numbers = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     links = Links(
         joint=joint,
         arm=arm_of,
         start=placed[:, 0].copy(),
         end=placed[:, 1].copy(),
         radius=np.array(radii, dtype=float),
-        pairs=np.array(pairs, dtype=np.int64).reshape(-1, 2),
+        pairs=numbers,
+        wider=np.zeros(len(numbers)),
+        runs=_runs(group[numbers]),
+        group=group,
+        group_radius=_group_radii(placed, np.array(radii, dtype=float), group),
         holds=np.array(holds, dtype=bool),
         moving=np.concatenate([np.flatnonzero(arm_of == k) for k in range(len(arms))]),
     )
     return links, bodies
+
+
+def _group_radii(ends: Array, radii: Array, group: NDArray[np.int64]) -> Array:
+    """Compute the radii of balls about the means of the middles of groups of capsules; array, shape (n_groups,) [m].
+
+    Parameters
+    ----------
+    ends : array, shape (n_links, 2, 3), ends of the capsules' axes in one frame for each group [m]
+    """
+    found, middles = np.zeros(group.max(initial=-1) + 1), ends.mean(axis=1)
+    for number in range(len(found)):
+        own = group == number
+        away = np.linalg.norm(ends[own] - middles[own].mean(axis=0), axis=2).max(axis=1)
+        found[number] = (away + radii[own]).max()
+    return found
 
 
 def _known(known: dict[object, list[LinkCapsule]], shape: Any, moves: bool) -> list[LinkCapsule]:
@@ -199,7 +298,7 @@ def pair_distances(chains: Chains, links: Links, samples: Array) -> Array:
         place_links(chains, links, samples[k], start, end)
         for p in range(links.pairs.shape[0]):
             i, j = links.pairs[p, 0], links.pairs[p, 1]
-            thick = links.radius[i] + links.radius[j]
+            thick = links.radius[i] + links.radius[j] - links.wider[p]
             if near_enough(start[i], end[i], start[j], end[j], ENOUGH + thick):
                 least[p] = min(least[p], nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
     return least
@@ -373,7 +472,18 @@ def links_near(
         i = links.moving[k]
         holds[i] = links.holds[i]  # of all others nothing is asked
         one = Links(
-            links.joint, links.arm, start, end, links.radius, links.pairs, holds, links.moving[k : k + 1]
+            links.joint,
+            links.arm,
+            start,
+            end,
+            links.radius,
+            links.pairs,
+            links.wider,
+            links.runs,
+            links.group,
+            links.group_radius,
+            holds,
+            links.moving[k : k + 1],
         )
         near[i] = clearance_around(one, around, start, end, nodes, enough) < enough
         holds[i] = True
@@ -400,25 +510,40 @@ def _ball_of_load(nodes: Array, radii: Array) -> tuple[float, float, float, floa
 def clearance_between(links: Links, start: Array, end: Array, cap: float) -> float:
     """Compute the least distance [m] of the links from each other alone, at most `cap`."""
     least = cap
-    middle, reach = _balls(links, start, end)
-    for p in range(links.pairs.shape[0]):
-        i, j = links.pairs[p, 0], links.pairs[p, 1]
-        x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
-        far = reach[i] + reach[j] + least
-        if x * x + y * y + z * z < far * far:
-            thick = links.radius[i] + links.radius[j]
-            least = min(least, nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
+    middle, reach, centre = _balls(links, start, end)
+    for run in range(links.runs.shape[0]):
+        a, b, first, last = links.runs[run]
+        x, y, z = centre[a, 0] - centre[b, 0], centre[a, 1] - centre[b, 1], centre[a, 2] - centre[b, 2]
+        far = links.group_radius[a] + links.group_radius[b] + least
+        if far <= 0.0 or x * x + y * y + z * z >= far * far:
+            continue
+        for p in range(first, last):
+            i, j = links.pairs[p, 0], links.pairs[p, 1]
+            x, y, z = middle[i, 0] - middle[j, 0], middle[i, 1] - middle[j, 1], middle[i, 2] - middle[j, 2]
+            far = reach[i] + reach[j] + least - links.wider[p]
+            if far > 0.0 and x * x + y * y + z * z < far * far:
+                thick = links.radius[i] + links.radius[j] - links.wider[p]
+                least = min(least, nearest_shares(start[i], end[i], start[j], end[j])[2] - thick)
     return least
 
 
 @kernel
-def _balls(links: Links, start: Array, end: Array) -> tuple[Array, Array]:
-    """Compute the bounding balls of the links: centres, array of shape (n_links, 3), and radii (n_links,) [m]."""
+def _balls(links: Links, start: Array, end: Array) -> tuple[Array, Array, Array]:
+    """Compute the bounding balls of the links: centres, array of shape (n_links, 3), and radii (n_links,) [m]; and
+    the centres of the groups' balls, array of shape (n_groups, 3) [m].
+    """
     middle, reach = np.empty_like(start), np.empty(start.shape[0])
+    n_groups = links.group_radius.shape[0]
+    centre, count = np.zeros((n_groups, 3)), np.zeros(n_groups)
     for i in range(start.shape[0]):
-        square = 0.0
+        square, g = 0.0, links.group[i]
+        count[g] += 1.0
         for x in range(3):
             middle[i, x] = 0.5 * (start[i, x] + end[i, x])
+            centre[g, x] += middle[i, x]
             square += (end[i, x] - start[i, x]) ** 2
         reach[i] = links.radius[i] + 0.5 * sqrt(square)
-    return middle, reach
+    for g in range(n_groups):
+        for x in range(3):
+            centre[g, x] /= count[g]
+    return middle, reach, centre

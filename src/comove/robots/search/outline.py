@@ -69,7 +69,7 @@ class Outline:
         untold = frozenset(name for name, is_near in zip(names, near, strict=True) if is_near)
         told = np.array([name not in untold for name in names], dtype=bool)
         still = links.joint == STATIC  # which a load that lies still may touch
-        links = links._replace(pairs=links.pairs[told], holds=still)
+        links = links.some(told)._replace(holds=still)
         edges, radii = load_lines(scene)
         if nodes is None:
             edges, radii, nodes = edges[:0], radii[:0], np.zeros((1, 3))

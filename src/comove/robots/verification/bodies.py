@@ -3,19 +3,20 @@
 ======== ================================================================ ==========================
 kind     pairs                                                            keep
 ======== ================================================================ ==========================
-`SCENE`  every link, the robot's base included, with every obstacle       the scene's clearance
+`SCENE`  every link that a joint moves with every obstacle                the scene's clearance
 `LOAD`   the load with every link but those beyond a holder's last joint  the scene's clearance
 `SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
 ======== ================================================================ ==========================
 
-The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Where the
-places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies
-on different bases, are reduced by their effect.
+The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Links that
+no joint moves may touch obstacles, as a base does that stands on a table: no motion changes it. Where the places of
+the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies on
+different bases, are reduced by their effect.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -156,7 +157,7 @@ def bodies_of(
     for rod, *_ in rods:  # a load between two bases is on neither
         base[rod] = pulls[0][0] if len({number for number, _ in pulls}) == 1 else LOAD_ALONE
         pull[rod] = max(amount for _, amount in pulls) * lever
-    taken = np.array([0.0 if base[a] == base[b] else pull[a] + pull[b] for a, b, _ in pairs]) + COAL_ERROR
+    taken = _taken([(a, b) for a, b, _ in pairs], pull, base)
     taken[kind == LOAD] += miss * lever
     return Bodies(
         robot=robot,
@@ -172,9 +173,32 @@ def bodies_of(
     )
 
 
+def links_apart(robot: Robot) -> Array:
+    """Return the distance that each pair of links keeps in every scene; array, shape (n_pairs,) [m].
+
+    Pairs are those of the robot's collision geometry; distances are as coal computes them.
+    """
+    geometry, bases = robot.collision, Bases(robot, robot.description.uncertainty)
+    names = [robot.model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    _, pull, base = _links_of(geometry, bases, names)
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    return ROBOT_CLEARANCE + _taken(pairs, pull, base)
+
+
+def _taken(pairs: list[tuple[int, int]], pull: Array, base: NDArray[np.int64]) -> Array:
+    """Return by how much the true distance of pairs may be less than the computed one; array, shape (n_pairs,) [m].
+
+    Parameters
+    ----------
+    pull, base : as `_links_of` returns them
+    """
+    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return np.where(base[first] == base[second], 0.0, pull[first] + pull[second]) + COAL_ERROR
+
+
 def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
-    """Add the scene's obstacles; returns the pairs with all links."""
-    links, pairs = range(geometry.ngeoms), []
+    """Add the scene's obstacles; returns the pairs with all links that a joint moves."""
+    links, pairs = np.flatnonzero(_joints(geometry)).tolist(), []
     for i in range(len(scene.file.obstacles)):
         names.append(scene.name_of(i))
         number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1]))
@@ -293,6 +317,35 @@ def _hulls(geometry: Any, names: list[str]) -> tuple[dict[int, int], dict[int, i
         (convex if _is_convex(item.geometry) else others)[number] = geometry.addGeometryObject(hull)
         names.append(names[number])
     return convex, others
+
+
+def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]:
+    """Compute how deep two bodies are in each other.
+
+    Of meshes coal tells that they meet, not how deep; so their hulls are taken.
+
+    Parameters
+    ----------
+    shapes, places : both bodies' shapes, by coal, and placements, as Pinocchio's SE3
+
+    Returns
+    -------
+    depth : 0 where it is not known, as coal builds no hull of a mesh [m]
+    is_bound : whether it is an upper bound, as a mesh is not convex
+    """
+    hulls, is_bound = list(shapes), False
+    for k, shape in enumerate(shapes):
+        if isinstance(shape, coal.BVHModelBase):
+            try:
+                if shape.convex is None:
+                    shape.buildConvexHull(True, "Qt")
+            except RuntimeError:
+                return 0.0, False
+            hulls[k], is_bound = shape.convex, is_bound or not _is_convex(shape)
+    placed = [coal.Transform3s(place.rotation, place.translation) for place in places]
+    result = coal.DistanceResult()
+    coal.distance(hulls[0], placed[0], hulls[1], placed[1], coal.DistanceRequest(), result)
+    return max(0.0, -float(result.min_distance)), is_bound
 
 
 def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:

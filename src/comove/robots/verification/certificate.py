@@ -45,7 +45,7 @@ from comove.errors import OptionError
 from comove.geometry.rotations import cross
 from comove.robots.model import Robot
 from comove.robots.motion import Ranges, fastest
-from comove.robots.verification.bodies import Bodies
+from comove.robots.verification.bodies import Bodies, depth_of
 from comove.robots.verification.carried import LoadMotion, placements
 from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by
 from comove.ties import first_least
@@ -245,6 +245,23 @@ def certify(
             break
         cells = cells.halved(~far)
     return [least._replace(lower=float(bound)) for least, bound in zip(known.least, lower, strict=True)]
+
+
+def overlap(bodies: Bodies, load: LoadMotion, curve: PPoly, found: LinkClearance) -> tuple[float, bool]:
+    """Compute how deep the bodies of a pair are in each other where they are found to meet; see `depth_of`.
+
+    Parameters
+    ----------
+    curve : joint positions by time [s], cubic between samples
+    found : the pair and the time
+    """
+    at = Instants(CarryCourse(bodies.robot, load, curve), np.array([found.time]), 0.0)
+    distances = Distances(bodies)
+    distances(PairCells(at, np.zeros(1, dtype=np.int64), np.array([found.pair])))  # places the bodies
+    first, second = bodies.ends[found.pair].tolist()
+    shapes = [bodies.geometry.geometryObjects[body].geometry for body in (first, second)]
+    places = [distances.placed.oMg[body] for body in (first, second)]
+    return depth_of(shapes, places)
 
 
 class _Known:

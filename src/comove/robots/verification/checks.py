@@ -22,7 +22,7 @@ from comove.robots.motion import (
 )
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_inside
 from comove.robots.verification.carried import LoadMotion
-from comove.robots.verification.certificate import certify
+from comove.robots.verification.certificate import LinkClearance, certify, overlap
 from comove.robots.verification.holding import Errors
 from comove.robots.verification.reach import Bases, joint_axes
 from comove.scenes.scene import Scene
@@ -247,10 +247,8 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
             finding.where[name] = bodies.name(found.pair), found.time
         required = float(bodies.required[kind])
         if not found.upper >= required:
-            still = not bodies.reach[found.pair].any()
-            finding.reasons.append(
-                _contact(bodies.name(found.pair), found.upper, required, still, found.time, kind)
-            )
+            how = _how_near(bodies, carried, curve, found)
+            finding.reasons.append(_contact(bodies.name(found.pair), how, required, found.time, kind))
         elif not found.lower >= required and not unsought:
             finding.reasons.append(
                 f"{bodies.name(found.pair)} are {found.upper:.4g} m apart at {found.time:.2f} s, and it could not be "
@@ -259,13 +257,18 @@ def clearances(bodies: Bodies, carried: LoadMotion, curve: PPoly, slack: float =
     return finding
 
 
-def _contact(pair: str, distance: float, required: float, still: bool, time: float, kind: int) -> str:
-    how = f"come within {distance:.3g} m of each other" if distance > 0 else f"meet, {-distance:.3g} m deep"
-    if still:
-        return (
-            f"{pair} {how.replace('come', 'are')}, which no motion changes ({required:g} m is to be kept); move the "
-            "obstacle, or correct where the robot's base stands"
-        )
+def _how_near(bodies: Bodies, carried: LoadMotion, curve: PPoly, found: LinkClearance) -> str:
+    """Return how near two bodies come, in words; of meshes, coal tells only that they meet: not how deep."""
+    distance = found.upper + float(bodies.taken[found.pair])
+    if found.upper > 0.0:
+        return f"come within {found.upper:.3g} m of each other"
+    if distance > 0.0:
+        return f"may meet: they come within {distance:.3g} m of each other, and places are known to that"
+    depth, is_bound = overlap(bodies, carried, curve, found)
+    return f"meet, {'at most ' if is_bound else ''}{depth:.3g} m deep" if depth > 0.0 else "meet"
+
+
+def _contact(pair: str, how: str, required: float, time: float, kind: int) -> str:
     way_out = {
         SCENE: "find another motion, or ask for less by limits: {clearance: ..}",
         LOAD: "find another motion, or another grasp",

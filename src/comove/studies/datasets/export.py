@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from comove.errors import ResultError
 from comove.io.files import extra
 from comove.io.folders import Contents, check_target, whole_folder
 from comove.studies.datasets import lerobot, lerobot_v21, mcap, npz, robomimic
 from comove.studies.datasets.samples import EpisodeSamples, episodes_of
+
+if TYPE_CHECKING:
+    from comove.studies.generation import Study
 
 DATASET = Contents("dataset")
 """A dataset replaces nothing."""
@@ -68,7 +72,11 @@ def check_export(folder: Path, format: DatasetFormat) -> Path:
 
 
 def export_episodes(
-    folder: Path, scenes: Path, format: DatasetFormat, rate: int | None = None
+    folder: Path,
+    scenes: Path,
+    format: DatasetFormat,
+    rate: int | None = None,
+    study: Study | None = None,
 ) -> tuple[Path, int]:
     """Write the verified episodes of a study as a dataset, each verified anew.
 
@@ -77,6 +85,7 @@ def export_episodes(
     folder : folder of the study, in which the dataset is written
     scenes : folder to which paths in the scenes are relative
     rate : samples a second [Hz]; those of the cameras unless given, 50 without any
+    study : the study, whose scenes must be those of the episodes; the store's own scenes are taken unless given
 
     Returns
     -------
@@ -91,7 +100,7 @@ def export_episodes(
         If a library is not installed, or the file cannot be written.
     """
     path = check_export(folder, format)
-    episodes = episodes_of(folder, scenes, rate)
+    episodes = episodes_of(folder, scenes, rate, study)
     if not format.is_folder:
         return path, format.write(path, episodes)
     with whole_folder(path, DATASET) as draft:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,8 +13,10 @@ from pydantic import ValidationError
 
 from comove.errors import ResultError
 from comove.geometry.rotations import quaternion_of_rotation
+from comove.results.sealed import finite
 from comove.robots import VerifiedJointMotion
-from comove.studies.carried import executed, restored_carry
+from comove.simulators import Execution
+from comove.studies.carried import executed, figures_of, restored_carry
 from comove.studies.runs import StoredCarry, StudyRun
 from comove.studies.study_file import SimulationPart
 from comove.trajectory import interpolated
@@ -69,12 +70,13 @@ def joint_samples(
     """
     carried = restored_carry(kept, motion, store)
     planned = carried.joints.curve(np.minimum(time, carried.joints.duration))
-    measured = planned if simulate is None else _simulated(run, carried, simulate, time, store)
+    figures, measured = figures_of(carried), planned
+    if simulate is not None:
+        execution = _simulated(run, carried, simulate, store)
+        measured = interpolated(time, execution.time, execution.joints)
+        figures["simulation"] = {name: finite(value) for name, value in execution.measures.items()}
     robot, arms = carried.robot, [carried.robot.arm(name) for name in carried.scene.manipulators]
     poses = np.array([[robot.tool_pose(q, arm) for arm in arms] for q in measured])
-    figures = json.loads(kept.certificate)
-    if kept.simulation:
-        figures["simulation"] = json.loads(kept.simulation)
     return EpisodeJoints(
         robot.name,
         robot.joint_names,
@@ -87,8 +89,8 @@ def joint_samples(
     )
 
 
-def _simulated(run: StudyRun, carried: VerifiedJointMotion, simulate: Any, time: Array, store: Path) -> Array:
-    """Return the joints that a simulation measures at given times; array, shape (n_steps, n_joints)."""
+def _simulated(run: StudyRun, carried: VerifiedJointMotion, simulate: Any, store: Path) -> Execution:
+    """Return the simulation of an episode, done anew."""
     try:
         part = SimulationPart.model_validate(simulate)
     except ValidationError as error:
@@ -104,4 +106,4 @@ def _simulated(run: StudyRun, carried: VerifiedJointMotion, simulate: Any, time:
             file=store,
             way_out="use the version of MuJoCo that ran the study, or generate it again in a new folder",
         )
-    return interpolated(time, execution.time, execution.joints)
+    return execution

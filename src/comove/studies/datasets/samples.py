@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,15 +15,20 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations.samples import AXES, QUATERNION
 from comove.errors import OptionError, ResultError
+from comove.results.sealed import checksum, finite
+from comove.results.solution import motion_arrays
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.studies.episode import DAMAGED, restored, sample_times
 from comove.studies.runs import MEASURES, RUNS, StoredMotion, StudyRun, StudyStore
+from comove.studies.variety import passing_class
 from comove.studies.videos import Video
+from comove.verification.bounds import largest_jerk, node_bounds
 from comove.verification.verify import VerifiedMotion, verify
 
 if TYPE_CHECKING:
     from comove.studies.datasets.joints import EpisodeJoints
+    from comove.studies.generation import Study
 
 Array = NDArray[np.float64]
 
@@ -37,7 +42,7 @@ class EpisodeSamples:
 
     Attributes
     ----------
-    run : row of the episode in its store
+    run : row of the episode in its store, with the figures of its motion verified anew
     motion : the motion, verified anew
     rate : samples a second [Hz]
     joints : joints of the robot at the same samples; None without one
@@ -139,30 +144,39 @@ class EpisodeSamples:
         return {name: getattr(self.run, name) for name in names} | figures | robot | contents
 
 
-def episodes_of(folder: Path, scenes: Path, rate: int | None = None) -> Iterator[EpisodeSamples]:
+def episodes_of(
+    folder: Path, scenes: Path, rate: int | None = None, study: Study | None = None
+) -> Iterator[EpisodeSamples]:
     """Yield the verified episodes of a study, each verified anew, in the order of their numbers.
+
+    Their figures are those of this verification, whatever the store says.
 
     Parameters
     ----------
     folder : folder of the study
     scenes : folder to which paths in the scenes are relative
     rate : samples a second [Hz]; as `chosen_rate` says unless given
+    study : the study, each of whose scenes is drawn anew and must be that of the store; the store's own unless given
 
     Raises
     ------
     ResultError
         If there is no study or no verified episode, or a motion was damaged or does not stand the check any more, or
-        a robot's simulation does not deliver its load any more.
+        is another one than the store says or on another scene than the study draws, or a robot's simulation does not
+        deliver its load any more.
     OptionError
         If the rate is out of range, or not that of the cameras.
     """
     store = StudyStore.open(folder / RUNS)
-    described = store.description() or {}
+    described = (store.description() if study is None else study.described) or {}
     found, simulate, cameras = False, described.get("simulate"), described.get("cameras")
     rate = chosen_rate(rate, cameras)
     for run, kept in store.motions():
-        verified = _verified(restored(kept, scenes, store.path), run, store.path)
+        verified = _verified(restored(kept, scenes, store.path), run, store.path, study)
+        run = replace(run, **_figures(verified))
         joints = None
+        if verified.motion.scene.file.robot is not None and kept.carry is None:
+            raise ResultError(f"episode {run.number} has no joints", file=store.path, way_out=DAMAGED)
         if kept.carry is not None:
             from comove.studies.datasets.joints import joint_samples
 
@@ -216,7 +230,10 @@ def _videos(
     return {name: Video(taken[name], f"the video '{name}' of episode {run.number}", store) for name in views}
 
 
-def _verified(motion: CoordinatedMotion, run: StudyRun, file: Path) -> VerifiedMotion:
+def _verified(
+    motion: CoordinatedMotion, run: StudyRun, file: Path, study: Study | None = None
+) -> VerifiedMotion:
+    """Return the motion of an episode, verified anew, if it is the one of its row and of its study."""
     verdict = verify(motion)
     if verdict.verified is None:
         raise ResultError(
@@ -224,7 +241,46 @@ def _verified(motion: CoordinatedMotion, run: StudyRun, file: Path) -> VerifiedM
             file=file,
             way_out=DAMAGED,
         )
+    right = {"motion_sha256": checksum(motion_arrays(motion)), "scene_sha256": motion.scene.sha256}
+    for key, own in right.items():
+        if getattr(run, key) != own:
+            raise ResultError(
+                f"the {key.partition('_')[0]} of episode {run.number} is not that of its row: its checksum differs",
+                file=file,
+                way_out=DAMAGED,
+            )
+    if study is not None:
+        drawn = study.draw(run.number).scene if run.key == study.key(run.number) else None
+        if drawn is None or motion.scene.sha256 not in {
+            choice.sha256 for choice in _solved_on(drawn, motion)
+        }:
+            raise ResultError(
+                f"the scene of episode {run.number} is not the one that the study draws",
+                file=file,
+                way_out=DAMAGED,
+            )
     return verdict.verified
+
+
+def _solved_on(drawn: Scene, motion: CoordinatedMotion) -> Iterator[Scene]:
+    """Yield the scenes that a solution of a drawn scene may have: with what this leaves open filled in."""
+    hasty = drawn.file.objective is not None and drawn.file.objective.type == "least_time"
+    if hasty or not drawn.is_timed:
+        drawn = drawn.with_limits().timed(motion.scene.duration)
+    yield from (drawn, *drawn.alternatives)
+
+
+def _figures(verified: VerifiedMotion) -> dict[str, Any]:
+    """Return the certified measures of a motion and what follows from it, by the names in a row."""
+    motion, report = verified.motion, verified.report
+    measures = ("clearance_min", "distance_error_max", "end_error", "speed_max", "acceleration_max")
+    return {
+        "scene": motion.scene.name,
+        "duration": motion.scene.duration,
+        "jerk_max": finite(largest_jerk(motion, node_bounds(motion).jerk)),
+        "passing": passing_class(motion),
+        **{name: finite(getattr(report, name)) for name in measures},
+    }
 
 
 def require_alike(episode: EpisodeSamples, first: EpisodeSamples) -> None:

@@ -1,0 +1,207 @@
+"""Movements in the vectors of LeRobot datasets: what their coordinates hold, by their names in `meta/info.json`.
+
+Names are lists, lists in a list, or mappings; missing ones say nothing, and then the columns are chosen by numbers.
+LeRobot names the joints of its own arms `shoulder_pan.pos` and keeps them in degrees, or in percent of the range that
+was calibrated, without saying which: `UNSTATED` is the unit of these numbers, until another one is stated.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from comove.demonstrations.cleaning import MAX_DIMS
+from comove.demonstrations.columns import Body, Column, Kind, bodies_of, flat_names, read_columns, spoken
+from comove.demonstrations.samples import AXES, fault
+from comove.demonstrations.units import is_length
+from comove.errors import OptionError, listed, near_name
+
+STATE = "observation.state"
+UNSTATED = "LeRobot unit"
+"""Unit of joints that LeRobot records in degrees, or in percent of a range, without saying which."""
+_OWN_ARMS = re.compile(r".*(so[_-]?10\d|koch|moss|lekiwi).*", re.IGNORECASE)
+_ABOUT_UNSTATED = (
+    f"joints in {UNSTATED}s: degrees, or percent of the range of each, which the dataset does not say; --unit deg if "
+    "they are degrees"
+)
+
+
+@dataclass(frozen=True)
+class Feature:
+    """A vector of a dataset.
+
+    Attributes
+    ----------
+    name : its name, such as `observation.state`
+    width : number of its coordinates
+    names : their names; None if they are missing or do not fit
+    unit : unit that the dataset states for its positions or joints, as comove writes it
+    """
+
+    name: str
+    width: int
+    names: list[str] | None
+    unit: str | None
+
+    @classmethod
+    def of(cls, file: Path, features: Mapping[str, Any], name: str | None) -> Feature:
+        """Return the feature with a name, by default `observation.state`, or the only other vector but actions.
+
+        Raises
+        ------
+        DemonstrationError
+            If there is none, or it is no vector; names those that are.
+        """
+        vectors = {key: width for key in features if (width := _width(features[key])) is not None}
+        if name is None:
+            own = [key for key in vectors if not key.startswith("action")]
+            name = STATE if STATE in features or len(own) != 1 else own[0]
+        if name not in features or not isinstance(features[name], dict):
+            best = min(vectors, key=lambda key: key.startswith("action"), default=None)
+            known = listed([f"{key} [{width}]" for key, width in vectors.items()], 20) or "nothing"
+            near = near_name(name, list(vectors)).partition("known: ")[0]
+            options = {} if best is None else {"feature": best}
+            raise fault(file, "features", f"there is no {name!r}", f"{near}vectors are {known}", **options)
+        if name not in vectors:
+            shape = features[name].get("shape")
+            message = f"it has shape {shape}, which is no vector"
+            raise fault(file, f"features.{name}", message, f"choose one of {listed(list(vectors), 20)}")
+        about = features[name].get("info")
+        unit = about.get("unit") if isinstance(about, dict) else None
+        names = flat_names(features[name].get("names"), vectors[name])
+        return cls(name, vectors[name], names, unit if isinstance(unit, str) else None)
+
+
+def _width(feature: object) -> int | None:
+    """Return the number of coordinates of a vector; None if a feature is none."""
+    if not isinstance(feature, dict) or not str(feature.get("dtype", "float32")).startswith(("float", "int")):
+        return None
+    shape = feature.get("shape")
+    if not isinstance(shape, list) or len(shape) != 1 or type(shape[0]) is not int or shape[0] < 1:
+        return None
+    return None if shape == [1] and not feature.get("names") else shape[0]
+
+
+@dataclass(frozen=True)
+class Movement:
+    """The columns of one movement in a vector, the unit of its coordinates, and notes about what was taken."""
+
+    body: Body
+    unit: str | None
+    notes: tuple[str, ...]
+
+
+def movements_of(
+    file: Path,
+    feature: Feature,
+    *,
+    robot_type: str = "",
+    columns: Sequence[str] | None = None,
+    unit: str | None = None,
+) -> dict[str, Movement]:
+    """Return the movements of a vector by manipulator, "" if the names of its coordinates say none.
+
+    Parameters
+    ----------
+    file : `meta/info.json`, for messages
+    robot_type : robot that recorded it
+    columns : names, or numbers from 1, of the columns that are the positions, or joints
+    unit : unit of positions or joints that the user states; one of angles makes joints of columns without names
+
+    Raises
+    ------
+    DemonstrationError
+        If nothing says what the coordinates hold, or a coordinate stands twice.
+    """
+    key, unit = f"features.{feature.name}", unit or feature.unit
+    is_joints = unit is not None and not is_length(unit)
+    names = feature.names or [f"{feature.name}[{i}]" for i in range(feature.width)]
+    known = read_columns(names if feature.names else [""] * feature.width)
+    if columns is not None:
+        bodies = {"": _chosen(file, columns, names, known, is_joints)}
+    else:
+        bodies = bodies_of(known)
+        if not bodies and is_joints:
+            bodies = {"": Body("", joints=_as_joints(known, names))}
+    if not bodies or any(body.is_repeated for body in bodies.values()):
+        what = (
+            "its coordinates have no names" if not feature.names else f"it has the names {listed(names, 12)}"
+        )
+        which = "nothing says which are the position" if not bodies else "some stand twice"
+        example = [str(i + 1) for i in range(min(feature.width, 3))]
+        raise fault(
+            file,
+            key,
+            f"{what}: {which}",
+            f"choose its {feature.width} columns by their numbers: --columns {','.join(example)}, and of joints say "
+            "the unit as well: --unit rad",
+            columns=example,
+        )
+    found = {}
+    for name, body in bodies.items():
+        own = unit
+        if not body.position:
+            names_of_own = all(column.name.endswith(".pos") for column in body.joints)
+            own = unit or (UNSTATED if names_of_own or _OWN_ARMS.fullmatch(robot_type) else "rad")
+            if own in ("rad", UNSTATED):  # where a gripper is one coordinate more
+                grippers = tuple(replace(column, axis=_joint_name(column, name)) for column in body.grippers)
+                members = sorted((*body.joints, *grippers), key=lambda column: column.number)
+                body = replace(body, joints=tuple(members), grippers=())
+        if len(body.moving) > MAX_DIMS:
+            raise fault(file, key, f"it has {len(body.moving)} coordinates", f"up to {MAX_DIMS} are read")
+        notes = [body.words(own)] if columns is None and feature.names else []
+        if own == UNSTATED:
+            notes.append(_ABOUT_UNSTATED)
+        found[name] = Movement(body, own, tuple(notes))
+    taken = {column.number for one in found.values() for column in one.body.needed}
+    taken |= {c.number for one in found.values() if one.body.position for c in one.body.grippers}
+    left = [column for column in known if column.number not in taken and column.kind is not Kind.INDEX]
+    if left and columns is None and feature.names:
+        note = f"left out: {listed(spoken(left), 8)}"
+        found = {name: replace(one, notes=(*one.notes, note)) for name, one in found.items()}
+    return found
+
+
+def _as_joints(known: Sequence[Column], names: Sequence[str]) -> tuple[Column, ...]:
+    return tuple(
+        Column(column.number, name, Kind.JOINT, name) for column, name in zip(known, names, strict=True)
+    )
+
+
+def _joint_name(column: Column, side: str) -> str:
+    """Return the name of a gripper among the joints of a side, as that of a joint."""
+    (named,) = bodies_of([replace(column, kind=Kind.JOINT)]).values()
+    return named.joints[0].axis if side else column.axis
+
+
+def _chosen(
+    file: Path, columns: Sequence[str], names: Sequence[str], known: Sequence[Column], is_joints: bool
+) -> Body:
+    """Return the body of columns that a user chooses by their names or numbers."""
+    numbers = []
+    for text in columns:
+        if text in names and names.count(text) == 1:
+            numbers.append(names.index(text))
+        elif text.strip().isdecimal() and 1 <= int(text) <= len(names):
+            numbers.append(int(text) - 1)
+        else:
+            near = near_name(text, list(dict.fromkeys(names)))
+            message = f"there is no column {text!r}" if text not in names else f"{text!r} stands twice"
+            way_out = f"{near}; or give numbers from 1 to {len(names)}"
+            raise OptionError(message, file=file, key="columns", way_out=way_out)
+    if len(set(numbers)) < len(numbers):
+        raise OptionError("a column stands twice", file=file, key="columns", way_out="give each once")
+    if is_joints or known[numbers[0]].kind is Kind.JOINT:
+        return Body("", joints=_as_joints([known[i] for i in numbers], [names[i] for i in numbers]))
+    if len(numbers) > len(AXES):
+        raise OptionError(
+            f"{len(numbers)} columns are no position",
+            file=file,
+            key="columns",
+            way_out="give up to three, x, y and z, or of joints the unit as well: --unit rad",
+        )
+    axes = zip(AXES, numbers, strict=False)
+    return Body("", position=tuple(Column(i, names[i], Kind.POSITION, axis) for axis, i in axes))

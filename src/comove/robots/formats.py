@@ -1,0 +1,121 @@
+"""Formats of robot files: what a file is, and what makes of it the one that is wanted."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from comove.errors import MeshError, RobotError, shortened
+from comove.geometry.triangles import elements_of
+
+MAX_BYTES = 20_000_000
+URDF, SRDF, MJCF, XACRO, SDF = "a URDF", "an SRDF", "a model of MuJoCo's (MJCF)", "a xacro", "an SDF"
+DESCRIPTION = "a robot description (YAML)"
+ROOTS = {"mujoco": MJCF, "mujocoinclude": MJCF, "sdf": SDF}
+UNEXPANDED = ("${", "$(")  # in the values of a xacro
+
+
+def elements_in(path: Path, wanted: str) -> ET.Element:
+    """Return the root element of a robot file, which must be of the format `wanted`.
+
+    Raises
+    ------
+    RobotError
+        If it cannot be read, or is of another format; the message names the command that converts it.
+    """
+    data = bytes_in(path, MAX_BYTES)
+    if path.suffix.lower() in (".yaml", ".yml") and not data.lstrip().startswith(b"<"):
+        raise _other(path, DESCRIPTION, wanted)
+    try:
+        root = elements_of(data)
+    except MeshError as error:
+        raise RobotError(error.message, file=path, way_out=error.way_out) from None
+    require_format(root, path, wanted)
+    return root
+
+
+def bytes_in(path: Path, limit: int) -> bytes:
+    """Read a file of at most `limit` bytes.
+
+    Raises
+    ------
+    RobotError
+        If it cannot be read, or is larger.
+    """
+    try:
+        with open(path, "rb") as file:
+            data = file.read(limit + 1)
+    except OSError as error:
+        raise RobotError(
+            f"it cannot be read: {error.strerror}", file=path, way_out="check name and rights"
+        ) from None
+    if len(data) > limit:
+        raise RobotError(f"it is larger than {limit // 1_000_000} MB", file=path, way_out="simplify it")
+    return data
+
+
+def require_format(root: ET.Element, path: Path, wanted: str) -> None:
+    """Refuse a file of another format than `wanted`, and name the command that converts it."""
+    text = None if wanted == MJCF and root.tag != "robot" else _unexpanded(root)
+    if text is not None:
+        raise _other(path, f"{XACRO} ({shortened(text)})", wanted)
+    if root.tag == "robot":
+        found = SRDF if root.find("link") is None and _tells_pairs(root) else URDF
+        if wanted == SRDF and found == URDF and root.find("link") is None:
+            return  # one that names no pair
+    else:
+        found = ROOTS.get(root.tag, "")
+    if not found:
+        needs = "<mujoco>" if wanted == MJCF else "<robot>"
+        raise RobotError(
+            f"it is a <{shortened(root.tag)}>, not a {needs}", file=path, way_out=f"name {wanted}"
+        )
+    if found != wanted:
+        raise _other(path, found, wanted)
+
+
+def require_description(path: Path) -> None:
+    """Refuse a model in place of a robot's description, and name the command that makes one of it."""
+    try:
+        with open(path, "rb") as file:
+            begins = file.read(200).removeprefix(b"\xef\xbb\xbf").lstrip()
+    except OSError:
+        return  # the reader tells
+    if begins.startswith(b"<"):
+        elements_in(path, DESCRIPTION)
+
+
+def _unexpanded(root: ET.Element) -> str | None:
+    """Return the first text of a xacro that is not expanded; None where there is none."""
+    for element in root.iter():
+        if "xacro" in element.tag:
+            return f"<{element.tag}>"
+        for key, value in element.attrib.items():
+            if any(mark in value for mark in UNEXPANDED):
+                return f'{key}="{value}"'
+    return None
+
+
+def _tells_pairs(root: ET.Element) -> bool:
+    tags = ("disable_collisions", "disable_default_collisions", "group", "group_state", "end_effector")
+    return any(root.find(tag) is not None for tag in tags)
+
+
+def _other(path: Path, found: str, wanted: str) -> RobotError:
+    """Return the error of a file that is of the format `found`."""
+    kind = found.partition(" (")[0]
+    if wanted == SRDF:
+        way_out = "name the SRDF of the URDF, or leave `srdf` out of the description"
+    elif kind == XACRO:
+        way_out = f"expand it first: pip install xacro, then xacro {path} > robot.urdf"
+    elif found == MJCF:
+        way_out = f"convert it first: comove robot convert {path} --out FOLDER"
+    elif found == URDF:
+        way_out = f"describe it first: comove robot new {path} --out robot.yaml"
+    elif found == SRDF:
+        way_out = "name the URDF, and this file as its `srdf` in the description"
+    elif found == DESCRIPTION:
+        way_out = f"check it with comove robot check {path}, or name the model in it"
+    else:
+        way_out = "export it as a URDF from the program that wrote it"
+    return RobotError(f"it is {found}, not {wanted}", file=path, way_out=way_out)

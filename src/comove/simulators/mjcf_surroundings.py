@@ -1,0 +1,188 @@
+"""Surroundings of the robot in a compiled MuJoCo model: what stands becomes obstacles, what lies about payloads.
+
+A tree of bodies is the robot's if an actuator drives it, or, in a model without actuators, if it has joints. All
+others stand where the model begins, but for those that move freely.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from comove.geometry.rotations import quaternion_of_rotation
+from comove.simulators.mjcf_actuators import Drive
+
+Array = NDArray[np.float64]
+
+FLOOR, THICK = 10.0, 0.1  # m, half the width of a plane without an end, and its thickness as a box
+
+
+@dataclass(frozen=True)
+class Roles:
+    """The roles of the trees of bodies, each by the body that hangs on the world.
+
+    Attributes
+    ----------
+    robot, standing, loose : trees of the robot, of what stands, and of what moves freely
+    """
+
+    robot: frozenset[int]
+    standing: frozenset[int]
+    loose: frozenset[int]
+
+    @classmethod
+    def of(cls, mj: Any, model: Any, drives: list[Drive]) -> Roles:
+        """Return the roles of all trees of a model."""
+        roots = {int(root) for root in model.body_rootid[1:]}
+        driven, jointed, free = set[int](), set[int](), set[int]()
+        for joint, drive in enumerate(drives):
+            root = int(model.body_rootid[model.jnt_bodyid[joint]])
+            if model.jnt_type[joint] == mj.mjtJoint.mjJNT_FREE:
+                free.add(root)
+                continue
+            jointed.add(root)
+            if drive.is_driven:
+                driven.add(root)
+        robot = driven or jointed - free or jointed
+        loose = free - robot
+        return cls(frozenset(robot), frozenset(roots - robot - loose), frozenset(loose))
+
+
+class Surroundings:
+    """Writer of what is no part of the robot.
+
+    Parameters
+    ----------
+    mj, model : MuJoCo, and the compiled model
+    roles : roles of its trees
+    mesh : function that returns the file name of a mesh by its number
+    """
+
+    def __init__(self, mj: Any, model: Any, roles: Roles, mesh: Any):
+        self.mj, self.model, self.roles, self.mesh = mj, model, roles, mesh
+        self.data = mj.MjData(model)
+        mj.mj_forward(model, self.data)
+        self.notes: list[str] = []
+
+    def obstacles(self, folder: str) -> list[dict[str, Any]]:
+        """Return what stands as the obstacles of a scene, in the frame of the model; meshes are in a folder."""
+        found, names = list[dict[str, Any]](), dict[str, int]()
+        for body in self._bodies(self.roles.standing, world=True):
+            for geom in self._geoms(body):
+                entry = self._obstacle(geom, folder)
+                if entry is None:
+                    self.notes.append(
+                        f"'{self._name(geom)}' stands in the model, and no obstacle has its shape: it is left out"
+                    )
+                    continue
+                stem = re.sub(r"[^\w+-]+", "_", self._name(geom)).strip("_") or "obstacle"
+                names[stem] = names.get(stem, 0) + 1
+                name = stem if names[stem] == 1 else f"{stem}_{names[stem]}"
+                found.append({"name": name, **entry})
+        for joint in range(self.model.njnt):
+            if int(self.model.body_rootid[self.model.jnt_bodyid[joint]]) in self.roles.standing:
+                name = str(self.model.joint(joint).name or joint)
+                self.notes.append(f"no actuator drives '{name}', which stands around the robot and stays")
+        return found
+
+    def payloads(self) -> Iterator[str]:
+        """Yield what lies about, in words, with the payload of a scene that it makes."""
+        for root in sorted(self.roles.loose):
+            told = f"'{self.model.body(root).name or root}' moves freely, and is no part of the robot"
+            load = self._payload(root)
+            yield (
+                f"{told}: as a payload, load: {load}" if load else f"{told}, nor a bar or a box for a payload"
+            )
+
+    def _bodies(self, roots: frozenset[int], *, world: bool = False) -> Iterator[int]:
+        for body in range(self.model.nbody):
+            if int(self.model.body_rootid[body]) in roots if body else world:
+                yield body
+
+    def _geoms(self, body: int) -> Iterator[int]:
+        """Yield the geoms of a body that collide with something."""
+        model, first = self.model, int(self.model.body_geomadr[body])
+        for geom in range(first, first + int(model.body_geomnum[body])):
+            if model.geom_contype[geom] or model.geom_conaffinity[geom]:
+                yield geom
+
+    def _name(self, geom: int) -> str:
+        model = self.model
+        body = int(model.geom_bodyid[geom])
+        return str(model.geom(geom).name or (model.body(body).name if body else "") or f"geom {geom}")
+
+    def _obstacle(self, geom: int, folder: str) -> dict[str, Any] | None:
+        """Return a geom as an obstacle, None where there is no such shape."""
+        kinds, size = self.mj.mjtGeom, self.model.geom_size[geom].tolist()
+        kind = kinds(int(self.model.geom_type[geom]))
+        center, turn = self.data.geom_xpos[geom], self.data.geom_xmat[geom].reshape(3, 3)
+        shape: dict[str, Any]
+        if kind == kinds.mjGEOM_PLANE:
+            wide, long = (size[k] or FLOOR for k in (0, 1))
+            shape = {"shape": "box", "size": [2 * wide, 2 * long, THICK]}
+            center = center - 0.5 * THICK * turn[:, 2]
+        elif kind == kinds.mjGEOM_BOX:
+            shape = {"shape": "box", "size": [2 * value for value in size]}
+        elif kind == kinds.mjGEOM_SPHERE:
+            shape = {"shape": "sphere", "radius": size[0]}
+        elif kind == kinds.mjGEOM_CAPSULE:
+            shape = {"shape": "capsule", "radius": size[0], "length": 2 * size[1]}
+        elif kind == kinds.mjGEOM_CYLINDER:
+            shape = {"shape": "cylinder", "radius": size[0], "height": 2 * size[1]}
+        elif kind == kinds.mjGEOM_ELLIPSOID:
+            shape = {"shape": "ellipsoid", "radii": size}
+        elif kind == kinds.mjGEOM_MESH:
+            number = int(self.model.geom_dataid[geom])
+            shape = {"shape": "mesh", "file": f"{folder}/{self.mesh(number)}"}
+        else:
+            return None
+        entry = shape | {"center": _rounded(center)}
+        if kind != kinds.mjGEOM_SPHERE and np.abs(turn - np.eye(3)).max() > 1e-9:
+            entry["quaternion_wxyz"] = _unit(turn)
+        return entry
+
+    def _payload(self, root: int) -> str | None:
+        """Return the load of a scene that a loose tree makes, where it is one box, capsule or cylinder."""
+        geoms = [geom for body in self._bodies(frozenset((root,))) for geom in self._geoms(body)]
+        if len(geoms) != 1:
+            return None
+        kinds, size = self.mj.mjtGeom, self.model.geom_size[geoms[0]].tolist()
+        kind, mass = int(self.model.geom_type[geoms[0]]), float(self.model.body_subtreemass[root])
+        if kind == int(kinds.mjGEOM_BOX):
+            load = {"shape": "box", "size": _rounded(2 * self.model.geom_size[geoms[0]])}
+        elif kind in (int(kinds.mjGEOM_CAPSULE), int(kinds.mjGEOM_CYLINDER)):
+            load = {"shape": "bar", "length": round(2 * size[1], 6), "radius": round(size[0], 6)}
+        else:
+            return None
+        text = yaml.safe_dump(
+            load | {"mass": round(mass, 6)}, sort_keys=False, default_flow_style=True, width=999
+        )
+        return text.strip()
+
+
+def fragment(obstacles: list[dict[str, Any]], file: Path) -> str:
+    """Return obstacles as the text of a file that scenes and `comove robot scene` take."""
+    head = (
+        f"# What stands around the robot in {file.name}, in its frame [m]: obstacles of a scene.\n"
+        "# comove robot scene ROBOT --obstacles FILE, or copy the list into a scene.\n"
+    )
+    return head + yaml.safe_dump(
+        {"obstacles": obstacles}, sort_keys=False, default_flow_style=None, width=110
+    )
+
+
+def _rounded(values: Array) -> list[float]:
+    return (np.asarray(values, dtype=np.float64).round(9) + 0.0).tolist()
+
+
+def _unit(turn: Array) -> list[float]:
+    """Return a rotation as a quaternion whose norm is 1 in all digits that are written."""
+    quaternion = quaternion_of_rotation(turn)
+    return (quaternion / np.linalg.norm(quaternion)).tolist()

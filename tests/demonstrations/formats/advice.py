@@ -1,0 +1,38 @@
+"""Following the commands that refusals print."""
+
+import shlex
+
+import pytest
+
+from comove.demonstrations import Demonstration
+from comove.errors import ComoveError
+
+
+def printed_command(error):
+    """Return the words of the command that a refusal prints."""
+    _, found, command = error.way_out.partition("run: ")
+    assert found, str(error)
+    return shlex.split(command)
+
+
+def printed_options(error):
+    """Return the options of the printed command, as `Demonstration.load` takes them."""
+    program, verb, _, *words = printed_command(error)
+    assert (program, verb) == ("comove", "learn")
+    options = dict(zip((word.removeprefix("--") for word in words[::2]), words[1::2], strict=True))
+    options.pop("out")
+    if "columns" in options:
+        options["columns"] = options["columns"].split(",")
+    if "rate" in options:
+        options["rate"] = float(options["rate"])
+    return options
+
+
+def follow(path, most=5, **options):
+    """Load a file with the options that refusals print, each command as it is printed."""
+    for _ in range(most):
+        try:
+            return Demonstration.load(path, **options)
+        except ComoveError as error:
+            options = printed_options(error)
+    pytest.fail("advice without end")
