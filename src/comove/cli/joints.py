@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,11 +11,14 @@ import numpy as np
 
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words
-from comove.errors import InputError, OptionError, RobotError
+from comove.cli.texts import say
+from comove.errors import ComoveError, InputError, OptionError, RobotError
 
 if TYPE_CHECKING:
     from comove.robots import Robot
     from comove.scenes import Scene
+    from comove.simulators import GraspModel, Perturbation
+    from comove.simulators.live_record import OnlineRecord
 
 RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
 METHODS = ("comove", "paper", "task-priority")
@@ -48,12 +52,15 @@ class SimulatedRun:
     grasp : name of the grasp
     perturbed : seed of the perturbation; None for none
     budget : simulated time that it may last [s]; None for `RUN_LONGEST` times the plan's duration
+    pictures, film : whether a sheet of pictures, and a film, are drawn
     """
 
     rate: float = USUAL_RATE
     grasp: str = "weld"
     perturbed: int | None = None
     budget: float | None = None
+    pictures: bool = True
+    film: bool = False
 
 
 def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
@@ -168,7 +175,7 @@ def run_joints(
     loaded, scene, out, robot : as of `solve_joints`
     """
     from comove.cli.progress import progress_bar, time_spent
-    from comove.cli.texts import robot_run_text
+    from comove.cli.texts import in_rows, robot_run_text
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind
     from comove.results import RESULT
@@ -210,13 +217,42 @@ def run_joints(
             draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
         )
         write_inputs(draft, loaded, files=carrier.files, command=command_words())
+        drawn_files = _draw_run(record, draft, GRASPS[how.grasp](), drawn, how)
     if json:
         print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
     else:
         print(robot_run_text(summary, out))
+        print(*in_rows([(what, str(out / name)) for what, name in drawn_files]), sep="\n")
     if record.interrupted:
         return INTERRUPTED
     return NOT_VERIFIED if report.reasons else VERIFIED
+
+
+def _draw_run(
+    record: OnlineRecord,
+    folder: Path,
+    grasp: GraspModel,
+    perturbation: Perturbation | None,
+    how: SimulatedRun,
+) -> list[tuple[str, str]]:
+    """Draw a run into a folder; return what was drawn and the names of the files."""
+    from comove.simulators.pictures import FilmedRun, draw_film, draw_sheet
+
+    found: list[tuple[str, str]] = []
+    if not (how.pictures or how.film) or len(record.time) < 2:
+        return found
+    filmed = (
+        FilmedRun.of(record, grasp) if perturbation is None else FilmedRun.of(record, grasp, perturbation)
+    )
+    try:
+        if how.pictures:
+            draw_sheet(filmed, folder / "robot_run.png")
+            found.append(("pictures", "robot_run.png"))
+        if how.film:
+            found.append(("film", draw_film(filmed, folder / "robot_run.mp4").name))
+    except ComoveError as error:  # what was run counts without them
+        say(f"warning: no pictures: {error}", file=sys.stderr)
+    return found
 
 
 def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:

@@ -219,6 +219,8 @@ def run(
             help="Seconds of simulated time that the run may last; 4 times the plan's unless given."
         ),
     ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
+    film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print robot_run.json and nothing else.")] = False,
 ) -> int:
     """Let a robot carry SCENE's load in MuJoCo, step by step among obstacles that move; as 'comove run'."""
@@ -228,5 +230,5 @@ def run(
 
     with progress_bar():
         loaded = Scene.load(scene)
-    how = SimulatedRun(rate, grasp, perturbed, budget)
+    how = SimulatedRun(rate, grasp, perturbed, budget, pictures, film)
     return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)
