@@ -30,6 +30,7 @@ from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
 from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, alternatives, grasp_of
+from comove.scenes.grasp_distance import far_grasps
 from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
@@ -568,6 +569,9 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         _say_shift(end, before, after, scene.manipulators)
     scene = replace(scene, start=moved[0], goal=moved[1])
     _require_heading(scene, path)
+    if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
+        place = f"{path}: " if path is not None else ""
+        warnings.warn(f"{place}{said}", ComoveWarning, stacklevel=3)
     _require_free_ends(scene, path)
     _require_kept_ends(scene, path)
     return scene
