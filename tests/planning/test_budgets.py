@@ -130,7 +130,7 @@ def test_work_is_counted_and_added_up():
 
 @pytest.mark.parametrize("budget", [0, -1.0, float("nan"), float("inf"), "30", True, None])
 def test_what_is_no_budget_is_refused(budget):
-    with pytest.raises(OptionError, match="budget = .*positive number of seconds"):
+    with pytest.raises(OptionError, match=r"budget = .*positive number of seconds"):
         solve(example("narrow"), budget=budget)
 
 
