@@ -486,6 +486,10 @@ class Scene:
         """Show the scene in a notebook, or else in a browser; see `comove.show`."""
         comove.show(self)
 
+    def _repr_html_(self) -> str:
+        """Return picture and contents for a notebook."""
+        return comove.as_html(self)
+
     def owner_of(self, row: int) -> int:
         """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
         return int(self.owners[row]) if row >= 0 else int(row)
