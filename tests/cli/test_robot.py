@@ -156,18 +156,6 @@ def test_show_tells_an_edit(copy):
     assert "was edited" in invoke("show", copy).stderr
 
 
-@pytest.mark.parametrize("verb", ["solve", "run"])
-def test_who_solves_hands_alone_is_told_that_no_joint_is_looked_at(tmp_path, verb):
-    scene = scene_with(tmp_path, duration=-1.0)
-    assert "hands alone" not in invoke(verb, scene, "--out", tmp_path / "out").stderr, "bad input comes first"
-    scene = scene_with(tmp_path)
-    told = invoke(
-        verb, scene, "--out", tmp_path / "out", *(["--method", "projection"] if verb == "solve" else [])
-    )
-    assert "the hands alone: no joint of the robot 'baxter' is looked at" in told.stderr
-    assert f"comove robot {verb} " in told.stderr
-
-
 def test_verify_and_show_speak_of_the_robot(solved):
     result = invoke("verify", SCENE, solved)
     assert result.exit_code == 0 and "baxter" in text_of(result)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from comove.errors import ComoveWarning, OptionError, near_name
+from comove.errors import OptionError, near_name
 
 if TYPE_CHECKING:
     from comove.planning import LeastJerk, LeastTime, PaperCost
@@ -62,17 +61,6 @@ class SceneLimits(RunLimits):
     """Options that change what a scene asks of a motion."""
 
     jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None
-
-
-def warn_of_hands_alone(scene: Scene, file: Path, verb: str) -> None:
-    """Warn where a scene names a robot, and a command looks at none of its joints."""
-    if scene.file.robot is not None:
-        warnings.warn(
-            f"{file}: the hands alone: no joint of the robot '{scene.file.robot}' is looked at; "
-            f"with its joints: comove robot {verb} {file} --out DIR",
-            ComoveWarning,
-            stacklevel=2,
-        )
 
 
 def require_one_of(name: str, known: Sequence[str], what: str) -> None:

@@ -89,7 +89,6 @@ def run(
     check_target(out, RESULT)
     with progress_bar():
         loaded = Scene.load(scene, limits.changes)
-        o.warn_of_hands_alone(loaded, scene, "run")
     if names_robot(loaded, robot, hands_alone):
         if compare:
             raise OptionError(

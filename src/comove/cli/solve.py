@@ -118,7 +118,6 @@ def solve(
     check_target(out, RESULT)
     with progress_bar():
         loaded = Scene.load(scene, limits.changes)
-        o.warn_of_hands_alone(loaded, scene, "solve")
     if names_robot(loaded, robot, hands_alone):
         _require_joints(loaded, robot, method, no_planner, obstacles)
         how = Wanted(method, objective, resemblance, weights, library, demonstration)
