@@ -148,7 +148,8 @@ def test_show_refuses_entries_that_are_none(copy, changes):
 
 def test_show_tells_an_edit(copy):
     edited(copy, load_mass=0.3)
-    assert invoke("show", copy).exit_code == 0  # well signed: that is for `verify` to find
+    shown = invoke("show", copy)  # well signed, and verified nevertheless
+    assert shown.exit_code == 1 and "NOT VERIFIED" in shown.stdout
     assert invoke("verify", SCENE, copy).exit_code == 1
     summary = json.loads((copy / "robot.json").read_text()) | {"load_mass": 0.2}
     (copy / "robot.json").write_text(json.dumps(summary))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.samples import IN_MEMORY, TIME, UNIT, Origin, fault
 from comove.demonstrations.units import ANGLES, LENGTHS, TIMES
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, OptionError
 
 Array = NDArray[np.float64]
 
@@ -147,6 +147,19 @@ def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "")
         or f"name the unit: --time '{bare} [ms]', or '{bare} [s]'; or give the rate of frames: --rate HZ",
         time=f"{bare} [ms]",
     )
+
+
+def require_rate(rate: float) -> float:
+    """Return a sampling rate [Hz], and raise if it is none.
+
+    Raises
+    ------
+    OptionError
+        If it is no positive number.
+    """
+    if isinstance(rate, bool) or not 0 < rate < np.inf:
+        raise OptionError(f"{rate!r} is no rate", key="rate", way_out="give samples a second, such as 100")
+    return float(rate)
 
 
 def doubts(

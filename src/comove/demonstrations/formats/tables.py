@@ -37,7 +37,7 @@ from comove.demonstrations.columns import (
 )
 from comove.demonstrations.formats import csv
 from comove.demonstrations.formats.layout import HOURS, SEPARATORS, Layout, is_missing, is_time, layout_of
-from comove.demonstrations.plausibility import seconds, unit_of_time
+from comove.demonstrations.plausibility import require_rate, seconds, unit_of_time
 from comove.demonstrations.samples import (
     AXES,
     MAX_ROWS,
@@ -168,10 +168,8 @@ class _Request:
             raise OptionError(
                 "both a column of time and a rate are given", key="rate", way_out="give one of them"
             )
-        if self.rate is not None and (isinstance(self.rate, bool) or not 0 < self.rate < np.inf):
-            raise OptionError(
-                f"{self.rate!r} is no rate", key="rate", way_out="give samples a second, such as 100"
-            )
+        if self.rate is not None:
+            require_rate(self.rate)
         if self.unit is not None:
             object.__setattr__(self, "unit", require_unit(self.unit, self.path))
 
