@@ -6,8 +6,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words
 from comove.errors import InputError, OptionError, RobotError
@@ -167,6 +165,8 @@ def run_joints(
     ----------
     loaded, scene, out, robot : as of `solve_joints`
     """
+    import numpy as np
+
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import robot_run_text
     from comove.io.folders import check_target, whole_folder

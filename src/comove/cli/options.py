@@ -177,13 +177,15 @@ def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
     """Return the movement of a primitive's file or a recording, or the distribution of a folder of recordings."""
     from comove.primitives import ProMP, read_primitive
     from comove.primitives.recordings import is_several, read_recording, read_several
-    from comove.scenes import fitted
+    from comove.scenes import fitted, followed_in
 
     named = str(path)
     if is_several(named):
         return ProMP.fit(read_several([named])[0])
     if path.suffix == ".json":
-        return read_primitive(path).followed
+        source = scene.file.demonstration
+        plane = None if source is None else source.plane
+        return followed_in(scene, read_primitive(path), key="--demonstration", plane=plane)
     return fitted(scene, read_recording(named).demonstration)
 
 
