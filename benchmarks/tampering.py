@@ -6,8 +6,8 @@
 Folders of each kind are made once. A forger who has read the source then changes one at random: bytes and numbers of
 any array, entries of any summary, the scene of the folder's own, weights of the curve with samples, measures and
 claims computed anew by comove's own functions on an easier scene, poses and obstacles of runs, times, robot
-descriptions, rows of stores; or puts together what belongs to different folders. All checksums are redone. Half of the
-folders are verified against the scene that is trusted, half against their own, by the functions that commands call.
+descriptions, rows of stores; or puts together what belongs to different folders. All checksums are redone. Half of
+the folders are verified against the scene that is trusted, half against their own, as commands do.
 
 What is called verified is looked at by code that shares neither geometry nor files with the verifier: samples as a
 consumer would play them, distances by `tests/brute_force.py`, obstacles moved by the keys of the scene's file,
