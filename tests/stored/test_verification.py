@@ -1,5 +1,6 @@
 """Every part of a result folder is verified against a trusted scene and robot, or what it is against is said."""
 
+import json
 import shutil
 
 import numpy as np
@@ -140,3 +141,19 @@ def test_options_that_change_a_scene_need_one(simulated, tmp_path):
     assert done.exit_code == 2 and "name the scene before the folder" in done.stderr
     done = invoke("verify", simulated, simulated, simulated)
     assert done.exit_code == 2 and "3 paths" in done.stderr
+
+
+def test_verbs_that_use_joints_say_what_they_are_verified_against_and_take_what_is_trusted(
+    simulated, tmp_path
+):
+    copy = shutil.copytree(simulated, tmp_path / "copy")
+    done = invoke("robot", "export", copy, "--format", "npz", "--no-transfers")
+    assert done.exit_code == 0, done.stderr
+    assert "verified against the folder's own scene" in done.stderr and "'baxter'" in done.stderr
+    scene = tmp_path / "other.yaml"
+    contents = json.loads((copy / "scene.json").read_text())
+    contents["obstacles"].append({"shape": "sphere", "center": [0.58, 0.0, 0.1], "radius": 0.05})
+    scene.write_text(json.dumps(contents))
+    for options in (("--scene", scene), ("--robot", "pr2")):
+        done = invoke("robot", "export", copy, "--format", "csv", *options)
+        assert done.exit_code == 2, done.output
