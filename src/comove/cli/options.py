@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from comove.planning import LeastJerk, LeastTime, PaperCost
     from comove.planning.method import Method
     from comove.primitives import DMP, Library, PoseDMP, ProMP
+    from comove.robots import VerifiedJointMotion
     from comove.scenes import Scene
 
 METHODS = ("comove", "projection", "paper", "printed")
@@ -61,6 +63,32 @@ class SceneLimits(RunLimits):
     """Options that change what a scene asks of a motion."""
 
     jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None
+
+
+@dataclass(frozen=True)
+class Trusted:
+    """Options of what a robot's motion in a folder is verified against."""
+
+    scene: Annotated[
+        Path | None, typer.Option(help="Scene file that you trust; the folder's own scene unless given.")
+    ] = None
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Robot that you trust: a bundled one's name, or a description; the scene's unless given."
+        ),
+    ] = None
+
+    def verified(self, folder: Path) -> VerifiedJointMotion:
+        """Return the joint motion in a folder, verified anew, and print what it was verified against."""
+        from comove.cli.texts import say
+        from comove.robots.files import verified_against
+        from comove.scenes import Scene
+
+        scene = None if self.scene is None else Scene.load(self.scene)
+        motion, (against, robot) = verified_against(folder, scene=scene, robot=self.robot)
+        say(f"verified against {against}, {robot}", file=sys.stderr)
+        return motion
 
 
 def require_one_of(name: str, known: Sequence[str], what: str) -> None:

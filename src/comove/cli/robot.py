@@ -85,13 +85,14 @@ def simulate(
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
     film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
+    *,
+    trusted: o.Trusted,
 ) -> int:
     """Play the motion in DIR with MuJoCo: servos, contacts, slip, forces on the load."""
     import numpy as np
 
     from comove.cli.texts import in_rows, simulation_text
     from comove.io.files import require_target
-    from comove.robots import verified_motion
     from comove.simulators import (
         GRASPS,
         Perturbation,
@@ -102,7 +103,7 @@ def simulate(
     )
 
     o.require_one_of(grasp, tuple(GRASPS), "grasp")
-    motion = verified_motion(folder)
+    motion = trusted.verified(folder)
     require_target(folder / "simulation.npz", ResultError)
     robot = motion.robot
     drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
@@ -135,15 +136,17 @@ def export(
             help="Also the motions from home to the grasp and from there home; unless said, where there are any."
         ),
     ] = None,
+    *,
+    trusted: o.Trusted,
 ) -> int:
     """Judge the motion in DIR anew and write it there in a format that robots play."""
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
-    from comove.robots import plan_transfers, verified_motion
+    from comove.robots import plan_transfers
 
     if format is not None:
         o.require_one_of(format, FORMATS, "format")
-    motion = verified_motion(folder)
+    motion = trusted.verified(folder)
     kind = usual_format(motion) if format is None else KINDS[format]
     check_export(motion, folder, kind, rate=rate, transfers=transfers is not False)
     planned = None
@@ -171,10 +174,12 @@ def send(
         float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
     ] = 0.2,
     timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
+    *,
+    trusted: o.Trusted,
 ) -> int:
     """Judge the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
     from comove.export import Ros1Client, SendError, Tolerances, send
-    from comove.robots import plan_transfers, verified_motion
+    from comove.robots import plan_transfers
 
     o.require_one_of(part, PARTS, "part")
     given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
@@ -182,7 +187,7 @@ def send(
         if not 0 < value < float("inf"):
             raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
-    motion = verified_motion(folder)
+    motion = trusted.verified(folder)
     transfers = None if part == "carry" else plan_transfers(motion)
     try:
         with Ros1Client() as client:
