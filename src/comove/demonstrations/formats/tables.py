@@ -131,10 +131,19 @@ def names(path: str | os.PathLike[str], **options: Any) -> tuple[str, ...]:
         return tuple(_Table.of(_Request(path, **options)).bodies())
 
 
+def is_table(path: Path) -> bool:
+    """Return whether a file is a text with a table of numbers, whatever its suffix."""
+    try:
+        with telling(path):
+            return bool(layout_of(existing_file(path, MAX_BYTES, _TOO_LONG)).sample)
+    except DemonstrationError:
+        return False
+
+
 FORMAT = Format(
     "text table",
     read,
-    suffixes=(".csv", ".tsv", ".txt", ".dat", ".asc", ".trc", ".tum"),
+    suffixes=(".csv", ".tsv", ".txt", ".dat", ".asc", ".trc", ".mot", ".sto", ".tum"),
     write=csv.write,
     bodies=names,
     options=frozenset({"columns", "delimiter", "time", "rate", "unit", "drop_missing"}),
@@ -224,6 +233,11 @@ class _Table:
         if layout.unit is not None:
             columns = tuple(
                 replace(c, unit=layout.unit) if c.kind is Kind.POSITION and c.unit is None else c
+                for c in columns
+            )
+        if layout.angles is not None:
+            columns = tuple(
+                replace(c, unit=layout.angles) if c.kind is Kind.JOINT and c.unit is None else c
                 for c in columns
             )
         if layout.types:
@@ -398,6 +412,10 @@ class _Table:
     def _grows(self, number: int) -> bool:
         """Return whether the numbers of a column grow in the first rows."""
         return _grows(self._sample(number))
+
+    def _counts(self, number: int) -> bool:
+        """Return whether a column counts rows, one by one."""
+        return bool((np.diff(_floats(self._sample(number))) == 1.0).all())
 
     # Numbers.
 
@@ -691,6 +709,7 @@ class _Table:
         ]
         options: dict[str, Any] = {"rate": 100}
         advice = "give the samples a second: --rate HZ"
+        growing = [column for column in growing if not self._counts(column.number)]
         if growing and not self.guessed:
             named = growing[0].name or str(growing[0].number + 1)
             advice, options = f"name it: --time {named!r}, or {advice}", {"time": named}
