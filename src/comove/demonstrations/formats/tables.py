@@ -357,9 +357,7 @@ class _Table:
         if request.time is not None:
             return self._chosen_clock(request.time)
         found = [column for column in self.columns if column.kind is Kind.TIME and self._is_readable(column)]
-        chosen = (
-            set() if request.columns is None else {c.number for n in request.columns for c in self._named(n)}
-        )
+        chosen = self._chosen_numbers()
         found = [column for column in found if column.number not in chosen]
         if (
             not found
@@ -377,6 +375,10 @@ class _Table:
             words = f"time at {layout.rate:g} samples a second, as the file says"
             return _Clock(tuple(frames), rate=layout.rate, words=words)
         raise self._no_time()
+
+    def _chosen_numbers(self) -> set[int]:
+        """Return the numbers of the columns that the user names as positions."""
+        return {column.number for name in self.request.columns or () for column in self._named(name)}
 
     def _chosen_clock(self, time: str) -> _Clock:
         bare = bare_name(time)
@@ -709,7 +711,8 @@ class _Table:
         ]
         options: dict[str, Any] = {"rate": 100}
         advice = "give the samples a second: --rate HZ"
-        growing = [column for column in growing if not self._counts(column.number)]
+        chosen = self._chosen_numbers()
+        growing = [c for c in growing if not self._counts(c.number) and c.number not in chosen]
         if growing and not self.guessed:
             named = growing[0].name or str(growing[0].number + 1)
             advice, options = f"name it: --time {named!r}, or {advice}", {"time": named}
