@@ -15,6 +15,7 @@ from comove.errors import SceneError, near_name
 
 if TYPE_CHECKING:
     from comove.studies import Study, StudyReport
+    from comove.studies.variety import Variety
 
 NO_FORMATS: list[str] = []
 
@@ -119,11 +120,18 @@ def _text(report: StudyReport) -> str:
         lines += [
             f"  two episodes   differ by {100 * found.starts:.1f} cm in start, {100 * found.goals:.1f} cm in goal, "
             f"{100 * found.paths:.1f} cm in path ({100 * found.shapes:.1f} cm in its shape)",
-            f"  passing sides  {len(found.classes)} classes, {found.entropy:.2f} bit: {classes}",
+            f"  passing sides  {_sides(found)}: {classes}",
         ]
     lines.append(f"  bytes          {report.bytes_each:.0f} an episode")
     lines.append(f"  processor time {report.seconds_in_all / max(1, report.ended):.2f} s an episode")
     return "\n".join(lines)
+
+
+def _sides(found: Variety) -> str:
+    """Say how many ways past the obstacles there are, and how evenly the episodes take them."""
+    if len(found.classes) == 1:
+        return "the same in all episodes"
+    return f"{len(found.classes)} classes, as varied as {2**found.entropy:.3g} equally frequent ones"
 
 
 def _joint_lines(report: StudyReport) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.planning.arguments import (
     carried_demonstration,
     check_options,
@@ -123,10 +124,16 @@ def solve(
     -----
     ComoveWarning
         If the demonstration, adapted to the scene's start and goal, is magnified by more than 3 or leaves the
-        workspace.
+        workspace; and if the scene names a robot, no joint of which is looked at here.
     """
     aim = None if callable(objective) else objective
     check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
+    if carrier is None and scene.file.robot is not None and not isinstance(method, Quick):
+        message = (
+            f"the scene names the robot '{scene.file.robot}', and solve looks at the hands alone; "
+            "comove.robots.carry(scene, robot) looks at its joints"
+        )
+        warnings.warn(message, ComoveWarning, stacklevel=2)
     functions = own(objective, listed(constraints), scene)
     if functions is not None and functions.constraints:
         checks = (*checks, functions.reasons)

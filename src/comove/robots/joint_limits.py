@@ -18,11 +18,12 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from comove.errors import RobotError
 from comove.robots.description import JointLimits
-from comove.robots.soundness import LIMITED, RATES, local_name
+from comove.robots.soundness import LIMITED, RATES, local_name, number
 
 SOFT = {"soft_lower": "soft_lower_limit", "soft_upper": "soft_upper_limit"}  # by key of a description
 
@@ -116,6 +117,20 @@ def _listed(names: Iterable[str]) -> str:
 
 def _as_limits(keys: Mapping[str, list[str]]) -> str:
     return "{" + ", ".join(f"{name}: {{{', '.join(values)}}}" for name, values in keys.items()) + "}"
+
+
+def stated_limits(joint: ET.Element) -> dict[str, float | None]:
+    """Return the numbers that a joint's <limit> states, by attribute; None where a text is none.
+
+    Position limits are narrowed to the soft ones. The joint need not be sound.
+    """
+    limits = {key: number(text) for limit in joint.findall("limit") for key, text in limit.attrib.items()}
+    with suppress(ValueError):
+        soft = _soft(joint)
+        for key, narrower in (("lower", max), ("upper", min)):
+            if soft and limits.get(key) is not None:
+                limits[key] = narrower(float(limits[key] or 0.0), soft[f"soft_{key}"])
+    return limits
 
 
 def _hard(joint: ET.Element) -> tuple[float, float]:

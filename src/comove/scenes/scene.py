@@ -30,6 +30,7 @@ from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
 from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, alternatives, grasp_of
+from comove.scenes.grasp_distance import far_grasps
 from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
@@ -485,6 +486,10 @@ class Scene:
         """Show the scene in a notebook, or else in a browser; see `comove.show`."""
         comove.show(self)
 
+    def _repr_html_(self) -> str:
+        """Return picture and contents for a notebook."""
+        return comove.as_html(self)
+
     def owner_of(self, row: int) -> int:
         """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
         return int(self.owners[row]) if row >= 0 else int(row)
@@ -568,6 +573,9 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         _say_shift(end, before, after, scene.manipulators)
     scene = replace(scene, start=moved[0], goal=moved[1])
     _require_heading(scene, path)
+    if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
+        place = f"{path}: " if path is not None else ""
+        warnings.warn(f"{place}{said}", ComoveWarning, stacklevel=3)
     _require_free_ends(scene, path)
     _require_kept_ends(scene, path)
     return scene

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError
 from comove.planning.search import Interruption
+from comove.processes import one_blas_thread
 from comove.robots.online.executor import JointExecutor
 from comove.simulators.building import TIMESTEP, build_world
 from comove.simulators.engine import engine, without_log
@@ -23,6 +24,7 @@ from comove.simulators.world import World, moving_body
 Array = NDArray[np.float64]
 
 
+@one_blas_thread()
 def run_live(
     executor: JointExecutor,
     budget: float,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from math import inf, pi
 
+from comove.robots.joint_limits import stated_limits
 from comove.robots.soundness import number
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -199,7 +200,7 @@ class Tree:
                 joint.find("parent").get("link", ""),  # type: ignore[union-attr]  # sound
                 joint.find("child").get("link", ""),  # type: ignore[union-attr]
                 next((mimic.get("joint", "") for mimic in joint.findall("mimic")), None),
-                {key: number(text) for limit in joint.findall("limit") for key, text in limit.attrib.items()},
+                stated_limits(joint),
                 tuple(word for limit in joint.findall("limit") for word in limit.get(GUESSES, "").split()),
                 number(joint.get(SPRINGS, "0")) or 0.0,
             )

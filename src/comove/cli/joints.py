@@ -1,0 +1,239 @@
+"""What `comove solve` and `comove run` do for a scene that names a robot: its joints are planned and verified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from comove.cli import options as o
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words
+from comove.errors import InputError, OptionError, RobotError
+
+if TYPE_CHECKING:
+    from comove.robots import Robot
+    from comove.scenes import Scene
+
+RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
+METHODS = ("comove", "paper", "task-priority")
+LEAST_RATE, USUAL_RATE, LARGEST_RATE = 50.0, 250.0, 500.0  # Hz, of control steps
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What a motion of a robot shall be like, as options of commands say it.
+
+    Attributes
+    ----------
+    method, objective, resemblance, weights, library, demonstration : options of `comove solve`
+    """
+
+    method: str = "comove"
+    objective: str | None = None
+    resemblance: float | None = None
+    weights: str | None = None
+    library: Path | None = None
+    demonstration: Path | None = None
+
+
+@dataclass(frozen=True)
+class SimulatedRun:
+    """How a robot's run is simulated, as options of commands say it.
+
+    Attributes
+    ----------
+    rate : control steps in a second [Hz]
+    grasp : name of the grasp
+    perturbed : seed of the perturbation; None for none
+    budget : simulated time that it may last [s]; None for `RUN_LONGEST` times the plan's duration
+    """
+
+    rate: float = USUAL_RATE
+    grasp: str = "weld"
+    perturbed: int | None = None
+    budget: float | None = None
+
+
+def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
+    """Return whether a robot's joints are looked at: where the scene or the command names one.
+
+    Raises
+    ------
+    OptionError
+        If the command names a robot, and the hands alone.
+    """
+    if hands_alone and robot is not None:
+        raise OptionError("a robot, and the hands alone", key="--hands-alone", way_out="give one of the two")
+    return not hands_alone and (robot is not None or scene.file.robot is not None)
+
+
+def solve_joints(
+    loaded: Scene,
+    scene: Path,
+    out: Path,
+    robot: str | None,
+    wanted: Wanted,
+    *,
+    seed: int,
+    budget: float,
+    json: bool,
+) -> int:
+    """Find a motion that a robot can carry out, verify its joints, save and draw it; return the exit code.
+
+    Parameters
+    ----------
+    loaded, scene : the scene, and its file
+    out : folder for the result
+    robot : name or description; what the scene says unless given
+    """
+    from comove.cli.progress import progress_bar, time_spent
+    from comove.cli.solve import exit_code, load_views
+    from comove.cli.texts import in_rows, joints_text, summary_text
+    from comove.io.folders import check_target, whole_folder
+    from comove.planning import SceneKind, movements_of
+    from comove.primitives import Library
+    from comove.results import RESULT
+    from comove.robots import carry
+    from comove.robots.kernels import load_robot_kernels
+    from comove.scenes import demonstration_of
+
+    chosen = o.method_named(wanted.method, METHODS)
+    smooth = wanted.method == "comove"
+    o.check_budget(budget)
+    check_target(out, RESULT)
+    with progress_bar(budget) as progress:
+        load_robot_kernels(SceneKind.of(loaded), beside=load_views)
+        objective = o.objective_of(wanted.objective, wanted.resemblance, wanted.weights, loaded, smooth)
+        carrier, named = robot_named(robot, loaded, scene)
+        source, taught = None, demonstration_of(loaded)
+        if wanted.demonstration is not None:
+            taught = o.demonstration_at(wanted.demonstration, loaded)
+        if wanted.library is not None:
+            source, taught = o.from_library(Library(wanted.library), loaded, chosen, seed, budget)
+        movements = movements_of(taught, loaded)
+        o.require_demonstration(wanted.resemblance, movements, scene)
+        try:
+            found = carry(
+                loaded,
+                carrier,
+                demonstration=movements,
+                seed=seed,
+                method=None if smooth else chosen,
+                budget=budget,
+                progress=progress,
+                objective=objective,
+            )
+        except InputError as error:
+            error.file = error.file or scene
+            raise
+    from comove.views import save_robot_result
+
+    solution = found.solution
+    with whole_folder(out, RESULT) as draft:
+        summary = save_robot_result(
+            found,
+            draft,
+            wall_time_s=time_spent(),
+            demonstration=movements,
+            source=named,
+            command=command_words(),
+        )
+    if json:
+        print((out / "solution.json").read_text(encoding="utf-8"), end="")
+        return exit_code(solution)
+    print(summary_text(summary, out))
+    print(joints_text(carrier.name, found.report.asdict()))
+    rows = [] if source is None else [("demonstration", f"{source} of {wanted.library}")]
+    rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
+    print(*in_rows(rows), sep="\n")
+    return exit_code(solution)
+
+
+def run_joints(
+    loaded: Scene,
+    scene: Path,
+    out: Path,
+    robot: str | None,
+    how: SimulatedRun,
+    *,
+    seed: int,
+    json: bool,
+) -> int:
+    """Let a robot carry a scene's load in MuJoCo, step by step, record and judge it; return the exit code.
+
+    Parameters
+    ----------
+    loaded, scene, out, robot : as of `solve_joints`
+    """
+    import numpy as np
+
+    from comove.cli.progress import progress_bar, time_spent
+    from comove.cli.texts import robot_run_text
+    from comove.io.folders import check_target, whole_folder
+    from comove.planning import SceneKind
+    from comove.results import RESULT
+    from comove.results.inputs import write_inputs
+    from comove.robots.kernels import load_robot_kernels
+    from comove.robots.online.executor import JointExecutor, OnlineSettings
+    from comove.simulators import GRASPS, Perturbation
+    from comove.simulators.live import run_live
+    from comove.simulators.live_record import judge_run
+    from comove.simulators.robot_runs import write_robot_run
+    from comove.views import draw_joints, save
+
+    o.require_one_of(how.grasp, tuple(GRASPS), "grasp")
+    if not LEAST_RATE <= how.rate <= LARGEST_RATE:
+        raise OptionError(
+            f"{how.rate:g} Hz are not possible",
+            key="--rate",
+            way_out=f"give {LEAST_RATE:g} to {LARGEST_RATE:g}",
+        )
+    if how.budget is not None:
+        o.check_budget(how.budget)
+    check_target(out, RESULT)
+    carrier, named = robot_named(robot, loaded, scene)
+    with progress_bar():
+        load_robot_kernels(SceneKind.of(loaded))
+        settings = OnlineSettings(period=1.0 / how.rate)
+        executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
+        drawn = None
+        if how.perturbed is not None:
+            drawn = Perturbation.drawn(np.random.default_rng(how.perturbed), len(carrier.joint_names))
+        longest = how.budget or RUN_LONGEST * executor.plan.scene.duration
+        record = run_live(executor, longest, GRASPS[how.grasp](), drawn)
+        report = judge_run(record)
+    with whole_folder(out, RESULT) as draft:
+        failed = " (not as it should)" if report.reasons else ""
+        title = f"{loaded.name}, {carrier.name}, online{failed}"
+        save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
+        summary = write_robot_run(
+            draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
+        )
+        write_inputs(draft, loaded, files=carrier.files, command=command_words())
+    if json:
+        print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
+    else:
+        print(robot_run_text(summary, out))
+    if record.interrupted:
+        return INTERRUPTED
+    return NOT_VERIFIED if report.reasons else VERIFIED
+
+
+def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:
+    """Return the robot named by the command line, or else by the scene, and its description's name or path."""
+    from comove.robots import Robot, bundled_robots, find_description
+
+    named = name if name is not None else scene.file.robot
+    if named is None:
+        raise RobotError(
+            "neither the scene nor the command names a robot",
+            file=file,
+            key="robot",
+            way_out=f"add robot: NAME to the scene or give --robot; bundled: {', '.join(bundled_robots())}",
+        )
+    try:
+        path = find_description(named, None if name is not None else file.parent)
+    except RobotError as error:
+        error.file, error.key = (file, "robot") if name is None else (error.file, "--robot")
+        raise
+    return Robot.load(path), named if named in bundled_robots() else path
