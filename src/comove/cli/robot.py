@@ -66,7 +66,7 @@ def solve(
 
     o.check_budget(budget)
     with progress_bar():
-        loaded = Scene.load(scene, limits.changes)
+        loaded = Scene.read(scene, limits.changes)
     wanted = Wanted(method, objective, resemblance, weights, library)
     return solve_joints(loaded, scene, out, robot, wanted, seed=seed, budget=budget, json=json)
 
@@ -227,6 +227,6 @@ def run(
     from comove.scenes import Scene
 
     with progress_bar():
-        loaded = Scene.load(scene)
+        loaded = Scene.read(scene)
     how = SimulatedRun(rate, grasp, perturbed, budget)
     return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)

@@ -117,8 +117,24 @@ class Scene:
         SceneError
             If the file cannot be read, breaks the contract or contradicts itself.
         """
+        return cls.read(path, changes).with_free_ends()
+
+    @classmethod
+    def read(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
+        """Read a scene file as `load` does, but leave the ends unchecked, for which kernels are compiled."""
         path = Path(path)
         return _build(load_scene_file(path, changes), scene_folder(path), path)
+
+    def with_free_ends(self) -> Scene:
+        """Return the scene itself if the load and the hands touch nothing at start and goal.
+
+        Raises
+        ------
+        SceneError
+            If they do, or are nearer than the scene's clearance.
+        """
+        _require_free_ends(self, self.path)
+        return self
 
     @classmethod
     def from_dict(cls, data: dict[str, Any], *, folder: str | Path | None = None) -> Scene:
@@ -130,7 +146,7 @@ class Scene:
             As `load`.
         """
         folder = None if folder is None else Path(folder)
-        return _build(parse_scene(data, folder=folder), folder or Path(), None)
+        return _build(parse_scene(data, folder=folder), folder or Path(), None).with_free_ends()
 
     def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
         """Return the scene from a later instant on: the remainder of a movement that has begun.
@@ -576,7 +592,6 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
         place = f"{path}: " if path is not None else ""
         warnings.warn(f"{place}{said}", ComoveWarning, stacklevel=3)
-    _require_free_ends(scene, path)
     _require_kept_ends(scene, path)
     return scene
 
