@@ -370,7 +370,7 @@ def test_a_model_of_mujocos_is_written_as_a_urdf_and_never_over_files(tmp_path):
     made = invoke("robot", "convert", model, "--out", tmp_path / "arm")
     assert made.exit_code == 0, text_of(made)
     before = {path.name: path.read_bytes() for path in (tmp_path / "arm").rglob("*") if path.is_file()}
-    assert set(before) == {"arm.urdf", "arm.srdf", "wedge.stl"}
+    assert set(before) == {"arm.urdf", "arm.srdf", "wedge.stl", "arm-obstacles.yaml"}
     again = invoke("robot", "convert", model, "--out", tmp_path / "arm")
     assert again.exit_code == 2
     assert {

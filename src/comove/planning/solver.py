@@ -125,14 +125,14 @@ def solve(
         If the demonstration, adapted to the scene's start and goal, is magnified by more than 3 or leaves the
         workspace; and if the scene names a robot, no joint of which is looked at here.
     """
+    aim = None if callable(objective) else objective
+    check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
     if carrier is None and scene.file.robot is not None and not isinstance(method, Quick):
         message = (
             f"the scene names the robot '{scene.file.robot}', and solve looks at the hands alone; "
             "comove.robots.carry(scene, robot) looks at its joints"
         )
         warnings.warn(message, ComoveWarning, stacklevel=2)
-    aim = None if callable(objective) else objective
-    check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
     functions = own(objective, listed(constraints), scene)
     if functions is not None and functions.constraints:
         checks = (*checks, functions.reasons)

@@ -149,7 +149,7 @@ def _in_scene(recording: Demonstration, scene: Scene, source: DemonstrationSourc
     if recording.is_joints:
         raise _of_joints("recording", recording.name, recording.unit, scene, key)
     position, axes = recording.position * (source.scale or 1.0), recording.axes
-    if set(axes) == set(AXES[: len(axes)]):  # written in another order
+    if axes and set(axes) == set(AXES[: len(axes)]):  # written in another order
         position, axes = position[:, [axes.index(axis) for axis in sorted(axes)]], ()
     if scene.n_dims == 3 and recording.n_dims == 2 and source.plane is not None:
         flat, position = position, np.zeros((len(position), 3))
