@@ -108,7 +108,7 @@ def solve_joints(
             loaded, scene, wanted.demonstration, wanted.library, wanted.resemblance
         )
         movements, source = movements_of(taught, loaded), None
-        loaded.with_free_ends()
+        loaded.require_free_ends()
         load_robot_kernels(SceneKind.of(loaded), beside=load_views)
         if library is not None:
             source, taught = o.from_library(library, loaded, chosen, seed, budget)
@@ -211,7 +211,7 @@ def run_joints(
     _require_carried(carrier, loaded.standing().alternatives[0], scene)
     hold.moving([carrier.arm(name) for name in loaded.manipulators])
     with progress_bar():
-        loaded.with_free_ends()
+        loaded.require_free_ends()
         load_robot_kernels(SceneKind.of(loaded))
         executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
         drawn = None

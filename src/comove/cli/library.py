@@ -258,9 +258,9 @@ def combine(
     library = Library(folder)
     primitives = [library.get(name) for name in names] if names else library
     with progress_bar(budget) as progress:
-        loaded = Scene.read(scene)
+        loaded = Scene.load(scene, check_ends=False)
         suitable(primitives, loaded)
-        loaded.with_free_ends()
+        loaded.require_free_ends()
         found = combine(primitives, loaded, seed=seed, budget=budget, progress=progress)
     verdict = "verified" if found.verified else "NOT VERIFIED"
     parts = [

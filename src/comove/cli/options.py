@@ -210,10 +210,15 @@ def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
     from comove.primitives import ProMP, read_primitive
     from comove.primitives.recordings import is_several, read_recording, read_several
     from comove.scenes import fitted, followed_in
+    from comove.scenes.demonstration import require_dimension
 
     named = str(path)
     if is_several(named):
-        return ProMP.fit(read_several([named])[0])
+        recordings, _ = read_several([named])
+        first = recordings[0]
+        of_one = next(iter(first.values())) if isinstance(first, dict) else first
+        require_dimension(of_one.n_dims, scene)
+        return ProMP.fit(recordings)
     if path.suffix == ".json":
         source = scene.file.demonstration
         plane = None if source is None else source.plane

@@ -88,7 +88,7 @@ def run(
         o.check_budget(budget)
     check_target(out, RESULT)
     with progress_bar():
-        loaded = Scene.read(scene, limits.changes)
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
     if names_robot(loaded, robot, hands_alone):
         if compare:
             raise OptionError(
@@ -108,7 +108,7 @@ def run(
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
         taught = demonstration_of(loaded)
-        loaded.with_free_ends()
+        loaded.require_free_ends()
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
             planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))

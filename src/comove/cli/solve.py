@@ -117,7 +117,7 @@ def solve(
         )
     check_target(out, RESULT)
     with progress_bar():
-        loaded = Scene.read(scene, limits.changes)
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
     if names_robot(loaded, robot, hands_alone):
         _require_joints(loaded, robot, method, no_planner, obstacles)
         how = Wanted(method, objective, resemblance, weights, library, demonstration)
@@ -132,7 +132,7 @@ def solve(
         check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
         known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
         movements, source = movements_of(taught, part), None
-        loaded.with_free_ends()
+        loaded.require_free_ends()
         load_kernels(SceneKind.of(loaded), beside=load_views)
         if known is not None and method == "single":
             from comove.experiments.compared import Single
