@@ -59,8 +59,10 @@ def generate(
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
     from comove.studies.datasets.samples import chosen_rate
+    from comove.studies.runner import check_study_folder
 
     part, run = running.part, running.run
+    check_study_folder(out)
     loaded = Study.load(study, episodes=episodes, seed=seed)
     wanted = _formats(formats, loaded, running.shard)
     chosen_rate(rate, loaded.described.get("cameras"))

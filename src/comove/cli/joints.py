@@ -97,28 +97,29 @@ def solve_joints(
     from comove.cli.solve import exit_code, load_views
     from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, movements_of
-    from comove.primitives import Library
+    from comove.planning import SceneKind, check_method, movements_of
     from comove.results import RESULT
     from comove.robots import carry
     from comove.robots.kernels import load_robot_kernels
-    from comove.scenes import demonstration_of
 
     chosen = o.method_named(wanted.method, METHODS)
     smooth = wanted.method == "comove"
     o.check_budget(budget)
     check_target(out, RESULT)
+    objective = o.objective_of(wanted.objective, wanted.resemblance, wanted.weights, loaded, smooth)
+    carrier, named = robot_named(robot, loaded, scene)
     with progress_bar(budget) as progress:
+        check_method(loaded, chosen, objective)
+        _require_carried(carrier, loaded.alternatives[0], scene)
+        library, taught = o.movement_given(
+            loaded, scene, wanted.demonstration, wanted.library, wanted.resemblance
+        )
+        movements, source = movements_of(taught, loaded), None
+        loaded.require_free_ends()
         load_robot_kernels(SceneKind.of(loaded), beside=load_views)
-        objective = o.objective_of(wanted.objective, wanted.resemblance, wanted.weights, loaded, smooth)
-        carrier, named = robot_named(robot, loaded, scene)
-        source, taught = None, demonstration_of(loaded)
-        if wanted.demonstration is not None:
-            taught = o.demonstration_at(wanted.demonstration, loaded)
-        if wanted.library is not None:
-            source, taught = o.from_library(Library(wanted.library), loaded, chosen, seed, budget)
-        movements = movements_of(taught, loaded)
-        o.require_demonstration(wanted.resemblance, movements, scene)
+        if library is not None:
+            source, taught = o.from_library(library, loaded, chosen, seed, budget)
+            movements = movements_of(taught, loaded)
         try:
             found = carry(
                 loaded,
@@ -156,6 +157,17 @@ def solve_joints(
     return exit_code(solution)
 
 
+def _require_carried(robot: Robot, choice: Scene, scene: Path) -> None:
+    """Refuse a scene that no robot carries, or not this one; `choice` is the scene with one of its grasps."""
+    from comove.robots import RobotCarrier
+
+    try:
+        RobotCarrier(robot, choice)
+    except InputError as error:
+        error.file = error.file or scene
+        raise
+
+
 def run_joints(
     loaded: Scene,
     scene: Path,
@@ -183,7 +195,8 @@ def run_joints(
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
     from comove.simulators import GRASPS, Perturbation
-    from comove.simulators.live import run_live
+    from comove.simulators.engine import engine
+    from comove.simulators.live import run_live, steps_of
     from comove.simulators.live_record import judge_run
     from comove.simulators.robot_runs import write_robot_run
     from comove.views import draw_joints, save
@@ -198,16 +211,21 @@ def run_joints(
     if how.budget is not None:
         o.check_budget(how.budget)
     check_target(out, RESULT)
+    settings, hold = OnlineSettings(period=1.0 / how.rate), GRASPS[how.grasp]()
     carrier, named = robot_named(robot, loaded, scene)
+    engine()
+    steps_of(settings.period)
+    _require_carried(carrier, loaded.standing().alternatives[0], scene)
+    hold.moving([carrier.arm(name) for name in loaded.manipulators])
     with progress_bar():
+        loaded.require_free_ends()
         load_robot_kernels(SceneKind.of(loaded))
-        settings = OnlineSettings(period=1.0 / how.rate)
         executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
         drawn = None
         if how.perturbed is not None:
             drawn = Perturbation.drawn(np.random.default_rng(how.perturbed), len(carrier.joint_names))
         longest = how.budget or RUN_LONGEST * executor.plan.scene.duration
-        record = run_live(executor, longest, GRASPS[how.grasp](), drawn)
+        record = run_live(executor, longest, hold, drawn)
         report = judge_run(record)
     with whole_folder(out, RESULT) as draft:
         failed = " (not as it should)" if report.reasons else ""

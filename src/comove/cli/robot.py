@@ -66,7 +66,7 @@ def solve(
 
     o.check_budget(budget)
     with progress_bar():
-        loaded = Scene.load(scene, limits.changes)
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
     wanted = Wanted(method, objective, resemblance, weights, library)
     return solve_joints(loaded, scene, out, robot, wanted, seed=seed, budget=budget, json=json)
 
@@ -234,6 +234,6 @@ def run(
     from comove.scenes import Scene
 
     with progress_bar():
-        loaded = Scene.load(scene)
+        loaded = Scene.load(scene, check_ends=False)
     how = SimulatedRun(rate, grasp, perturbed, budget, pictures, film)
     return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)
