@@ -139,7 +139,7 @@ def test_functions_that_give_no_place():
     scene = crossing(disc([0.5, 0.9], {"velocity": [0.0, -0.1]}))
     with pytest.raises(OptionError, match="2 functions for 1 obstacles"):
         Functions(scene, [None, None])
-    with pytest.raises(OptionError, match=r"the function of obstacles\[0\] gives"):
+    with pytest.raises(OptionError, match=r"the function of obstacles\[0\] \(\w+\) gives"):
         Executor(scene, Functions(scene, [lambda t: [0.5, float("nan")]])).step()
     with pytest.raises(OptionError, match="budget"):
         Executor(scene).run(0.0)

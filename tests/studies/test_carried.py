@@ -198,11 +198,11 @@ def written_again(folder):
 
 
 def test_what_is_not_delivered_is_kept_apart_with_its_reason(tmp_path):
-    """Servos as soft as rubber: the joints are verified, and the load does not arrive."""
+    """Servos as soft as rubber that err about the load: the joints are verified, and the load does not arrive."""
     require_mujoco()
-    path = written(tmp_path, simulate={"grasp": "weld", "perturbed": False}, episodes=1)
+    path = written(tmp_path, simulate={"grasp": "weld", "perturbed": True}, episodes=1)
     robot = tmp_path / "robot.yaml"
-    soft = yaml.safe_load(robot.read_text()) | {"servo": {"stiffness": [150.0, 150.0, 150.0, 2.0]}}
+    soft = yaml.safe_load(robot.read_text()) | {"servo": {"stiffness": [30.0, 30.0, 30.0, 2.0]}}
     robot.write_text(yaml.safe_dump(soft))
     study, out = Study.load(path), tmp_path / "out"
     out.mkdir()
