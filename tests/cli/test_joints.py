@@ -98,5 +98,7 @@ def test_run_is_that_of_the_robot(tmp_path):
     done = invoke("run", SCENE, "--out", tmp_path / "out", "--period", 0.004)
     assert done.exit_code == 0, done.stderr
     assert parts_of(tmp_path / "out") == (Part.ROBOT_RUN,)
+    assert (tmp_path / "out/scene.json").is_file()
+    assert (tmp_path / "out/robot_run.png").is_file() or "no pictures" in done.stderr
     done = invoke("verify", SCENE, tmp_path / "out")
     assert done.exit_code == 0 and "at samples" in done.stdout.splitlines()[0]

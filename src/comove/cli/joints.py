@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words
-from comove.errors import InputError, OptionError, RobotError
+from comove.cli.texts import say
+from comove.errors import ComoveError, InputError, OptionError, RobotError
 
 if TYPE_CHECKING:
     from comove.robots import Robot
     from comove.scenes import Scene
+    from comove.simulators import GraspModel, Perturbation
+    from comove.simulators.live_record import OnlineRecord
 
 RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
 METHODS = ("comove", "paper", "task-priority")
@@ -46,12 +50,15 @@ class SimulatedRun:
     grasp : name of the grasp
     perturbed : seed of the perturbation; None for none
     budget : simulated time that it may last [s]; None for `RUN_LONGEST` times the plan's duration
+    pictures, film : whether a sheet of pictures, and a film, are drawn
     """
 
     rate: float = USUAL_RATE
     grasp: str = "weld"
     perturbed: int | None = None
     budget: float | None = None
+    pictures: bool = True
+    film: bool = False
 
 
 def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
@@ -90,28 +97,29 @@ def solve_joints(
     from comove.cli.solve import exit_code, load_views
     from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, movements_of
-    from comove.primitives import Library
+    from comove.planning import SceneKind, check_method, movements_of
     from comove.results import RESULT
     from comove.robots import carry
     from comove.robots.kernels import load_robot_kernels
-    from comove.scenes import demonstration_of
 
     chosen = o.method_named(wanted.method, METHODS)
     smooth = wanted.method == "comove"
     o.check_budget(budget)
     check_target(out, RESULT)
+    objective = o.objective_of(wanted.objective, wanted.resemblance, wanted.weights, loaded, smooth)
+    carrier, named = robot_named(robot, loaded, scene)
     with progress_bar(budget) as progress:
+        check_method(loaded, chosen, objective)
+        _require_carried(carrier, loaded.alternatives[0], scene)
+        library, taught = o.movement_given(
+            loaded, scene, wanted.demonstration, wanted.library, wanted.resemblance
+        )
+        movements, source = movements_of(taught, loaded), None
+        loaded.require_free_ends()
         load_robot_kernels(SceneKind.of(loaded), beside=load_views)
-        objective = o.objective_of(wanted.objective, wanted.resemblance, wanted.weights, loaded, smooth)
-        carrier, named = robot_named(robot, loaded, scene)
-        source, taught = None, demonstration_of(loaded)
-        if wanted.demonstration is not None:
-            taught = o.demonstration_at(wanted.demonstration, loaded)
-        if wanted.library is not None:
-            source, taught = o.from_library(Library(wanted.library), loaded, chosen, seed, budget)
-        movements = movements_of(taught, loaded)
-        o.require_demonstration(wanted.resemblance, movements, scene)
+        if library is not None:
+            source, taught = o.from_library(library, loaded, chosen, seed, budget)
+            movements = movements_of(taught, loaded)
         try:
             found = carry(
                 loaded,
@@ -149,6 +157,17 @@ def solve_joints(
     return exit_code(solution)
 
 
+def _require_carried(robot: Robot, choice: Scene, scene: Path) -> None:
+    """Refuse a scene that no robot carries, or not this one; `choice` is the scene with one of its grasps."""
+    from comove.robots import RobotCarrier
+
+    try:
+        RobotCarrier(robot, choice)
+    except InputError as error:
+        error.file = error.file or scene
+        raise
+
+
 def run_joints(
     loaded: Scene,
     scene: Path,
@@ -168,7 +187,7 @@ def run_joints(
     import numpy as np
 
     from comove.cli.progress import progress_bar, time_spent
-    from comove.cli.texts import robot_run_text
+    from comove.cli.texts import in_rows, robot_run_text
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind
     from comove.results import RESULT
@@ -176,7 +195,8 @@ def run_joints(
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
     from comove.simulators import GRASPS, Perturbation
-    from comove.simulators.live import run_live
+    from comove.simulators.engine import engine
+    from comove.simulators.live import run_live, steps_of
     from comove.simulators.live_record import judge_run
     from comove.simulators.robot_runs import write_robot_run
     from comove.views import draw_joints, save
@@ -191,16 +211,21 @@ def run_joints(
     if how.budget is not None:
         o.check_budget(how.budget)
     check_target(out, RESULT)
+    settings, hold = OnlineSettings(period=1.0 / how.rate), GRASPS[how.grasp]()
     carrier, named = robot_named(robot, loaded, scene)
+    engine()
+    steps_of(settings.period)
+    _require_carried(carrier, loaded.standing().alternatives[0], scene)
+    hold.moving([carrier.arm(name) for name in loaded.manipulators])
     with progress_bar():
+        loaded.require_free_ends()
         load_robot_kernels(SceneKind.of(loaded))
-        settings = OnlineSettings(period=1.0 / how.rate)
         executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
         drawn = None
         if how.perturbed is not None:
             drawn = Perturbation.drawn(np.random.default_rng(how.perturbed), len(carrier.joint_names))
         longest = how.budget or RUN_LONGEST * executor.plan.scene.duration
-        record = run_live(executor, longest, GRASPS[how.grasp](), drawn)
+        record = run_live(executor, longest, hold, drawn)
         report = judge_run(record)
     with whole_folder(out, RESULT) as draft:
         failed = " (not as it should)" if report.reasons else ""
@@ -210,13 +235,42 @@ def run_joints(
             draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
         )
         write_inputs(draft, loaded, files=carrier.files, command=command_words())
+        drawn_files = _draw_run(record, draft, GRASPS[how.grasp](), drawn, how)
     if json:
         print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
     else:
         print(robot_run_text(summary, out))
+        print(*in_rows([(what, str(out / name)) for what, name in drawn_files]), sep="\n")
     if record.interrupted:
         return INTERRUPTED
     return NOT_VERIFIED if report.reasons else VERIFIED
+
+
+def _draw_run(
+    record: OnlineRecord,
+    folder: Path,
+    grasp: GraspModel,
+    perturbation: Perturbation | None,
+    how: SimulatedRun,
+) -> list[tuple[str, str]]:
+    """Draw a run into a folder; return what was drawn and the names of the files."""
+    from comove.simulators.pictures import FilmedRun, draw_film, draw_sheet
+
+    found: list[tuple[str, str]] = []
+    if not (how.pictures or how.film) or len(record.time) < 2:
+        return found
+    filmed = (
+        FilmedRun.of(record, grasp) if perturbation is None else FilmedRun.of(record, grasp, perturbation)
+    )
+    try:
+        if how.pictures:
+            draw_sheet(filmed, folder / "robot_run.png")
+            found.append(("pictures", "robot_run.png"))
+        if how.film:
+            found.append(("film", draw_film(filmed, folder / "robot_run.mp4").name))
+    except ComoveError as error:  # what was run counts without them
+        say(f"warning: no pictures: {error}", file=sys.stderr)
+    return found
 
 
 def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:

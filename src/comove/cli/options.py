@@ -173,6 +173,39 @@ def _weights(text: str) -> dict[str, float]:
     return {"goal": goal, "velocity": velocity, "obstacle": obstacle}
 
 
+def movement_given(
+    scene: Scene, file: Path, demonstration: Path | None, library: Path | None, resemblance: float | None
+) -> tuple[Library | None, Any]:
+    """Return the library that a command names, or else the movement that it or its scene names.
+
+    What a scene names is returned beside a library as well, for the method that combines both.
+    """
+    from comove.planning.choice import suitable
+    from comove.primitives import Library
+    from comove.scenes import demonstration_of
+
+    if resemblance and scene.file.demonstration is None and demonstration is None and library is None:
+        raise OptionError(
+            "the scene has no demonstration to resemble",
+            file=file,
+            key="--resemblance",
+            way_out="add a demonstration to the scene",
+        )
+    known = None
+    if library is not None:
+        known = Library(library)
+        suitable(known, scene, _plane_of(scene))
+    if demonstration is not None:
+        return known, demonstration_at(demonstration, scene)
+    return known, demonstration_of(scene)
+
+
+def _plane_of(scene: Scene) -> str | None:
+    """Return the plane into which a scene lays planar movements."""
+    demonstration = scene.file.demonstration
+    return None if demonstration is None else demonstration.plane
+
+
 def from_library(
     library: Library, scene: Scene, method: Method, seed: int, budget: float
 ) -> tuple[str, DMP | ProMP]:
@@ -185,8 +218,7 @@ def from_library(
     from comove.planning import Budget, Paper, Printed, best_movement, combine
     from comove.primitives import ProMP
 
-    demonstration = scene.file.demonstration
-    plane = None if demonstration is None else demonstration.plane
+    plane = _plane_of(scene)
     if isinstance(method, (Paper, Printed)):
         from comove.experiments.compared.single import alone
 
@@ -206,26 +238,20 @@ def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
     from comove.primitives import ProMP, read_primitive
     from comove.primitives.recordings import is_several, read_recording, read_several
     from comove.scenes import fitted, followed_in
+    from comove.scenes.demonstration import require_dimension
 
     named = str(path)
     if is_several(named):
-        return ProMP.fit(read_several([named])[0])
+        recordings, _ = read_several([named])
+        first = recordings[0]
+        of_one = next(iter(first.values())) if isinstance(first, dict) else first
+        require_dimension(of_one.n_dims, scene)
+        return ProMP.fit(recordings)
     if path.suffix == ".json":
         source = scene.file.demonstration
         plane = None if source is None else source.plane
         return followed_in(scene, read_primitive(path), key="--demonstration", plane=plane)
     return fitted(scene, read_recording(named).demonstration)
-
-
-def require_demonstration(resemblance: float | None, movements: object, scene: Path) -> None:
-    """Raise if a resemblance is given but there is no demonstration."""
-    if resemblance and movements is None:
-        raise OptionError(
-            "the scene has no demonstration to resemble",
-            file=scene,
-            key="--resemblance",
-            way_out="add a demonstration to the scene",
-        )
 
 
 def check_picture(path: Path | None) -> None:

@@ -66,7 +66,7 @@ def solve(
 
     o.check_budget(budget)
     with progress_bar():
-        loaded = Scene.load(scene, limits.changes)
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
     wanted = Wanted(method, objective, resemblance, weights, library)
     return solve_joints(loaded, scene, out, robot, wanted, seed=seed, budget=budget, json=json)
 
@@ -224,6 +224,8 @@ def run(
             help="Seconds of simulated time that the run may last; 4 times the plan's unless given."
         ),
     ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
+    film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print robot_run.json and nothing else.")] = False,
 ) -> int:
     """Let a robot carry SCENE's load in MuJoCo, step by step among obstacles that move; as 'comove run'."""
@@ -232,6 +234,6 @@ def run(
     from comove.scenes import Scene
 
     with progress_bar():
-        loaded = Scene.load(scene)
-    how = SimulatedRun(rate, grasp, perturbed, budget)
+        loaded = Scene.load(scene, check_ends=False)
+    how = SimulatedRun(rate, grasp, perturbed, budget, pictures, film)
     return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)

@@ -88,7 +88,7 @@ def run(
         o.check_budget(budget)
     check_target(out, RESULT)
     with progress_bar():
-        loaded = Scene.load(scene, limits.changes)
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
     if names_robot(loaded, robot, hands_alone):
         if compare:
             raise OptionError(
@@ -107,17 +107,17 @@ def run(
     if loaded.is_timed or budget is not None:
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
+        taught = demonstration_of(loaded)
+        loaded.require_free_ends()
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
-            planned = solve(
-                loaded, demonstration=demonstration_of(loaded), seed=seed, budget=Budget(work=FORESEEN)
-            )
+            planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))
             if planned.interrupted:
                 return INTERRUPTED
             loaded = planned.scene
         budget = budget or LONGEST * loaded.duration
         check_steps(budget, period)
-        executor = Executor(loaded, seed=seed, pace=pace, demonstration=demonstration_of(loaded))
+        executor = Executor(loaded, seed=seed, pace=pace, demonstration=taught)
         record = executor.run(budget)
         report, interrupted = verify_execution(record, executor.blocker), executor.interrupted
         compared: list[Compared] = []

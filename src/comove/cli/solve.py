@@ -97,10 +97,10 @@ def solve(
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import in_rows, summary_text
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, load_kernels, movements_of, solve
-    from comove.primitives import Library, ProMP
+    from comove.planning import SceneKind, check_method, load_kernels, movements_of, solve
+    from comove.primitives import ProMP
     from comove.results import RESULT
-    from comove.scenes import Scene, demonstration_of
+    from comove.scenes import Scene
 
     o.require_one_of(method, (*o.METHODS, *o.COMPARED), "method")
     o.check_budget(budget)
@@ -117,27 +117,30 @@ def solve(
         )
     check_target(out, RESULT)
     with progress_bar():
-        loaded = Scene.load(scene, limits.changes)
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
     if names_robot(loaded, robot, hands_alone):
         _require_joints(loaded, robot, method, no_planner, obstacles)
         how = Wanted(method, objective, resemblance, weights, library, demonstration)
         return solve_joints(loaded, scene, out, robot, how, seed=seed, budget=budget, json=json)
     chosen = o.method_named(method)
+    wanted, hard = (
+        o.objective_of(objective, resemblance, weights, loaded, smooth),
+        obstacles is ObstacleMode.constraint,
+    )
     with progress_bar(budget) as progress:
+        part = chosen.scene_of(loaded)
+        check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
+        known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
+        movements, source = movements_of(taught, part), None
+        loaded.require_free_ends()
         load_kernels(SceneKind.of(loaded), beside=load_views)
-        wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
-        source = None
-        taught = (
-            demonstration_of(loaded) if demonstration is None else o.demonstration_at(demonstration, loaded)
-        )
-        if library is not None and method == "single":
+        if known is not None and method == "single":
             from comove.experiments.compared import Single
 
-            chosen = Single(movements=Library(library))
-        elif library is not None:
-            source, taught = o.from_library(Library(library), loaded, chosen, seed, budget)
-        movements = movements_of(taught, chosen.scene_of(loaded))
-        o.require_demonstration(resemblance, movements, scene)
+            chosen = Single(movements=known)
+        elif known is not None:
+            source, taught = o.from_library(known, loaded, chosen, seed, budget)
+            movements = movements_of(taught, part)
         solution = solve(
             loaded,
             demonstration=taught if isinstance(taught, ProMP) else movements,

@@ -145,7 +145,7 @@ def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "")
         f"its steps are {step:g}, and nothing says whether these are milliseconds, seconds or frames",
         way_out
         or f"name the unit: --time '{bare} [ms]', or '{bare} [s]'; or give the rate of frames: --rate HZ",
-        time=f"{bare} [ms]",
+        **({"time": None, "rate": 100} if step == 1.0 else {"time": f"{bare} [ms]"}),
     )
 
 
@@ -264,7 +264,9 @@ def _jump(time: Array, position: Array, unit: str, extent: float, origin: Origin
         return None
     padded = np.pad(lengths, half, mode="edge")
     usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
-    jumps = np.flatnonzero((lengths > 0.1 * extent) & (lengths > 20.0 * usual))
+    steps = np.diff(time)
+    is_step = steps < 5.0 * np.median(steps)  # across a hole it may have moved
+    jumps = np.flatnonzero((lengths > 0.1 * extent) & (lengths > 20.0 * usual) & is_step)
     if not jumps.size:
         return None
     at = int(jumps[np.argmax(lengths[jumps])])

@@ -28,7 +28,7 @@ from comove.primitives.operations import scale
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
 from comove.primitives.variants import scaled_share
-from comove.scenes import fitted
+from comove.scenes.demonstration import fitted, require_dimension
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -129,12 +129,7 @@ def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
         If a movement has not the scene's dimension.
     """
     for one in [dmp] if isinstance(dmp, DMP) else dmp:
-        if one.n_dims != scene.n_dims:
-            raise OptionError(
-                f"the demonstration has {one.n_dims} dimensions, the scene {scene.n_dims}",
-                key="demonstration",
-                way_out="give one of the scene's dimension",
-            )
+        require_dimension(one.n_dims, scene)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
     hands[..., : scene.n_dims] = carried_to_hands(dmp, scene, np.linspace(0.0, 1.0, N_STEPS))
     return hands

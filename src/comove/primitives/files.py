@@ -21,7 +21,7 @@ from comove._version import __version__
 from comove.brief import brief
 from comove.demonstrations import Demonstration
 from comove.demonstrations.units import is_of_joints
-from comove.errors import DemonstrationError, LibraryError, OptionError, near_name, shortened
+from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.io.files import existing_file, telling, whole_file
 from comove.primitives.averaging import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
@@ -209,28 +209,10 @@ def learn_distribution(
         found = PoseProMP.fit(cast(PoseRecordings, demonstrations), **options)
     else:
         found = ProMP.fit(demonstrations, **options)
-    unit = _common_unit(demonstrations, sources)
+    first = demonstrations[0]
+    unit = getattr(next(iter(first.values())) if isinstance(first, Mapping) else first, "unit", "m")
     notes = (*found.notes, f"learned by comove {__version__}", *(f"from {source}" for source in sources))
     return Primitive(name, found, unit, notes=notes)
-
-
-def _common_unit(demonstrations: Recordings, sources: Sequence[str]) -> str:
-    """Return the unit of all recordings, and raise if they differ."""
-    units = [
-        {
-            getattr(one, "unit", "m")
-            for one in (recording.values() if isinstance(recording, Mapping) else [recording])
-        }
-        for recording in demonstrations
-    ]
-    for i, found in enumerate(units):
-        if found != units[0] or len(found) > 1:
-            raise DemonstrationError(
-                f"it is in {', '.join(sorted(found))}, and the first recording in {', '.join(sorted(units[0]))}",
-                file=sources[i] if i < len(sources) else f"recording {i}",
-                way_out="give recordings of one kind, positions or joints, in one unit",
-            )
-    return units[0].pop()
 
 
 def checksum(demonstration: Demonstration) -> str:

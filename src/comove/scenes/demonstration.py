@@ -88,8 +88,19 @@ def fitted(scene: Scene, recording: Demonstration) -> DMP | PoseDMP:
     """
     if recording.is_joints:
         raise _of_joints("recording", recording.name, recording.unit, scene, "demonstration")
+    require_dimension(recording.n_dims, scene)
     posed = recording.orientation is not None and scene.turns_as_one
     return PoseDMP.fit(recording) if posed else DMP.fit(recording)
+
+
+def require_dimension(n_dims: int, scene: Scene) -> None:
+    """Refuse a demonstration that has another number of dimensions than a scene."""
+    if n_dims != scene.n_dims:
+        raise OptionError(
+            f"the demonstration has {n_dims} dimensions, the scene {scene.n_dims}",
+            key="demonstration",
+            way_out="give one of the scene's dimension",
+        )
 
 
 def _distribution(scene: Scene, source: DemonstrationSource, folder: str) -> ProMP:

@@ -2,6 +2,7 @@
 
 from comove.views.measures import Panel, draw_measures
 from comove.views.motion import (
+    draw_episodes,
     draw_failures,
     draw_motion,
     draw_progress,
@@ -21,6 +22,7 @@ __all__ = [
     "Panel",
     "animate_run",
     "as_html",
+    "draw_episodes",
     "draw_failures",
     "draw_joints",
     "draw_library",

@@ -131,10 +131,19 @@ def names(path: str | os.PathLike[str], **options: Any) -> tuple[str, ...]:
         return tuple(_Table.of(_Request(path, **options)).bodies())
 
 
+def is_table(path: Path) -> bool:
+    """Return whether a file is a text with a table of numbers, whatever its suffix."""
+    try:
+        with telling(path):
+            return bool(layout_of(existing_file(path, MAX_BYTES, _TOO_LONG)).sample)
+    except DemonstrationError:
+        return False
+
+
 FORMAT = Format(
     "text table",
     read,
-    suffixes=(".csv", ".tsv", ".txt", ".dat", ".asc", ".trc", ".tum"),
+    suffixes=(".csv", ".tsv", ".txt", ".dat", ".asc", ".trc", ".mot", ".sto", ".tum"),
     write=csv.write,
     bodies=names,
     options=frozenset({"columns", "delimiter", "time", "rate", "unit", "drop_missing"}),
@@ -224,6 +233,11 @@ class _Table:
         if layout.unit is not None:
             columns = tuple(
                 replace(c, unit=layout.unit) if c.kind is Kind.POSITION and c.unit is None else c
+                for c in columns
+            )
+        if layout.angles is not None:
+            columns = tuple(
+                replace(c, unit=layout.angles) if c.kind is Kind.JOINT and c.unit is None else c
                 for c in columns
             )
         if layout.types:
@@ -343,9 +357,7 @@ class _Table:
         if request.time is not None:
             return self._chosen_clock(request.time)
         found = [column for column in self.columns if column.kind is Kind.TIME and self._is_readable(column)]
-        chosen = (
-            set() if request.columns is None else {c.number for n in request.columns for c in self._named(n)}
-        )
+        chosen = self._chosen_numbers()
         found = [column for column in found if column.number not in chosen]
         if (
             not found
@@ -363,6 +375,10 @@ class _Table:
             words = f"time at {layout.rate:g} samples a second, as the file says"
             return _Clock(tuple(frames), rate=layout.rate, words=words)
         raise self._no_time()
+
+    def _chosen_numbers(self) -> set[int]:
+        """Return the numbers of the columns that the user names as positions."""
+        return {column.number for name in self.request.columns or () for column in self._named(name)}
 
     def _chosen_clock(self, time: str) -> _Clock:
         bare = bare_name(time)
@@ -398,6 +414,10 @@ class _Table:
     def _grows(self, number: int) -> bool:
         """Return whether the numbers of a column grow in the first rows."""
         return _grows(self._sample(number))
+
+    def _counts(self, number: int) -> bool:
+        """Return whether a column counts rows, one by one."""
+        return bool((np.diff(_floats(self._sample(number))) == 1.0).all())
 
     # Numbers.
 
@@ -691,6 +711,8 @@ class _Table:
         ]
         options: dict[str, Any] = {"rate": 100}
         advice = "give the samples a second: --rate HZ"
+        chosen = self._chosen_numbers()
+        growing = [c for c in growing if not self._counts(c.number) and c.number not in chosen]
         if growing and not self.guessed:
             named = growing[0].name or str(growing[0].number + 1)
             advice, options = f"name it: --time {named!r}, or {advice}", {"time": named}
