@@ -42,6 +42,7 @@ from timing import print_table
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import comove
+from comove.coordination.coordinates import coordinates_for
 from comove.errors import ComoveError, ComoveWarning
 from comove.execution import Executor, Pace, write_run
 from comove.io.folders import whole_folder
@@ -336,19 +337,21 @@ def forge_motion(rng: np.random.Generator, base: Path, folder: Path) -> Case:
         if kind > 5:
             own = easier(rng, own)
         easy = scene_of(own)
-        curve = dict(arrays)
-        size = 10.0 ** rng.uniform(-6, 0.3)
-        curve["weights"] = curve["weights"] + size * rng.normal(size=curve["weights"].shape) * (
-            rng.random() < 0.8
-        )
-        if kind == 7 or rng.random() < 0.3:
-            for end in ("start", "goal"):
-                curve[end] = noise(rng, curve[end]) if rng.random() < 0.5 else curve[end]
+        curve, size = dict(arrays), 10.0 ** rng.uniform(-6, 0.3)
+        if rng.random() < 0.8:
+            shape = curve["weights"].shape
+            decay = 0.5 ** (np.arange(shape[1]) * rng.choice([0.0, 0.5]))
+            curve["weights"] = curve["weights"] + size * decay * rng.normal(size=shape)
+        boundary = coordinates_for(easy, str(curve["coordinates"])).boundary()
+        curve |= {"start": boundary[:2], "goal": boundary[2:]}  # of the easier scene
+        if rng.random() < 0.2:
+            end = str(rng.choice(["start", "goal"]))
+            curve[end] = noise(rng, curve[end])
         motion = rebuild(curve, easy)
         arrays, summary = motion_arrays(motion), claimed(motion, summary)
         if rng.random() < 0.5:
             summary["scene_sha256"], summary["scene"] = scene.sha256, scene.name
-        if rng.random() < 0.3:
+        if rng.random() < 0.15:
             summary["clearance_min"] = 0.5
     (folder / SCENE).write_bytes(canonical(scene_of(own).file) + b"\n")
     shutil.rmtree(folder / "inputs", ignore_errors=True)
@@ -417,13 +420,13 @@ def forge_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
             arrays["time"] = np.linspace(0.0, arrays["time"][-1], len(keep))
     elif kind == 6:  # turned, stretched or off the plane
         arrays["quaternion"] *= 10.0 ** rng.uniform(-1, 0.1)
-        if rng.random() < 0.5:
-            arrays["center"][..., 2] += 0.3 * swing[:, None]
     elif kind == 7:
         theirs = RUN.read(other)[1]
         length = min(n, len(theirs["time"]))
         names = [name for name in arrays if rng.random() < 0.5]
         arrays = {name: (theirs if name in names else arrays)[name][:length] for name in arrays}
+    if rng.random() < 0.2:  # off the plane, where nothing is in the way
+        arrays["center"][..., 2] += rng.choice([1e-3, 0.3, 5.0])
     if rng.random() < 0.5:  # obstacles elsewhere
         arrays["obstacle_center"] = arrays["obstacle_center"] + rng.normal(size=scene.n_dims)
     if kind == 8 or rng.random() < 0.3:
@@ -450,6 +453,9 @@ def look_at_run(case: Case) -> list[str]:
     least = clearance_of(case.scene, arrays["time"], arrays["position"])
     if summary["clearance_min"] is not None and summary["clearance_min"] > least + NEAR:
         found.append("stated clearance")
+    turned = np.abs(np.linalg.norm(arrays["quaternion"], axis=2) - 1.0).max() > NEAR
+    if turned or (case.scene.n_dims == 2 and np.abs(arrays["center"][..., 2]).max() > NEAR):
+        found.append("poses")
     step = np.diff(arrays["time"])
     speed = np.linalg.norm(np.diff(arrays["position"], axis=0), axis=2) / step[:, None]
     if speed.max() > case.scene.speed_limit * (1 + DT):

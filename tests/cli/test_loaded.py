@@ -71,11 +71,11 @@ def run(folder):
     return EXAMPLES / "wide.yaml", folder
 
 
-@pytest.mark.parametrize(
-    ("made", "most"), [(hands, 90), (run, 90), (joints, 112)], ids=["hands", "run", "joints"]
-)
-def test_the_verifier_loads_no_maker_of_motions(made, most, tmp_path):
+@pytest.mark.parametrize("made", [hands, run, joints])
+def test_the_verifier_loads_no_maker_of_motions(made, tmp_path):
+    """Nor more than 90 modules, beside those that know robots where one is verified."""
     names = loaded("verify", *made(tmp_path / "result"))
     rooms = {name.removeprefix("comove.") for name in names}
     assert not {name for name in rooms if name.startswith(MAKERS)}
-    assert len(names) <= most
+    robots = {name for name in rooms if name.startswith("robots")}
+    assert len(rooms - robots) <= 90 and (made is joints or not robots)

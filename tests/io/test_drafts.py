@@ -4,6 +4,7 @@ import errno
 import os
 import subprocess
 import sys
+import tempfile
 import time
 import warnings
 from pathlib import Path
@@ -12,6 +13,7 @@ import pytest
 
 from comove.errors import ComoveWarning, DemonstrationError
 from comove.io import drafts, files
+from comove.io.files import require_room
 from tests.killing import killed_at
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="kills processes as Unix does")
@@ -259,3 +261,15 @@ def test_a_signal_while_a_draft_is_made_or_removed_leaves_nothing(tmp_path, monk
 def test_a_draft_in_a_folder_that_is_gone_is_told(tmp_path):
     with pytest.raises(FileNotFoundError), drafts.draft(tmp_path / "gone" / "out"):
         raise AssertionError
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files without names are Linux's")
+def test_the_look_whether_there_is_room_leaves_nothing_whenever_it_is_killed(tmp_path, monkeypatch):
+    """What is made to see whether a folder may be written has no name, so that no kill can leave it."""
+    try:
+        os.close(os.open(tmp_path, os.O_TMPFILE | os.O_RDWR))
+    except OSError:
+        pytest.skip("this file system has no files without names")
+    monkeypatch.setattr(tempfile, "mkdtemp", lambda **_: pytest.fail("a folder with a name was made"))
+    require_room(tmp_path / "result")
+    assert list(tmp_path.iterdir()) == []

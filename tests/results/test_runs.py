@@ -13,6 +13,7 @@ from comove.results.runs import RUN, read_run, verify_run
 from comove.results.sealed import finite
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
+from comove.workbench.playback import playback_of
 from tests.commands import invoke
 
 SCENE = {
@@ -86,6 +87,8 @@ def test_a_run_through_a_standing_box_is_not_saved_by_obstacles_of_its_own(folde
     reasons = verified(folder).reasons
     assert any("reaches" in reason and "post" in reason for reason in reasons)
     assert any("by the run's own record alone" in reason for reason in reasons)
+    playback = playback_of(folder)
+    assert not playback.holds and playback.verdict == "not verified"
 
 
 @pytest.mark.parametrize(

@@ -16,13 +16,11 @@ from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ExtraError, ResultError
 from comove.results.reference import Reference, reference_of
-from comove.results.runs import StoredRun, read_run, verify_run
 from comove.results.sealed import Arrays, Summary
 from comove.results.solution import StoredResult, read_result, rebuild, verify_result
 from comove.results.words import Row, joint_rows, limits_row, motion_rows, run_rows, simulation_rows
 from comove.scenes.scene import Scene
 from comove.stored.parts import Part, parts_of
-from comove.verification.record import Record
 from comove.verification.verify import Report
 
 if TYPE_CHECKING:  # robots are an extra
@@ -31,6 +29,7 @@ if TYPE_CHECKING:  # robots are an extra
     from comove.robots.motion import JointMotion
     from comove.robots.verification.verify import VerifiedJointMotion
     from comove.simulators.live_record import OnlineRecord
+    from comove.verification.record import Record
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +195,8 @@ class _Folder:
         )
 
     def _run(self) -> Verification:
+        from comove.results.runs import StoredRun, read_run, verify_run
+
         stored = read_run(self.folder, self.given.scene)
         reference = self.given.for_result(stored)
         stored = StoredRun(stored.folder, stored.summary, stored.arrays, reference.scene)
