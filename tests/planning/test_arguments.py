@@ -2,11 +2,13 @@
 
 from importlib import import_module
 
+import numpy as np
 import pytest
 
 from comove import solve
 from comove.cli.options import COMPARED, METHODS
-from comove.errors import OptionError
+from comove.demonstrations import Demonstration
+from comove.errors import InputError, OptionError
 from comove.planning import arguments
 from comove.planning.method import Method
 from tests.solved import example
@@ -51,3 +53,13 @@ def test_tables_name_what_the_command_line_names():
 def test_what_is_no_name_gets_the_general_hint():
     with pytest.raises(OptionError, match="a method object"):
         solve(example("wide"), method=3)
+
+
+@pytest.mark.parametrize(
+    "given", [lambda hands: hands[0], tuple, lambda hands: dict(zip(("left", "right"), hands, strict=True))]
+)
+def test_movements_of_joints_are_no_paths_of_hands(given):
+    time = np.linspace(0.0, 1.0, 30)
+    hands = [Demonstration(time, np.outer(time, [0.5, 0.1]), "arm", unit="rad")] * 2
+    with pytest.raises(InputError, match="movement of joints in rad, which is no path"):
+        arguments.movements_of(given(hands), example("wide"))

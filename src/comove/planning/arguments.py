@@ -225,6 +225,13 @@ def _beyond(hands: Array, scene: Scene) -> Array:
 
 def _movement(demonstration: object) -> DMP:
     if isinstance(demonstration, Demonstration):
+        if demonstration.is_joints:
+            raise OptionError(
+                f"{demonstration.name or 'it'} is a movement of joints in {demonstration.unit}, which is no path of an "
+                "end effector",
+                key="demonstration",
+                way_out="give the path that a robot makes of it: comove.robots.end_effector_path",
+            )
         return DMP.fit(demonstration)
     if not isinstance(demonstration, DMP):
         raise OptionError(
