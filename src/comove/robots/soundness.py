@@ -153,7 +153,7 @@ def _check_limits(joint: ET.Element, name: str) -> None:
 
 
 def _check_axis(joint: ET.Element, name: str) -> None:
-    axis = joint.find("axis") if joint.get("type") in (*LIMITED, "continuous") else None
+    axis = joint.find("axis") if joint.get("type") in (*LIMITED, "continuous", "planar") else None
     if axis is None:
         return
     length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
