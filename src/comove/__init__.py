@@ -33,6 +33,7 @@ _ROOMS = {
     "Solution": "planning",
     "Trajectory": "trajectory",
     "VerifiedMotion": "verification",
+    "as_html": "views.notebooks",
     "best_movement": "planning",
     "combine": "planning",
     "learn": "primitives",

@@ -92,7 +92,7 @@ class DemonstrationError(InputError):
     >>> comove.Demonstration.load("hand.csv")
     Traceback (most recent call last):
     comove.errors.DemonstrationError: hand.csv: row 3, column y: the cell is empty; fill in what was measured, or
-        remove the row
+        leave such rows out: --drop-missing; run: comove learn hand.csv --drop-missing --out hand.json
     """
 
     options: Mapping[str, Any] = MappingProxyType({})

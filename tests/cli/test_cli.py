@@ -172,7 +172,7 @@ def test_a_taught_motion(tmp_path):
     assert plain["objective"]["type"] == "paper"
     assert plain["cost_terms"]["resemblance"] == 0.0
     assert alike["cost_terms"]["resemblance"] > 0.0
-    assert "what was taught" in invoke("show", tmp_path / "out").stdout
+    assert "away in the mean" in invoke("show", tmp_path / "out").stdout
 
 
 def test_numbers_as_people_write_them(tmp_path):

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 
@@ -58,6 +59,53 @@ def filled():
 
 
 # --- learn ---
+
+
+def test_what_was_taken_is_told_and_drawn(folder):
+    rows = "".join(f"{10 * i},{0.01 * i},{0.0001 * i * i},0\n" for i in range(60))
+    (folder / "hand.csv").write_text("time,X [m],Y [m],gripper\n" + rows)
+    outcome = good("learn", "hand.csv", "--out", "hand.json")
+    assert "time from `time` [ms, after its size], position from X, Y [m]" in outcome.stdout
+    assert "drawn as hand.png" in outcome.stdout
+    assert (folder / "hand.png").read_bytes().startswith(b"\x89PNG")
+    good("learn", "hand.csv", "--out", "again.json", "--picture", "fit.pdf")
+    assert (folder / "fit.pdf").exists() and not (folder / "again.png").exists()
+    assert "is no picture" in refused("learn", "hand.csv", "--out", "x.json", "--picture", "fit.doc")
+
+
+def test_a_picture_of_somebody_else_is_left_alone(folder):
+    (folder / "hand.png").write_bytes(b"\x89PNG a photograph")
+    outcome = good("learn", "swing.csv", "--out", "hand.json")
+    assert "drawn as" not in outcome.stdout
+    assert (folder / "hand.png").read_bytes() == b"\x89PNG a photograph"
+    good("learn", "swing.csv", "--out", "swing.json")
+    before = (folder / "swing.png").stat().st_mtime_ns
+    good("learn", "swing.csv", "--out", "swing.json")
+    assert (folder / "swing.png").stat().st_mtime_ns != before
+
+
+TABLES = {
+    "no_names.csv": "n,u,v\n" + "".join(f"{i},{i / 100},{i * i / 1e4}\n" for i in range(60)),
+    "frames.csv": "time,x,y\n" + "".join(f"{i},{i / 100},{i * i / 1e4}\n" for i in range(60)),
+    "steps of 3.csv": "stamp,x,y\n" + "".join(f"{3 * i},{i / 100},{i * i / 1e4}\n" for i in range(60)),
+    "mm.csv": "time,x,y\n" + "".join(f"{i / 50},{10 * i},{i * i / 10}\n" for i in range(60)),
+    "deg.csv": "time,j1,j2\n" + "".join(f"{i / 50},{i},{i * i / 100}\n" for i in range(60)),
+    "hands.csv": "time,l.x,l.y,r.x,r.y\n" + "".join(f"{i / 50},{i / 60},0,0,{i / 60}\n" for i in range(60)),
+    "twice.csv": "time,x,y,X,Y\n" + "".join(f"{i / 50},{i / 60},0,0,{i / 60}\n" for i in range(60)),
+    "lost.csv": "time,x,y\n" + "".join(f"{i / 50},{'' if i == 7 else i / 60},0\n" for i in range(60)),
+    "clocks.csv": "t,stamp,x,y\n" + "".join(f"{i / 50},{i / 25},{i / 60},0\n" for i in range(60)),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_the_commands_that_refusals_print_work_as_they_are_printed(folder, name):
+    (folder / name).write_text(TABLES[name])
+    arguments, asked = ["learn", name, "--out", "out.json"], 0
+    while (outcome := invoke(*arguments)).exit_code:
+        assert outcome.exit_code == 2 and asked < 4
+        (command,) = re.findall(r"; run: comove (.*) \(comove explain", outcome.stderr)
+        arguments, asked = shlex.split(command), asked + 1
+    assert asked and read_primitive(arguments[-1]).dmp.n_dims == 2
 
 
 def test_a_recording_is_learned_and_its_error_told():

@@ -148,7 +148,8 @@ def test_show_refuses_entries_that_are_none(copy, changes):
 
 def test_show_tells_an_edit(copy):
     edited(copy, load_mass=0.3)
-    assert invoke("show", copy).exit_code == 0  # well signed: that is for `verify` to find
+    shown = invoke("show", copy)  # well signed, and verified nevertheless
+    assert shown.exit_code == 1 and "NOT VERIFIED" in shown.stdout
     assert invoke("verify", SCENE, copy).exit_code == 1
     summary = json.loads((copy / "robot.json").read_text()) | {"load_mass": 0.2}
     (copy / "robot.json").write_text(json.dumps(summary))
@@ -369,7 +370,7 @@ def test_a_model_of_mujocos_is_written_as_a_urdf_and_never_over_files(tmp_path):
     made = invoke("robot", "convert", model, "--out", tmp_path / "arm")
     assert made.exit_code == 0, text_of(made)
     before = {path.name: path.read_bytes() for path in (tmp_path / "arm").rglob("*") if path.is_file()}
-    assert set(before) == {"arm.urdf", "arm.srdf", "wedge.stl"}
+    assert set(before) == {"arm.urdf", "arm.srdf", "wedge.stl", "arm-obstacles.yaml"}
     again = invoke("robot", "convert", model, "--out", tmp_path / "arm")
     assert again.exit_code == 2
     assert {

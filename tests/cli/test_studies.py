@@ -87,7 +87,9 @@ def test_workers_and_parts_give_the_same_rows_bit_by_bit(tmp_path):
 def test_episodes_are_what_the_study_draws_and_solve_finds(tmp_path):
     """A row's motion is verified on its scene, and is the one that `solve` finds for it."""
     file = study(tmp_path, episodes=1)
-    assert invoke("generate", file, "--out", tmp_path / "out", "--workers", 1).exit_code == 0
+    outcome = invoke("generate", file, "--out", tmp_path / "out", "--workers", 1)
+    assert outcome.exit_code == 0 and "episodes.png" in outcome.stdout
+    assert (tmp_path / "out/episodes.png").read_bytes().startswith(b"\x89PNG")
     loaded, store = Study.load(file), StudyStore.open(tmp_path / "out" / RUNS)
     ((run, kept),) = store.motions()
     drawn = loaded.draw(0)

@@ -15,6 +15,7 @@ from comove.reaction.twists import advanced, nodes_of, poses_of, twists_between
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
 from tests.cases import examples
+from tests.slow_clock import ticking
 
 
 def crossing(*obstacles, **more):
@@ -90,6 +91,18 @@ def test_the_same_seed_gives_the_same_execution():
     first, second = (Executor(scene, Functions.of_motions(scene), seed=2).run(6.0) for _ in range(2))
     # To rounding: how a product of matrices is summed may hang on where they lie in memory.
     np.testing.assert_allclose(first.center, second.center, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("seed", [2, 4])
+def test_an_execution_is_the_same_on_a_slower_machine(seed, monkeypatch):
+    """Plans are searched for a count of work: the first fails for some, and is replaced later."""
+    scene, seen = moving_scene(seed), []
+    for seconds in (1e-3, 100.0):  # of a reading of the clock
+        ticking(monkeypatch, seconds)
+        executor = Executor(scene, Functions.of_motions(scene), seed=2, pace=Pace(leisure=0.2, haste=0.1))
+        record = executor.run(6.0)
+        seen.append((record.center.tobytes(), record.quaternion.tobytes(), executor.log.events))
+    assert seen[0] == seen[1]
 
 
 @examples(30)

@@ -127,3 +127,12 @@ def test_the_solver_carries_every_variant_by_the_similarity_of_its_ends(variant)
 
 def test_bumps_alone_do_not_pass():
     assert not any(c.passes for c in best_movement(bumps(), two_gaps()).ranking)
+
+
+def test_movements_of_joints_are_no_candidates():
+    scene = two_gaps(gap=0.3, bar=None, upper=0.65, lower=0.65)
+    arm = Primitive("arm", bump(0.5, 0.25), unit="rad")
+    hand = Primitive("hand", bump(0.5, 0.25))
+    assert [candidate.name for candidate in best_movement([arm, hand], scene).ranking] == ["hand"]
+    with pytest.raises(OptionError, match="1 are of joints, which are no path"):
+        best_movement([arm], scene)

@@ -492,7 +492,7 @@ def test_a_demonstration_is_carried_to_every_hand():
         ({"obstacles": "constraints"}, "did you mean 'constraint'"),
         ({"seed": -1}, "seed = -1"),
         ({"seed": 1.5}, "whole number"),
-        ({"method": "projection"}, "method object"),
+        ({"method": "projection"}, "Projection"),
         ({"budget": float("nan")}, "positive number of seconds"),
     ],
 )

@@ -10,9 +10,9 @@ from scipy.spatial import procrustes
 from scipy.spatial.transform import Rotation
 
 from comove.demonstrations import Demonstration
-from comove.errors import LibraryError, OptionError
+from comove.errors import DemonstrationError, LibraryError, OptionError
 from comove.primitives import operations as op
-from comove.primitives.files import Primitive, dumps, learn
+from comove.primitives.files import Primitive, dumps, learn, learn_distribution
 from comove.primitives.library import SUFFIX, Library, shape_distances
 from tests.cases import examples
 
@@ -253,3 +253,32 @@ def test_a_large_library_is_ranked_at_once(tmp_path):
         library.add(Primitive(f"{i}", op.rotate(primitive.dmp, i / 7)))
     found = [int(match.name) % 5 for match in library.find(shape=ALL["Sine"])]
     assert len(found) == 100 and set(found[:20]) == {SHAPES.index("Sine")}
+
+
+def test_positions_are_ranked_in_metres_and_joints_left_out(tmp_path):
+    """Whatever units movements were kept in, and however near the numbers of joints lie."""
+    library = Library(tmp_path)
+    share = np.linspace(0.0, 1.0, 40)
+    for name, end, unit in (
+        ("near", 500.0, "mm"),
+        ("far", 0.9, "m"),
+        ("arm", 0.5, "rad"),
+        ("far_mm", 2e3, "mm"),
+    ):
+        line = Demonstration(share, np.outer(share, [end, 0.0]), unit=unit)
+        library.add(learn(line, name=name))
+    found = library.find(goal=[0.5, 0.0])
+    assert [match.name for match in found] == ["near", "far", "far_mm"]
+    np.testing.assert_allclose([match.goal for match in found], [0.0, 0.4, 1.5], atol=1e-6)
+    assert "arm" not in {match.name for match in library.find(shape=library.get("near"))}
+    assert [match.name for match in library.find(shape=library.get("arm"))] == ["arm"]
+
+
+def test_recordings_in_different_units_make_no_distribution():
+    share = np.linspace(0.0, 1.0, 40)
+    line = np.outer(share, [0.5, 0.1])
+    metres, joints = (Demonstration(share, line, unit=unit) for unit in ("m", "rad"))
+    with pytest.raises(DemonstrationError, match="in rad, recording 0 is in m"):
+        learn_distribution([metres, joints, metres], name="mixed")
+    other = Demonstration(share, 1.1 * line, unit="rad")
+    assert learn_distribution([joints, other], name="arm").is_joints

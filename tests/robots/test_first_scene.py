@@ -6,6 +6,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,6 +20,7 @@ from comove.robots.proposal import first_scene, propose_scene
 from comove.robots.proposal.first_scene import FirstSceneSettings, largest_rectangle
 from comove.robots.proposal.homes import floor_of
 from comove.scenes import Scene
+from tests.commands import invoke
 
 N_CELLS, FEWEST, MOST = 11, 3, 5
 
@@ -117,3 +119,22 @@ def test_hands_that_are_out_of_reach_of_a_bar_are_told(monkeypatch):
     monkeypatch.setattr(EndJoints, "reaches", lambda *_: False)
     with pytest.raises(RobotError, match="no place was found about home"):
         propose_scene(Robot.load(TWO_ARMS), "robot.yaml")
+
+
+def test_obstacles_around_the_robot_are_in_the_scene_and_their_files_are_found(tmp_path):
+    """A crate beside the arms, as a mesh whose file is beside the list of obstacles, not beside the scene."""
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "crate.obj").write_text(
+        "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", encoding="utf-8"
+    )
+    entry = {"name": "crate", "shape": "mesh", "file": "crate.obj", "center": [3.0, 0.0, 0.0]}
+    around = tmp_path / "made" / "around.yaml"
+    around.write_text(yaml.safe_dump({"obstacles": [entry]}), encoding="utf-8")
+    scene = tmp_path / "scene.yaml"
+    result = invoke("robot", "scene", TWO_ARMS, "--out", scene, "--obstacles", around)
+    assert result.exit_code == 0, result.output
+    assert [obstacle.name for obstacle in Scene.load(scene).file.obstacles] == [None, "crate"]
+    around.write_text("tables: []", encoding="utf-8")
+    result = invoke("robot", "scene", TWO_ARMS, "--out", tmp_path / "other.yaml", "--obstacles", around)
+    assert result.exit_code == 2
+    assert not (tmp_path / "other.yaml").exists()

@@ -6,7 +6,7 @@ import yaml
 
 from comove.demonstrations import Demonstration, write_npz, write_robomimic, write_rosbag
 from comove.errors import SceneError
-from comove.primitives import DMP, Library, Primitive, learn
+from comove.primitives import DMP, Library, Primitive, learn, write_primitive
 from comove.primitives import operations as op
 from comove.scenes import Scene, demonstration_of, recording_of
 from comove.scenes.demonstration import fitted
@@ -157,3 +157,109 @@ def test_a_recording_of_a_file_that_holds_several(folder):
         recording_of(scene(folder, {"file": "many.hdf5", "manipulator": "robot1"}, SPATIAL))
     with pytest.raises(SceneError, match="episode 1 belongs to a file"):
         scene(folder, {"lasa": "Angle", "episode": 1})
+
+
+SECONDS = np.arange(101) / 50.0
+HAND = np.column_stack((0.3 * SECONDS, 0.1 * np.sin(SECONDS)))
+PAIR = {
+    **PLANAR,
+    "manipulators": [
+        {"name": "left", "start": [0.1, 0.5], "goal": [0.7, 0.5]},
+        {"name": "right", "start": [0.1, 0.7], "goal": [0.7, 0.7]},
+    ],
+}
+
+
+def table(folder, header, *columns, separator=","):
+    rows = "".join(separator.join(f"{x:.9g}" for x in row) + "\n" for row in np.column_stack(columns))
+    (folder / "hand.csv").write_text(header + "\n" + rows)
+    return "hand.csv"
+
+
+def test_a_scene_says_how_its_recording_is_read(folder):
+    name = table(folder, "n;u;v", np.arange(101), 1e3 * HAND, separator=";")
+    keys = {"file": name, "unit": "mm", "columns": ["u", 3], "delimiter": ";", "rate": 50}
+    loaded = scene(folder, keys)
+    recording = recording_of(loaded)
+    np.testing.assert_allclose(recording.position, HAND, atol=1e-9)
+    np.testing.assert_allclose(recording.time, SECONDS, atol=1e-9)
+    assert isinstance(demonstration_of(loaded), DMP)
+    loaded = scene(
+        folder, {"file": name, "unit": "mm", "columns": ["u", "v"], "time": "n [ms]", "clean": False}
+    )
+    np.testing.assert_allclose(recording_of(loaded).time, np.arange(101) / 1e3)
+    cleaned = scene(folder, keys | {"clean": True})
+    assert recording_of(cleaned).notes != recording.notes
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({}, "write below demonstration: columns: "),
+        ({"columns": ["u", "v"]}, "write below demonstration: rate: 100"),
+        ({"columns": ["u", "v"], "rate": 50, "unit": "deg", "topic": "/x"}, "only bags have topics"),
+        ({"columns": ["u", "v"], "rate": 50, "unit": "parsec"}, "'parsec' is not known"),
+        ({"columns": ["u", "v"], "rate": 50, "dataset": "obs"}, "no such option"),
+    ],
+)
+def test_what_a_scene_has_to_say_is_told_in_its_keys(folder, keys, words):
+    name = table(folder, "n;u;v", np.arange(101), 1e3 * HAND, separator=";")
+    with pytest.raises(SceneError, match=words) as caught:
+        demonstration_of(scene(folder, {"file": name, **keys}))
+    assert "--" not in caught.value.way_out
+
+
+def test_the_keys_that_a_refusal_names_lead_to_the_movement(folder):
+    name = table(folder, "left_x,left_y,right_x,right_y", HAND, HAND + 1)
+    source = {"file": name}
+    for _ in range(4):
+        try:
+            movement = demonstration_of(scene(folder, source))
+            break
+        except SceneError as error:
+            source |= yaml.safe_load(error.way_out.partition("below demonstration: ")[2].replace("; ", "\n"))
+    assert source == {"file": name, "manipulator": "left", "rate": 100}
+    assert np.allclose(movement.goal, HAND[-1])
+
+
+@pytest.mark.parametrize("key", ["unit", "columns", "rate", "clean", "drop_missing"])
+def test_keys_of_reading_need_a_file(folder, key):
+    value = {"unit": "mm", "columns": ["x"], "rate": 50, "clean": True, "drop_missing": True}[key]
+    with pytest.raises(SceneError, match=f"{key} .* belongs to a file"):
+        scene(folder, {"lasa": "Sine", key: value})
+
+
+def test_what_was_learned_is_named_by_its_file(folder):
+    write_primitive(folder / "taught.json", SINE)
+    loaded = scene(folder, {"file": "taught.json"})
+    assert recording_of(loaded) is None
+    assert np.array_equal(demonstration_of(loaded).weights, SINE.dmp.weights)
+    laid = scene(folder, {"file": "taught.json", "plane": "xz", "scale": 0.01}, SPATIAL)
+    played = demonstration_of(laid).rollout().position
+    assert np.allclose(played[:, [0, 2]], 0.01 * SINE.dmp.rollout().position, atol=1e-12)
+    with pytest.raises(
+        SceneError, match=r"unit 'mm' belongs to a recording, and taught\.json is a primitive"
+    ):
+        demonstration_of(scene(folder, {"file": "taught.json", "unit": "mm"}))
+    joints = Demonstration(SECONDS, HAND, unit="rad", axes=("a", "b"))
+    write_primitive(folder / "taught.json", learn(joints, name="arm"))
+    with pytest.raises(SceneError, match="movement of joints in rad"):
+        demonstration_of(scene(folder, {"file": "taught.json"}))
+    (folder / "taught.json").write_bytes((folder / "taught.json").read_bytes().replace(b"arm", b"leg"))
+    with pytest.raises(SceneError, match="checksum"):
+        demonstration_of(scene(folder, {"file": "taught.json"}))
+
+
+@pytest.mark.parametrize("names", [("left", "right"), ("Left Hand", "Right Hand"), ("right_arm", "left_arm")])
+def test_each_hand_follows_its_body_of_a_tracker(folder, names):
+    header = ",".join(["time", *(f"{name} {axis}" for name in names for axis in "XY")])
+    name = table(folder, header, SECONDS, HAND, HAND * [1, -1])
+    left, right = demonstration_of(scene(folder, {"file": name}, PAIR))
+    sign = 1 if names[0].lower().startswith("left") else -1
+    assert np.allclose(left.goal, HAND[-1] * [1, sign]) and np.allclose(right.goal, HAND[-1] * [1, -sign])
+
+
+def test_coordinates_in_another_order_are_those_of_the_scene(folder):
+    name = table(folder, "time,y [m],x [m]", SECONDS, HAND[:, ::-1])
+    recording = recording_of(scene(folder, {"file": name}))
+    np.testing.assert_allclose(recording.position, HAND, atol=1e-9)

@@ -56,9 +56,10 @@ def refused(data):
 
 
 def quiet(data):
-    """The scene, which must be built without a word."""
+    """The scene, which must be built without a word, but for hands that are put beside the load on purpose."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.filterwarnings("ignore", message=".*there is nothing between its fingers")
         return Scene.from_dict(data)
 
 

@@ -11,10 +11,14 @@ from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.scenes import Scene
+from comove.simulators.building import build_world
+from comove.simulators.engine import NO_PICTURES, drawing_backend, engine
 from comove.simulators.execution import Contact
 from comove.simulators.live import run_live
 from comove.simulators.live_record import judge_run
+from comove.simulators.pictures import FilmedRun, draw_film, draw_sheet, place
 from comove.simulators.robot_runs import ROBOT_RUN, write_robot_run
+from comove.simulators.world import moving_body
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import EXAMPLES, robot
 
@@ -107,6 +111,41 @@ def test_files_are_sealed_and_read_back(executed, tmp_path):
     read, arrays = ROBOT_RUN.read(tmp_path)
     assert read["scene_sha256"] == record.scene.sha256
     np.testing.assert_array_equal(arrays["commanded"], np.array(record.commanded))
+
+
+def test_a_run_is_drawn_with_obstacles_and_joints_where_they_were(executed):
+    _, record = executed
+    filmed = FilmedRun.of(record)
+    world = build_world(filmed.robot, filmed.scene, filmed.load, filmed.grasp, filmed.perturbation)
+    data = engine().MjData(world.model)
+    for step in (0, len(record.time) // 2, len(record.time) - 1):
+        place(filmed, world, data, step)
+        assert np.allclose(data.body(moving_body(3)).xpos, record.obstacles[step][3])
+        assert np.array_equal(data.qpos[world.qpos], record.measured[step])
+        assert np.allclose(world.load_pose(data), record.load[step], atol=1e-9)
+
+
+@pytest.mark.skipif(drawing_backend() == NO_PICTURES, reason="neither EGL nor OSMesa")
+def test_a_run_has_pictures_and_a_film_of_its_length(executed, tmp_path):
+    filmed = FilmedRun.of(executed[1])
+    draw_sheet(filmed, tmp_path / "robot_run.png", count=2, columns=2, width=80)
+    film = draw_film(filmed, tmp_path / "robot_run.mp4", rate=2.0, width=80)
+    assert (tmp_path / "robot_run.png").read_bytes().startswith(b"\x89PNG") and film.stat().st_size > 0
+
+
+def test_a_stored_run_is_played_and_judged_anew(executed, tmp_path):
+    pytest.importorskip("viser")
+    from comove.workbench.playback import playback_of
+
+    executor, record = executed
+    report = judge_run(record)
+    write_robot_run(tmp_path / "", record, report, executor.log, seed=2, wall_time_s=1.0)
+    played = playback_of(tmp_path)
+    assert played.holds and played.robot is not None and played.recording.links.shape[1] > 0
+    assert played.recording.time[-1] == pytest.approx(record.time[-1])
+    summary, arrays = ROBOT_RUN.read(tmp_path)
+    ROBOT_RUN.write(tmp_path, summary, dict(arrays) | {"measured": arrays["measured"] + 0.01})
+    assert not playback_of(tmp_path).holds
 
 
 def test_a_run_takes_the_place_of_an_earlier_one(executed, tmp_path):

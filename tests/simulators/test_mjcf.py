@@ -5,6 +5,7 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pinocchio as pin
 import pytest
+import yaml
 
 from comove.errors import RobotError
 from comove.simulators.engine import engine
@@ -58,8 +59,6 @@ def test_bodies_are_where_mujoco_has_them_and_weigh_as_much(tmp_path):
     mujoco = engine()
     theirs = mujoco.MjModel.from_xml_path(str(path))
     tree = ET.fromstring(urdf_of(path).urdf)
-    for limit in tree.findall("joint/limit"):  # as a description states them
-        limit.attrib |= {"velocity": "1", "effort": "1"}
     state, ours = mujoco.MjData(theirs), pin.buildModelFromXML(ET.tostring(tree, encoding="unicode"))
     data, rng = ours.createData(), np.random.default_rng(0)
     assert set(ours.names[1:]) == {"turn", "lift", "slide", "l", "r"}
@@ -156,3 +155,83 @@ def test_what_has_no_counterpart_is_told(tmp_path, old, new, told):
     assert old in ARM
     with pytest.raises(RobotError, match=told):
         urdf_of(written(tmp_path, ARM.replace(old, new)))
+
+
+MOTORS = """
+<mujoco><compiler angle="radian"/><worldbody><geom name="ground" type="plane" size="0 0 1"/>
+  <body name="table" pos="1 0 .4"><geom type="box" size=".4 .3 .02" mass="9"/></body>
+  <body name="door" pos="-2 0 0"><joint name="hinge"/><geom type="box" size=".4 .02 1" mass="9"/></body>
+  <body name="can" pos="1 0 .5"><freejoint/><geom type="cylinder" size=".03 .06" mass=".4"/></body>
+  <body name="a" gravcomp="1"><joint name="a" axis="0 0 1" range="-2 2" limited="true" damping=".3" frictionloss=".1"
+    {joint}/><geom size=".05" mass="1"/>
+    <body name="b" pos="0 0 .3" gravcomp="1"><joint name="b" axis="0 1 0"/><geom size=".05" mass="1"/></body></body>
+</worldbody>
+<tendon><fixed name="t"><joint joint="a" coef="2"/></fixed></tendon>
+<actuator>{actuator}<motor joint="b" ctrllimited="true" ctrlrange="-7 7"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize(
+    ("actuator", "joint", "effort", "velocity"),
+    [
+        ('<motor joint="a" ctrllimited="true" ctrlrange="-176 176"/>', "", 176.0, None),
+        ('<motor joint="a" gear="-20" ctrllimited="true" ctrlrange="-3 3"/>', "", 60.0, None),
+        ('<motor joint="a" ctrllimited="true" ctrlrange="-9 5"/>', "", 5.0, None),
+        ('<motor tendon="t" ctrllimited="true" ctrlrange="-6 6"/>', "", 12.0, None),
+        (
+            '<motor joint="a" ctrlrange="-9 9" ctrllimited="true" forcelimited="true" forcerange="-4 4"/>',
+            "",
+            4.0,
+            None,
+        ),
+        ('<motor joint="a" ctrllimited="true" ctrlrange="-9 9"/>', 'actuatorfrcrange="-3 3"', 3.0, None),
+        ('<general joint="a" gainprm="5" ctrllimited="true" ctrlrange="-2 2"/>', "", 10.0, None),
+        ('<position joint="a" kp="1000" forcelimited="true" forcerange="-40 40"/>', "", 40.0, None),
+        ('<position joint="a" kp="1000" ctrllimited="true" ctrlrange="-1 1"/>', "", None, None),
+        ('<velocity joint="a" kv="50" gear="2" ctrllimited="true" ctrlrange="-3 3"/>', "", 300.0, 1.5),
+    ],
+)
+def test_actuators_become_efforts_and_speeds(tmp_path, actuator, joint, effort, velocity):
+    """By hand from MuJoCo's definition of each; what nothing limits is a guess, marked and told."""
+    found = urdf_of(written(tmp_path, MOTORS.format(actuator=actuator, joint=joint)))
+    (limit,) = ET.fromstring(found.urdf).findall("joint[@name='a']/limit")
+    guessed = limit.get("{urn:comove}guessed", "").split()
+    for key, value in (("effort", effort), ("velocity", velocity)):
+        assert (key in guessed) == (value is None)
+        assert float(limit.get(key)) > 0.0
+        assert value is None or float(limit.get(key)) == pytest.approx(value)
+        assert any(f"limits no {key} of" in note and "'a'" in note for note in found.notes) == (value is None)
+    upper = 1.0 if "<position" in actuator and "ctrlrange" in actuator else 2.0
+    assert float(limit.get("upper")) == pytest.approx(upper)
+
+
+def test_furniture_becomes_obstacles_and_what_moves_freely_a_payload(tmp_path):
+    text = MOTORS.format(actuator='<motor joint="a" ctrllimited="true" ctrlrange="-9 9"/>', joint="")
+    found = urdf_of(written(tmp_path, text))
+    assert set(links_of(written(tmp_path, text))) == {"world", "a", "b"}
+    obstacles = {entry["name"]: entry for entry in yaml.safe_load(found.obstacles)["obstacles"]}
+    assert set(obstacles) == {"ground", "table", "door"}
+    assert obstacles["table"] == {
+        "name": "table",
+        "shape": "box",
+        "size": [0.8, 0.6, 0.04],
+        "center": [1, 0, 0.4],
+    }
+    top = obstacles["ground"]["center"][2] + 0.5 * obstacles["ground"]["size"][2]
+    assert top == pytest.approx(0.0)
+    told = "\n".join(found.notes)
+    assert "'can' moves freely" in told
+    assert "{shape: bar, length: 0.12, radius: 0.03, mass: 0.4}" in told
+    assert "'hinge'" in told
+
+
+def test_every_limit_has_what_other_readers_ask_for_and_dynamics_are_kept(tmp_path):
+    text = MOTORS.format(actuator='<position joint="a" kp="9"/>', joint="")
+    tree = ET.fromstring(urdf_of(written(tmp_path, text)).urdf)
+    for limit in tree.iter("limit"):
+        assert float(limit.get("effort")) > 0.0
+        assert float(limit.get("velocity")) > 0.0
+    (joint,) = tree.findall("joint[@name='a']")
+    assert joint.find("dynamics").attrib == {"damping": "0.3", "friction": "0.1"}
+    assert joint.get("{urn:comove}springs") == "1.0"
+    assert pin.buildModelFromXML(ET.tostring(tree, encoding="unicode")).nq == 3

@@ -1,22 +1,19 @@
 """Every part of a result folder is verified against a trusted scene and robot, or what it is against is said."""
 
+import json
 import shutil
 
 import numpy as np
 import pytest
 
 from comove.errors import ResultError
-from comove.io.folders import whole_folder
-from comove.results import RESULT
-from comove.robots.online.executor import OnlineLog
 from comove.simulators import SIMULATION, play, write_simulation
-from comove.simulators.live_record import OnlineRecord, judge_run
-from comove.simulators.loads import carried, hand_poses, load_of
-from comove.simulators.robot_runs import ROBOT_RUN, write_robot_run
+from comove.simulators.robot_runs import ROBOT_RUN
 from comove.stored import Part, parts_of, verify_folder, verify_part
 from tests.commands import invoke
 from tests.robots.known_carry import baxter, known_carry
 from tests.robots.known_folder import write, write_forged
+from tests.stored.known_run import write_known_run
 
 
 @pytest.fixture(scope="module")
@@ -31,33 +28,7 @@ def simulated(tmp_path_factory):
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """An online run of Baxter in which everything goes as planned."""
-    motion, joints = known_carry()
-    scene, robot, period = motion.scene, baxter(), 0.02
-    time = period * np.arange(1, round(joints.duration / period) + 1)
-    commanded = joints.at(time)[0]
-    hands = hand_poses(robot, scene, commanded)
-    nodes = motion.coordinates.nodes(np.ascontiguousarray(motion.at(time / joints.duration)[0].T[None]))[0]
-    load = load_of(scene, hands[0])
-    held = hands[:, list(load.holders)]
-    record = OnlineRecord(
-        scene,
-        robot,
-        period,
-        list(time),
-        list(commanded),
-        list(commanded),
-        list(nodes),
-        list(carried(held, np.linalg.inv(held[0]) @ load.pose)),
-        [False] * len(time),
-        list(np.tile(scene.centers, (len(time), 1, 1))),
-        arrived=True,
-    )
-    report = judge_run(record)
-    log = OnlineLog(control=[0.001] * len(time))
-    folder = tmp_path_factory.mktemp("run") / "result"
-    with whole_folder(folder, RESULT) as draft:
-        write_robot_run(draft, record, report, log, seed=0, wall_time_s=1.0)
-    return folder
+    return write_known_run(tmp_path_factory.mktemp("run") / "result")
 
 
 def reasons_of(folder, part):
@@ -170,3 +141,19 @@ def test_options_that_change_a_scene_need_one(simulated, tmp_path):
     assert done.exit_code == 2 and "name the scene before the folder" in done.stderr
     done = invoke("verify", simulated, simulated, simulated)
     assert done.exit_code == 2 and "3 paths" in done.stderr
+
+
+def test_verbs_that_use_joints_say_what_they_are_verified_against_and_take_what_is_trusted(
+    simulated, tmp_path
+):
+    copy = shutil.copytree(simulated, tmp_path / "copy")
+    done = invoke("robot", "export", copy, "--format", "npz", "--no-transfers")
+    assert done.exit_code == 0, done.stderr
+    assert "verified against the folder's own scene" in done.stderr and "'baxter'" in done.stderr
+    scene = tmp_path / "other.yaml"
+    contents = json.loads((copy / "scene.json").read_text())
+    contents["obstacles"].append({"shape": "sphere", "center": [0.58, 0.0, 0.1], "radius": 0.05})
+    scene.write_text(json.dumps(contents))
+    for options in (("--scene", scene), ("--robot", "pr2")):
+        done = invoke("robot", "export", copy, "--format", "csv", *options)
+        assert done.exit_code == 2, done.output

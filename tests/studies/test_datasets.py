@@ -69,6 +69,36 @@ def test_samples_are_those_of_the_verified_curve(done):
         ] == list(center)
 
 
+def test_what_is_drawn_is_in_the_environment(tmp_path):
+    scene = yaml.safe_load((EXAMPLES / "posts.yaml").read_text())
+    scene["obstacles"][0] = {"name": "wall", "shape": "box", "center": [0.5, 0.05], "size": [0.1, 0.1]}
+    (tmp_path / "named.yaml").write_text(yaml.safe_dump(scene))
+    draws = [
+        {"key": "load.length", "uniform": [0.1, 0.2]},
+        {"key": "duration", "choice": [8, 10]},
+        {"key": "obstacles.0.size", "uniform": [[0.05, 0.05], [0.1, 0.15]]},
+        {"key": "obstacles.0.rotation_deg", "uniform": [-30, 30]},
+    ]
+    study = generate(tmp_path, draws=draws, scene="named.yaml", episodes=3)
+    pytest.importorskip("pyarrow")
+    export_episodes(tmp_path / "out", study.folder, FORMATS["lerobot"], RATE)
+    features = json.loads((tmp_path / "out/lerobot/meta/info.json").read_text())["features"][ENVIRONMENT]
+    seen = set()
+    for episode in episodes_of(tmp_path / "out", study.folder, RATE):
+        file = episode.scene.file
+        wall = file.obstacles[0]
+        names = features["names"]["axes"] if isinstance(features["names"], dict) else features["names"]
+        said = dict(zip(names, episode.environment[-1].tolist(), strict=True))
+        assert len(names) == len(set(names)) == features["shape"][0]
+        assert [said["wall_size_x"], said["wall_size_y"]] == list(wall.size)
+        assert [said["wall_x"], said["wall_y"]] == list(wall.center)
+        assert said["wall_angle"] == pytest.approx(np.deg2rad(wall.rotation_deg))
+        assert said["payload_size_x"] == pytest.approx(file.load.length + 2 * file.load.radius)
+        assert said["duration"] == file.duration
+        seen.add((said["wall_size_x"], said["payload_size_x"]))
+    assert len(seen) == 3
+
+
 def test_lerobot_reads_back(done):
     parquet = pytest.importorskip("pyarrow.parquet")
     folder, episodes = done

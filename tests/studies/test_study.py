@@ -11,6 +11,7 @@ from scipy import stats
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError, SceneError
 from comove.primitives import DMP, Library, Primitive
+from comove.scenes import recording_of
 from comove.studies import Study, Sweep
 from comove.studies.distributions import OneOf, TruncatedNormal, Uniform
 from comove.studies.keys import change, fit_hands
@@ -161,6 +162,25 @@ def test_demonstrations_are_drawn_from_libraries(tmp_path):
     library.path("up").write_bytes(library.path("down").read_bytes())
     (told,) = differences(before, Study.load(study.path).described)
     assert told.startswith("demonstrations.movements/up.dmp.json was")
+
+
+def test_recordings_that_are_drawn_are_read_as_the_scene_says(tmp_path):
+    """Keys of the scene's own demonstration hold for each of those that are drawn."""
+    (tmp_path / "takes").mkdir()
+    way = np.linspace(0.0, 1.0, 50)
+    for name, end in (("up", 1.0), ("down", -1.0)):
+        rows = "".join(f"{1e3 * x:.6g};{1e3 * y:.6g}\n" for x, y in zip(way, end * way**2, strict=True))
+        (tmp_path / "takes" / f"{name}.csv").write_text("u;v\n" + rows)
+    said = {"file": "takes/up.csv", "unit": "mm", "columns": ["u", "v"], "rate": 50}
+    draw = {"key": "demonstration", "recordings": "takes"}
+    study = Study.load(written(tmp_path, scene=SCENE | {"demonstration": said}, draws=[draw], episodes=20))
+    scenes = [study.draw(n).scene for n in range(20)]
+    assert {scene.file.demonstration.file for scene in scenes} == {"takes/up.csv", "takes/down.csv"}
+    for scene in scenes[:4]:
+        recording = recording_of(scene)
+        sign = 1 if scene.file.demonstration.file.endswith("up.csv") else -1
+        np.testing.assert_allclose(recording.goal, [1.0, sign], atol=1e-9)
+        assert recording.duration == pytest.approx(49 / 50)
 
 
 def test_edits_are_told_by_key(tmp_path):

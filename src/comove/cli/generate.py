@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -15,7 +17,10 @@ from comove.errors import SceneError, near_name
 
 if TYPE_CHECKING:
     from comove.studies import Study, StudyReport
+    from comove.studies.variety import Variety
 
+SHEET = 24
+"""Episodes on a contact sheet."""
 NO_FORMATS: list[str] = []
 
 
@@ -54,8 +59,10 @@ def generate(
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
     from comove.studies.datasets.samples import chosen_rate
+    from comove.studies.runner import check_study_folder
 
     part, run = running.part, running.run
+    check_study_folder(out)
     loaded = Study.load(study, episodes=episodes, seed=seed)
     wanted = _formats(formats, loaded, running.shard)
     chosen_rate(rate, loaded.described.get("cameras"))
@@ -77,14 +84,39 @@ def generate(
     s.run_with_progress(loaded, out, run, part)
     report = report_of(out)
     path = write_report(report, out)
+    sheet = _contact_sheet(out, loaded.folder)
     if json:
         print(path.read_text(encoding="utf-8"), end="")
     else:
         print(_text(report), f"report: {path}", sep="\n")
+        if sheet is not None:
+            print(f"first episodes: {sheet}")
     for name in wanted if report.verified else ():
         dataset, count = export_episodes(out, loaded.folder, FORMATS[name], rate, loaded)
         print(f"{name}: {dataset} holds {count} episodes", file=sys.stderr if json else sys.stdout)
     return VERIFIED if report.verified else NOT_VERIFIED
+
+
+def _contact_sheet(out: Path, scenes: Path) -> Path | None:
+    """Draw the first verified episodes beside the report; return the picture's path, None where there is none.
+
+    Parameters
+    ----------
+    scenes : folder to which paths in the scenes are relative
+    """
+    from comove.studies.episode import restored
+    from comove.studies.runs import RUNS, StudyStore
+    from comove.views import draw_episodes, save_picture
+
+    store = StudyStore.open(out / RUNS)
+    drawn = [
+        (restored(kept, scenes, store.path), str(run.number)) for run, kept in islice(store.motions(), SHEET)
+    ]
+    if not drawn:
+        return None
+    motions, titles = zip(*drawn, strict=True)
+    save_picture(draw_episodes(motions, titles), out / "episodes.png")
+    return out / "episodes.png"
 
 
 def _formats(named: list[str], study: Study, shard: str) -> Sequence[str]:
@@ -119,11 +151,18 @@ def _text(report: StudyReport) -> str:
         lines += [
             f"  two episodes   differ by {100 * found.starts:.1f} cm in start, {100 * found.goals:.1f} cm in goal, "
             f"{100 * found.paths:.1f} cm in path ({100 * found.shapes:.1f} cm in its shape)",
-            f"  passing sides  {len(found.classes)} classes, {found.entropy:.2f} bit: {classes}",
+            f"  passing sides  {_sides(found)}: {classes}",
         ]
     lines.append(f"  bytes          {report.bytes_each:.0f} an episode")
     lines.append(f"  processor time {report.seconds_in_all / max(1, report.ended):.2f} s an episode")
     return "\n".join(lines)
+
+
+def _sides(found: Variety) -> str:
+    """Say how many ways past the obstacles there are, and how evenly the episodes take them."""
+    if len(found.classes) == 1:
+        return "the same in all episodes"
+    return f"{len(found.classes)} classes, as varied as {2**found.entropy:.3g} equally frequent ones"
 
 
 def _joint_lines(report: StudyReport) -> list[str]:

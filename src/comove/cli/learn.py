@@ -32,14 +32,20 @@ def learn(
             "equal places."
         ),
     ] = "duration",
+    picture: Annotated[
+        Path | None,
+        typer.Option(help="Picture of recording and primitive (PNG, PDF or SVG); beside OUT unless given."),
+    ] = None,
     reading: r.Reading,
 ) -> int:
-    """Fit a movement primitive to DEMO, or a distribution of movements to several, and save it."""
+    """Fit a movement primitive to DEMO, or a distribution of movements to several; save and draw it."""
     from comove.cli.texts import learned_text
+    from comove.demonstrations import Demonstration
     from comove.primitives import learn, learn_distribution, write_primitive
     from comove.primitives.recordings import is_several, read_recording, read_several
 
     r.check_target(out)
+    drawn = r.picture_target(out, picture)
     name = r.name_of_file(out)
     if len(demos) > 1 or is_several(demos[0]):
         arguments = learning.of_distribution(align)
@@ -50,13 +56,19 @@ def learn(
             else reading.movement(recording, source)
             for recording, source in zip(found, sources, strict=True)
         ]
+        movement = movements[0]
         primitive = learn_distribution(movements, name=name, sources=sources, **arguments)
     else:
         (demo,) = demos
         read = read_recording(demo, **reading.arguments)
         movement = reading.movement(read.demonstration, demo)
         primitive = learn(movement, name=name, source=read.source, **learning.arguments)
+    recording = movement if isinstance(movement, Demonstration) else None
+    if drawn is not None:
+        from comove.views import draw_primitive, save_picture
+
+        save_picture(draw_primitive(primitive, recording), drawn)
     write_primitive(out, primitive)
     print(learned_text(primitive))
-    say(f"  saved as       {out}")
+    say(f"  saved as       {out}" + (f", drawn as {drawn}" if drawn is not None else ""))
     return 0

@@ -241,21 +241,26 @@ def combine(
     ] = None,
     folder: Folder = FOLDER,
     seed: o.Seed = 0,
-    budget: Annotated[float, typer.Option(help="Seconds after which the best so far is taken.")] = 30.0,
+    budget: o.Budget = 30.0,
     picture: Annotated[Path | None, typer.Option(help="Picture of the motion (PNG, PDF or SVG).")] = None,
 ) -> int:
     """Combine primitives into one that gets through SCENE, and save it."""
     from comove._version import __version__
     from comove.cli.progress import progress_bar
     from comove.planning import combine
+    from comove.planning.choice import suitable
     from comove.primitives import Library, Primitive, write_primitive
     from comove.scenes import Scene
 
     r.check_target(out)
     o.check_picture(picture)
-    library, loaded = Library(folder), Scene.load(scene)
+    o.check_budget(budget)
+    library = Library(folder)
     primitives = [library.get(name) for name in names] if names else library
     with progress_bar(budget) as progress:
+        loaded = Scene.load(scene, check_ends=False)
+        suitable(primitives, loaded)
+        loaded.require_free_ends()
         found = combine(primitives, loaded, seed=seed, budget=budget, progress=progress)
     verdict = "verified" if found.verified else "NOT VERIFIED"
     parts = [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from comove.planning import LeastJerk, LeastTime, PaperCost
     from comove.planning.method import Method
     from comove.primitives import DMP, Library, PoseDMP, ProMP
+    from comove.robots import VerifiedJointMotion
     from comove.scenes import Scene
 
 METHODS = ("comove", "projection", "paper", "printed")
@@ -61,6 +63,32 @@ class SceneLimits(RunLimits):
     """Options that change what a scene asks of a motion."""
 
     jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None
+
+
+@dataclass(frozen=True)
+class Trusted:
+    """Options of what a robot's motion in a folder is verified against."""
+
+    scene: Annotated[
+        Path | None, typer.Option(help="Scene file that you trust; the folder's own scene unless given.")
+    ] = None
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="Robot that you trust: a bundled one's name, or a description; the scene's unless given."
+        ),
+    ] = None
+
+    def verified(self, folder: Path) -> VerifiedJointMotion:
+        """Return the joint motion in a folder, verified anew, and print what it was verified against."""
+        from comove.cli.texts import say
+        from comove.robots.files import verified_against
+        from comove.scenes import Scene
+
+        scene = None if self.scene is None else Scene.load(self.scene)
+        motion, (against, robot) = verified_against(folder, scene=scene, robot=self.robot)
+        say(f"verified against {against}, {robot}", file=sys.stderr)
+        return motion
 
 
 def require_one_of(name: str, known: Sequence[str], what: str) -> None:
@@ -145,6 +173,39 @@ def _weights(text: str) -> dict[str, float]:
     return {"goal": goal, "velocity": velocity, "obstacle": obstacle}
 
 
+def movement_given(
+    scene: Scene, file: Path, demonstration: Path | None, library: Path | None, resemblance: float | None
+) -> tuple[Library | None, Any]:
+    """Return the library that a command names, or else the movement that it or its scene names.
+
+    What a scene names is returned beside a library as well, for the method that combines both.
+    """
+    from comove.planning.choice import suitable
+    from comove.primitives import Library
+    from comove.scenes import demonstration_of
+
+    if resemblance and scene.file.demonstration is None and demonstration is None and library is None:
+        raise OptionError(
+            "the scene has no demonstration to resemble",
+            file=file,
+            key="--resemblance",
+            way_out="add a demonstration to the scene",
+        )
+    known = None
+    if library is not None:
+        known = Library(library)
+        suitable(known, scene, _plane_of(scene))
+    if demonstration is not None:
+        return known, demonstration_at(demonstration, scene)
+    return known, demonstration_of(scene)
+
+
+def _plane_of(scene: Scene) -> str | None:
+    """Return the plane into which a scene lays planar movements."""
+    demonstration = scene.file.demonstration
+    return None if demonstration is None else demonstration.plane
+
+
 def from_library(
     library: Library, scene: Scene, method: Method, seed: int, budget: float
 ) -> tuple[str, DMP | ProMP]:
@@ -157,8 +218,7 @@ def from_library(
     from comove.planning import Budget, Paper, Printed, best_movement, combine
     from comove.primitives import ProMP
 
-    demonstration = scene.file.demonstration
-    plane = None if demonstration is None else demonstration.plane
+    plane = _plane_of(scene)
     if isinstance(method, (Paper, Printed)):
         from comove.experiments.compared.single import alone
 
@@ -177,25 +237,21 @@ def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
     """Return the movement of a primitive's file or a recording, or the distribution of a folder of recordings."""
     from comove.primitives import ProMP, read_primitive
     from comove.primitives.recordings import is_several, read_recording, read_several
-    from comove.scenes import fitted
+    from comove.scenes import fitted, followed_in
+    from comove.scenes.demonstration import require_dimension
 
     named = str(path)
     if is_several(named):
-        return ProMP.fit(read_several([named])[0])
+        recordings, _ = read_several([named])
+        first = recordings[0]
+        of_one = next(iter(first.values())) if isinstance(first, dict) else first
+        require_dimension(of_one.n_dims, scene)
+        return ProMP.fit(recordings)
     if path.suffix == ".json":
-        return read_primitive(path).followed
+        source = scene.file.demonstration
+        plane = None if source is None else source.plane
+        return followed_in(scene, read_primitive(path), key="--demonstration", plane=plane)
     return fitted(scene, read_recording(named).demonstration)
-
-
-def require_demonstration(resemblance: float | None, movements: object, scene: Path) -> None:
-    """Raise if a resemblance is given but there is no demonstration."""
-    if resemblance and movements is None:
-        raise OptionError(
-            "the scene has no demonstration to resemble",
-            file=scene,
-            key="--resemblance",
-            way_out="add a demonstration to the scene",
-        )
 
 
 def check_picture(path: Path | None) -> None:

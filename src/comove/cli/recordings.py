@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comove.errors import LibraryError, OptionError
+from comove.io.files import telling
 
 if TYPE_CHECKING:
     from comove.demonstrations import Demonstration
@@ -110,7 +111,7 @@ class Reading:
         str | None,
         typer.Option(
             metavar="X,Y,Z",
-            help="Columns of the positions in a text table, by name or number; of any program's making.",
+            help="Columns of the positions in a text table, by name or number, or a body's name; found unless given.",
         ),
     ] = None
     delimiter: Annotated[
@@ -124,6 +125,10 @@ class Reading:
     rate: Annotated[
         float | None, typer.Option(help="Samples a second, where there is no column of time [Hz].")
     ] = None
+    drop_missing: Annotated[
+        bool,
+        typer.Option("--drop-missing", help="Leave out rows of a table in which something was not measured."),
+    ] = False
     robot: Annotated[
         str | None,
         typer.Option(
@@ -145,9 +150,11 @@ class Reading:
     def arguments(self) -> dict[str, Any]:
         """Return the keyword arguments of `read_recording`, only those that were given."""
         names = None if self.columns is None else [name.strip() for name in self.columns.split(",")]
-        given = {**vars(self), "columns": names, "clean": self.clean or None}
+        given = {**vars(self), "columns": names}
         return {
-            key: value for key, value in given.items() if value is not None and key not in ("robot", "arm")
+            key: value
+            for key, value in given.items()
+            if value is not None and value is not False and key not in ("robot", "arm")
         }
 
     def movement(self, recording: Demonstration, named: str) -> Demonstration:
@@ -161,7 +168,8 @@ class Reading:
         from comove.demonstrations.samples import advising
         from comove.primitives.recordings import require_plausible
 
-        require_plausible(recording, named)
+        with advising(named, self.arguments):
+            require_plausible(recording, named)
         if self.robot is None:
             if self.arm is not None:
                 raise OptionError("an arm of which robot?", key="--arm", way_out="name it: --robot ROBOT")
@@ -173,6 +181,21 @@ class Reading:
         arm = self.arm or (self.manipulator if self.manipulator in sides else None)
         with advising(named, self.arguments | {"robot": self.robot, "arm": self.arm}):
             return end_effector_path(recording, robot, arm)
+
+
+def picture_target(out: Path, picture: Path | None) -> Path | None:
+    """Return where a primitive is drawn: at `picture`, or beside its file, but never over a picture of others."""
+    from comove.cli.options import check_picture
+
+    if picture is not None:
+        check_picture(picture)
+        return picture
+    beside = out.with_suffix(".png")
+    if beside.exists():
+        with telling(beside), open(beside, "rb") as file:
+            if b"Matplotlib" not in file.read(1024):
+                return None
+    return beside
 
 
 def check_target(path: Path) -> None:

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, sub_application, verb_of
+from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.joints import METHODS
 from comove.cli.texts import say
-from comove.errors import ComoveError, InputError, OptionError, ResultError, RobotError
+from comove.errors import ComoveError, OptionError, ResultError, RobotError
 
 if TYPE_CHECKING:
-    from comove.robots import Robot
-    from comove.scenes import Scene
+    pass
 
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
@@ -25,8 +25,6 @@ RobotName = Annotated[
     typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
 ]
 GraspName = Annotated[str, typer.Option(help="How the hands hold the load: weld, connect, friction.")]
-RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
-METHODS = ("comove", "paper", "task-priority")
 FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
 PARTS = ("carry", "approach", "release")
 
@@ -61,67 +59,16 @@ def solve(
     limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
-    """Find a motion for SCENE that a robot can carry out, judge its joints, save and draw it."""
-    from comove.cli.progress import progress_bar, time_spent
-    from comove.cli.solve import exit_code, load_views
-    from comove.cli.texts import in_rows, joints_text, summary_text
-    from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, movements_of
-    from comove.primitives import Library
-    from comove.results import RESULT
-    from comove.robots import carry
-    from comove.robots.kernels import load_robot_kernels
-    from comove.scenes import Scene, demonstration_of
+    """Find a motion for SCENE that a robot can carry out, verify its joints, save and draw it; as 'comove solve'."""
+    from comove.cli.joints import Wanted, solve_joints
+    from comove.cli.progress import progress_bar
+    from comove.scenes import Scene
 
-    chosen = o.method_named(method, METHODS)
-    smooth = method == "comove"
     o.check_budget(budget)
-    check_target(out, RESULT)
-    with progress_bar(budget) as progress:
-        loaded = Scene.load(scene, limits.changes)
-        load_robot_kernels(SceneKind.of(loaded), beside=load_views)
-        wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
-        carrier, named = robot_named(robot, loaded, scene)
-        source, demonstration = None, demonstration_of(loaded)
-        if library is not None:
-            source, demonstration = o.from_library(Library(library), loaded, chosen, seed, budget)
-        movements = movements_of(demonstration, loaded)
-        o.require_demonstration(resemblance, movements, scene)
-        try:
-            found = carry(
-                loaded,
-                carrier,
-                demonstration=movements,
-                seed=seed,
-                method=None if smooth else chosen,
-                budget=budget,
-                progress=progress,
-                objective=wanted,
-            )
-        except InputError as error:
-            error.file = error.file or scene
-            raise
-    from comove.views import save_robot_result
-
-    solution = found.solution
-    with whole_folder(out, RESULT) as draft:
-        summary = save_robot_result(
-            found,
-            draft,
-            wall_time_s=time_spent(),
-            demonstration=movements,
-            source=named,
-            command=command_words(),
-        )
-    if json:
-        print((out / "solution.json").read_text(encoding="utf-8"), end="")
-        return exit_code(solution)
-    print(summary_text(summary, out))
-    print(joints_text(carrier.name, found.report.asdict()))
-    rows = [] if source is None else [("demonstration", f"{source} of {library}")]
-    rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
-    print(*in_rows(rows), sep="\n")
-    return exit_code(solution)
+    with progress_bar():
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
+    wanted = Wanted(method, objective, resemblance, weights, library)
+    return solve_joints(loaded, scene, out, robot, wanted, seed=seed, budget=budget, json=json)
 
 
 @verb_of(group)
@@ -138,13 +85,14 @@ def simulate(
     ] = None,
     pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
     film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
+    *,
+    trusted: o.Trusted,
 ) -> int:
     """Play the motion in DIR with MuJoCo: servos, contacts, slip, forces on the load."""
     import numpy as np
 
     from comove.cli.texts import in_rows, simulation_text
     from comove.io.files import require_target
-    from comove.robots import verified_motion
     from comove.simulators import (
         GRASPS,
         Perturbation,
@@ -155,7 +103,7 @@ def simulate(
     )
 
     o.require_one_of(grasp, tuple(GRASPS), "grasp")
-    motion = verified_motion(folder)
+    motion = trusted.verified(folder)
     require_target(folder / "simulation.npz", ResultError)
     robot = motion.robot
     drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
@@ -188,15 +136,17 @@ def export(
             help="Also the motions from home to the grasp and from there home; unless said, where there are any."
         ),
     ] = None,
+    *,
+    trusted: o.Trusted,
 ) -> int:
     """Judge the motion in DIR anew and write it there in a format that robots play."""
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
-    from comove.robots import plan_transfers, verified_motion
+    from comove.robots import plan_transfers
 
     if format is not None:
         o.require_one_of(format, FORMATS, "format")
-    motion = verified_motion(folder)
+    motion = trusted.verified(folder)
     kind = usual_format(motion) if format is None else KINDS[format]
     check_export(motion, folder, kind, rate=rate, transfers=transfers is not False)
     planned = None
@@ -224,10 +174,12 @@ def send(
         float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
     ] = 0.2,
     timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
+    *,
+    trusted: o.Trusted,
 ) -> int:
     """Judge the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
     from comove.export import Ros1Client, SendError, Tolerances, send
-    from comove.robots import plan_transfers, verified_motion
+    from comove.robots import plan_transfers
 
     o.require_one_of(part, PARTS, "part")
     given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
@@ -235,7 +187,7 @@ def send(
         if not 0 < value < float("inf"):
             raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
-    motion = verified_motion(folder)
+    motion = trusted.verified(folder)
     transfers = None if part == "carry" else plan_transfers(motion)
     try:
         with Ros1Client() as client:
@@ -272,77 +224,16 @@ def run(
             help="Seconds of simulated time that the run may last; 4 times the plan's unless given."
         ),
     ] = None,
+    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
+    film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print robot_run.json and nothing else.")] = False,
 ) -> int:
-    """Let a robot carry SCENE's load in MuJoCo, step by step among obstacles that move, record and judge it."""
-    import numpy as np
-
-    from comove.cli.progress import progress_bar, time_spent
-    from comove.cli.texts import robot_run_text
-    from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind
-    from comove.results import RESULT
-    from comove.results.inputs import write_inputs
-    from comove.robots.kernels import load_robot_kernels
-    from comove.robots.online.executor import JointExecutor, OnlineSettings
+    """Let a robot carry SCENE's load in MuJoCo, step by step among obstacles that move; as 'comove run'."""
+    from comove.cli.joints import SimulatedRun, run_joints
+    from comove.cli.progress import progress_bar
     from comove.scenes import Scene
-    from comove.simulators import GRASPS, Perturbation
-    from comove.simulators.live import run_live
-    from comove.simulators.live_record import judge_run
-    from comove.simulators.robot_runs import write_robot_run
-    from comove.views import draw_joints, save
 
-    o.require_one_of(grasp, tuple(GRASPS), "grasp")
-    if not 50.0 <= rate <= 500.0:
-        raise OptionError(f"{rate:g} Hz are not possible", key="--rate", way_out="give 50 to 500")
-    if budget is not None:
-        o.check_budget(budget)
-    check_target(out, RESULT)
-    loaded = Scene.load(scene)
-    carrier, named = robot_named(robot, loaded, scene)
     with progress_bar():
-        load_robot_kernels(SceneKind.of(loaded))
-        executor = JointExecutor(loaded, carrier, seed=seed, settings=OnlineSettings(period=1.0 / rate))
-        drawn = None
-        if perturbed is not None:
-            drawn = Perturbation.drawn(np.random.default_rng(perturbed), len(carrier.joint_names))
-        record = run_live(
-            executor, budget or RUN_LONGEST * executor.plan.scene.duration, GRASPS[grasp](), drawn
-        )
-        report = judge_run(record)
-    with whole_folder(out, RESULT) as draft:
-        title = f"{loaded.name}, {carrier.name}, online" + (
-            "" if not report.reasons else " (not as it should)"
-        )
-        save(draw_joints(carrier, record.motion, title=title), draft / "joints.png")
-        summary = write_robot_run(
-            draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
-        )
-        write_inputs(draft, loaded, files=carrier.files, command=command_words())
-    if json:
-        print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
-    else:
-        print(robot_run_text(summary, out))
-    if record.interrupted:
-        return INTERRUPTED
-    return NOT_VERIFIED if report.reasons else VERIFIED
-
-
-def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:
-    """Return the robot named by the command line, or else by the scene, and its description's name or path."""
-    from comove.robots import Robot, bundled_robots, find_description
-
-    named = name if name is not None else scene.file.robot
-    if named is None:
-        raise RobotError(
-            "neither the scene nor the command names a robot",
-            file=file,
-            key="robot",
-            way_out=f"add robot: NAME to the scene or give --robot; bundled: {', '.join(bundled_robots())}",
-        )
-    try:
-        path = find_description(named, None if name is not None else file.parent)
-    except RobotError as error:
-        error.file, error.key = (file, "robot") if name is None else (error.file, "--robot")
-        raise
-    return Robot.load(path), named if named in bundled_robots() else path
+        loaded = Scene.load(scene, check_ends=False)
+    how = SimulatedRun(rate, grasp, perturbed, budget, pictures, film)
+    return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -116,6 +116,10 @@ def scene(
     out: Annotated[Path, typer.Option(help="Scene to write (YAML); it must not be there yet.")] = Path(
         "scene.yaml"
     ),
+    obstacles: Annotated[
+        Path | None,
+        typer.Option(help="Obstacles that stand around the robot (YAML), such as `convert` writes."),
+    ] = None,
     seed: o.Seed = 0,
 ) -> int:
     """Make a first scene for a robot: two hands lift a bar over a rail; it is solved once, so that it can be."""
@@ -132,7 +136,8 @@ def scene(
     if robot not in bundled_robots():
         named = os.path.relpath(find_description(robot), out.absolute().parent)
     try:
-        proposal = propose_scene(loaded, named, seed=seed)
+        around = () if obstacles is None else _obstacles_in(obstacles, out)
+        proposal = propose_scene(loaded, named, around=around, folder=out.absolute().parent, seed=seed)
     except RobotError as error:
         error.file = error.file or Path(robot)
         raise
@@ -157,6 +162,34 @@ def scene(
     say(f"{out}: a scene for {loaded.name}")
     print(*in_rows(rows), sep="\n")
     return VERIFIED
+
+
+def _obstacles_in(file: Path, scene: Path) -> list[dict[str, Any]]:
+    """Return the list of a file of obstacles, with the paths of meshes relative to a scene."""
+    import os
+
+    from comove.io.yaml_reader import read_yaml
+
+    data, _ = read_yaml(file)
+    found = data.get("obstacles")
+    if (
+        set(data) != {"obstacles"}
+        or not isinstance(found, list)
+        or not all(isinstance(x, dict) for x in found)
+    ):
+        raise SceneError(
+            "it holds no list of obstacles alone",
+            file=file,
+            key="obstacles",
+            way_out="write obstacles: [...]",
+        )
+    beside, mesh = scene.absolute().parent, "file"
+    return [
+        entry | {mesh: os.path.relpath(file.absolute().parent / str(entry[mesh]), beside)}
+        if mesh in entry
+        else entry
+        for entry in found
+    ]
 
 
 def _require_new(out: Path) -> None:

@@ -9,8 +9,10 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, verb
+from comove.cli.texts import HANDS_ALONE
 from comove.errors import OptionError
 
+PERIOD = 0.01  # s, of control unless it is said
 SHORTEST = 1e-4  # s, of control periods: ten times what the fastest controllers of arms take
 MAX_STEPS = 2_000_000  # that a run may take
 FORESEEN = 10.0  # work of the search for the duration of a scene that has none
@@ -22,11 +24,13 @@ def run(
     scene: o.SceneFile,
     out: Annotated[Path, typer.Option(help="Folder for the record.")],
     seed: o.Seed = 0,
-    period: Annotated[float, typer.Option(help="Control period [s].")] = 0.01,
+    period: Annotated[
+        float | None, typer.Option(help="Control period [s]; 0.01 unless given, of a robot 0.004.")
+    ] = None,
     budget: Annotated[
         float | None,
         typer.Option(
-            help="Seconds of simulated time that the run may last; 3 times the duration unless given."
+            help="Seconds of simulated time that the run may last; 3 times the duration unless given, of a robot 4."
         ),
     ] = None,
     compare: Annotated[
@@ -35,11 +39,35 @@ def run(
             "--compare", help="Do it with every other method too, draw all side by side and judge them alike."
         ),
     ] = False,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="The robot that carries it in MuJoCo: a bundled one's name, or a description (YAML); what SCENE "
+            "says unless given."
+        ),
+    ] = None,
+    grasp: Annotated[
+        str | None,
+        typer.Option(help="How a robot's hands hold the load: weld (unless given), connect, friction."),
+    ] = None,
+    perturbed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, help="Draw friction, mass, gains and the load's place in a robot's hands from this seed."
+        ),
+    ] = None,
+    hands_alone: Annotated[
+        bool,
+        typer.Option(
+            "--hands-alone", help="Execute the hands alone, though SCENE names a robot: no joint moves then."
+        ),
+    ] = False,
     *,
     limits: o.RunLimits,
-    json: Annotated[bool, typer.Option("--json", help="Print run.json and nothing else.")] = False,
+    json: Annotated[bool, typer.Option("--json", help="Print the summary in JSON and nothing else.")] = False,
 ) -> int:
-    """Execute SCENE step by step among its moving obstacles, record and draw it."""
+    """Execute SCENE step by step among its moving obstacles, by the robot that it names, record and draw it."""
+    from comove.cli.joints import SimulatedRun, names_robot, run_joints
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import comparison_text, run_text
     from comove.execution import Executor, Pace, write_run
@@ -54,26 +82,42 @@ def run(
     from comove.verification.record import verify_execution
     from comove.views import animate_run, draw_run, save
 
-    check_period(period)
-    pace = Pace(period=period)
+    if period is not None:
+        check_period(period)
     if budget is not None:
         o.check_budget(budget)
     check_target(out, RESULT)
-    loaded = Scene.load(scene, limits.changes)
+    with progress_bar():
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
+    if names_robot(loaded, robot, hands_alone):
+        if compare:
+            raise OptionError(
+                "other methods move hands alone, and the scene's robot would not be looked at",
+                key="--compare",
+                way_out="leave it out, or look at the --hands-alone",
+            )
+        rate = SimulatedRun.rate if period is None else 1.0 / period
+        how = SimulatedRun(rate, grasp or SimulatedRun.grasp, perturbed, budget)
+        return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)
+    for key, given in (("--grasp", grasp), ("--perturbed", perturbed)):
+        if given is not None:
+            raise OptionError("no robot carries the load", key=key, way_out="leave it out, or name a --robot")
+    period = PERIOD if period is None else period
+    pace = Pace(period=period)
     if loaded.is_timed or budget is not None:
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
+        taught = demonstration_of(loaded)
+        loaded.require_free_ends()
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
-            planned = solve(
-                loaded, demonstration=demonstration_of(loaded), seed=seed, budget=Budget(work=FORESEEN)
-            )
+            planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))
             if planned.interrupted:
                 return INTERRUPTED
             loaded = planned.scene
         budget = budget or LONGEST * loaded.duration
         check_steps(budget, period)
-        executor = Executor(loaded, seed=seed, pace=pace, demonstration=demonstration_of(loaded))
+        executor = Executor(loaded, seed=seed, pace=pace, demonstration=taught)
         record = executor.run(budget)
         report, interrupted = verify_execution(record, executor.blocker), executor.interrupted
         compared: list[Compared] = []
@@ -99,7 +143,8 @@ def run(
     if json:
         print((out / "run.json").read_text(encoding="utf-8"), end="")
     else:
-        print(run_text(summary, out) + (comparison_text(table, out) if compared else ""))
+        verdict = f"arrived, {HANDS_ALONE}" if summary["verified"] and loaded.file.robot is not None else ""
+        print(run_text(summary, out, verdict) + (comparison_text(table, out) if compared else ""))
     if interrupted:
         return INTERRUPTED
     return NOT_VERIFIED if report.reasons else VERIFIED

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
-from comove.cli.texts import say
+from comove.cli.texts import HANDS_ALONE, say
 from comove.errors import ResultError
 
 if TYPE_CHECKING:
@@ -42,7 +42,9 @@ def show(
         if part in found:
             told |= _measured(found[part])
             verdict = "" if found[part].verified or not _is_claimed(part, summary) else "NOT VERIFIED"
-        if verdict:
+            if found[part].verified and all(one.is_hands_alone for one in found.values()):
+                verdict = HANDS_ALONE
+        if verdict not in ("", HANDS_ALONE):
             code = NOT_VERIFIED
             told["reasons"] = list(found[part].reasons) if part in found else [why]
         print(_text(part, told, folder, verdict))

@@ -10,10 +10,12 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, verb
+from comove.cli.texts import HANDS_ALONE
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
     from comove.planning import Solution
+    from comove.scenes import Scene
 
 
 class ObstacleMode(StrEnum):
@@ -72,20 +74,35 @@ def solve(
             "what SCENE says. Of several recordings the motion keeps to what they agree in."
         ),
     ] = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="The robot whose joints carry it out: a bundled one's name, or a description (YAML); what SCENE "
+            "says unless given."
+        ),
+    ] = None,
+    hands_alone: Annotated[
+        bool,
+        typer.Option(
+            "--hands-alone",
+            help="Look at the hands alone, though SCENE names a robot: no joint is verified then.",
+        ),
+    ] = False,
     *,
     limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
-    """Find a verified motion for SCENE, save it and draw it."""
+    """Find a verified motion for SCENE, and the joints of the robot that it names, save it and draw it."""
+    from comove.cli.joints import Wanted, names_robot, solve_joints
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import in_rows, summary_text
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, load_kernels, movements_of, solve
-    from comove.primitives import Library, ProMP
+    from comove.planning import SceneKind, check_method, load_kernels, movements_of, solve
+    from comove.primitives import ProMP
     from comove.results import RESULT
-    from comove.scenes import Scene, demonstration_of
+    from comove.scenes import Scene
 
-    chosen = o.method_named(method)
+    o.require_one_of(method, (*o.METHODS, *o.COMPARED), "method")
     o.check_budget(budget)
     smooth = method == "comove" and not no_planner and obstacles is ObstacleMode.constraint
     if limits.duration is not None and objective == "least-time":
@@ -99,22 +116,31 @@ def solve(
             "a demonstration, and a library", key="--demonstration", way_out="give one of the two"
         )
     check_target(out, RESULT)
+    with progress_bar():
+        loaded = Scene.load(scene, limits.changes, check_ends=False)
+    if names_robot(loaded, robot, hands_alone):
+        _require_joints(loaded, robot, method, no_planner, obstacles)
+        how = Wanted(method, objective, resemblance, weights, library, demonstration)
+        return solve_joints(loaded, scene, out, robot, how, seed=seed, budget=budget, json=json)
+    chosen = o.method_named(method)
+    wanted, hard = (
+        o.objective_of(objective, resemblance, weights, loaded, smooth),
+        obstacles is ObstacleMode.constraint,
+    )
     with progress_bar(budget) as progress:
-        loaded = Scene.load(scene, limits.changes)
+        part = chosen.scene_of(loaded)
+        check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
+        known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
+        movements, source = movements_of(taught, part), None
+        loaded.require_free_ends()
         load_kernels(SceneKind.of(loaded), beside=load_views)
-        wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
-        source = None
-        taught = (
-            demonstration_of(loaded) if demonstration is None else o.demonstration_at(demonstration, loaded)
-        )
-        if library is not None and method == "single":
+        if known is not None and method == "single":
             from comove.experiments.compared import Single
 
-            chosen = Single(movements=Library(library))
-        elif library is not None:
-            source, taught = o.from_library(Library(library), loaded, chosen, seed, budget)
-        movements = movements_of(taught, chosen.scene_of(loaded))
-        o.require_demonstration(resemblance, movements, scene)
+            chosen = Single(movements=known)
+        elif known is not None:
+            source, taught = o.from_library(known, loaded, chosen, seed, budget)
+            movements = movements_of(taught, part)
         solution = solve(
             loaded,
             demonstration=taught if isinstance(taught, ProMP) else movements,
@@ -136,10 +162,32 @@ def solve(
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
-        print(summary_text(summary, out))
+        verdict = HANDS_ALONE if solution.verified and loaded.file.robot is not None else ""
+        print(summary_text(summary, out, verdict))
         if source is not None:
             print(*in_rows([("demonstration", f"{source} of {library}")]))
     return exit_code(solution)
+
+
+def _require_joints(
+    loaded: Scene, robot: str | None, method: str, no_planner: bool, obstacles: ObstacleMode
+) -> None:
+    """Refuse options by which a robot's joints cannot be found."""
+    from comove.cli.joints import METHODS
+
+    named, way_out = robot or loaded.file.robot, "leave it out, or look at the --hands-alone"
+    if method not in METHODS:
+        raise OptionError(
+            f"the method '{method}' moves hands alone, and the robot is '{named}'",
+            key="--method",
+            way_out=f"use {', '.join(METHODS)}, or look at the --hands-alone",
+        )
+    if no_planner:
+        raise OptionError(f"the joints of '{named}' need a planned path", key="--no-planner", way_out=way_out)
+    if obstacles is not ObstacleMode.constraint:
+        raise OptionError(
+            f"obstacles are constraints of the robot '{named}'", key="--obstacles", way_out=way_out
+        )
 
 
 def load_views() -> None:

@@ -40,8 +40,11 @@ def run(
 
     from comove.cli.texts import as_table
     from comove.studies import Sweep, groups_of, report_of, write_report
+    from comove.studies.runner import check_study_folder
 
-    part, loaded, run = running.part, Sweep.load(study), running.run
+    part, run = running.part, running.run
+    check_study_folder(out)
+    loaded = Sweep.load(study)
     if running.slurm is not None:
         running.write_slurm(("sweep",), running.slurm, study, out, loaded.name)
         return VERIFIED

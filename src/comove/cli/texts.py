@@ -12,6 +12,7 @@ from comove.errors import printable
 if TYPE_CHECKING:
     from comove.primitives import Primitive
 
+HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
 PICTURES = ("motion.png", "progress.png")
 RAN_OUT = "ran out while the motion was improved: a larger --budget may find a better one"
 
@@ -69,7 +70,7 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
     ]
     if smoothness := summary.get("smoothness"):
         ratio = number(smoothness.get("jerk_ratio"))
-        rows.append(("squared jerk", f"{ratio} times that of straight motions"))
+        rows.append(("integrated squared jerk", f"{ratio} times that of a straight minimum-jerk motion"))
         half, nearly = number(smoothness.get("halfway"), 100), number(smoothness.get("nearly_there"), 100)
         rows.append(("half, 95 % of the way", f"after {half} and {nearly} % of the time"))
     if near := summary.get("demonstration"):
@@ -78,13 +79,13 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
         words = f"{away} cm away in the mean ({share} % of the way), its direction {off} deg off"
         if near.get("weighted") is not None:
             words += f"; {number(near['weighted'], 100)} cm weighted by precision"
-        rows.append(("what was taught", words))
+        rows.append(("demonstration", words))
     first, wall = number(summary.get("time_to_first_verified_s"), 1e3), number(summary.get("wall_time_s"))
     rows += [
         (
-            "noted, not proven",
+            "search",
             f"by {summary.get('method')}, seed {summary.get('seed')}, first verified motion after {first} ms, "
-            f"all of it {wall} s",
+            f"{wall} s in total",
         ),
         *([("time budget", RAN_OUT)] if summary.get("timed_out") and summary.get("verified") is True else []),
         ("pictures", ", ".join(str(folder / name) for name in PICTURES)),
@@ -123,27 +124,14 @@ def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "")
 
 def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of a robot's online run, from the contents of its robot_run.json."""
+    from comove.results.words import run_rows
+
     verdict = verdict or ("arrived, as it should" if summary["as_it_should_be"] else "NOT AS IT SHOULD")
     median, slowest = 1e3 * summary["control_s_median"], 1e3 * summary["control_s_p999"]
-    clearances = [
-        (words, f"{1e3 * summary[key]:.1f} mm at samples")
-        for words, key in (
-            ("links from obstacles", "clearance_scene"),
-            ("load from obstacles", "clearance_carried"),
-            ("links from each other", "clearance_self"),
-        )
-        if summary[key] is not None
-    ]
-    rows = [
-        *clearances,
-        ("hands on the load", f"{summary['hold_error_max']:.2g} m or rad, commanded"),
-        ("hands' distance", f"{1e3 * summary['distance_error_max']:.2g} mm off in the simulator"),
-        ("end error", f"{1e3 * summary['end_error']:.2g} mm"),
-        ("share of speed", f"{summary['velocity_ratio_max']:.3g}"),
-        ("share of acceleration", f"{summary['acceleration_ratio_max']:.3g}"),
-        ("servos behind", f"{summary['lag_max']:.2g} rad at most"),
+    rows: list[Sequence[str]] = [
+        *run_rows(summary),
         ("control step", f"{median:.2f} ms, 99.9 % within {slowest:.2f} ms"),
-        ("took", f"{summary['duration_s']:.2f} s, {summary['plans']} plans"),
+        ("plans", str(summary["plans"])),
         ("record", f"{folder / 'robot_run.npz'}, {folder / 'robot_run.json'}"),
     ]
     head = f"{summary['scene']}, {summary['robot']}: {verdict}"
@@ -152,6 +140,8 @@ def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") 
 
 def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of an execution, from the contents of its run.json."""
+    from comove.results.words import beyond_rounding
+
     verdict = verdict or ("arrived, verified" if summary["verified"] else "NOT VERIFIED")
     clearance, median = summary["clearance_min"], 1e3 * summary["control_s_median"]
     rows = [
@@ -159,8 +149,8 @@ def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str
             "certified clearance",
             "nothing to hit" if clearance is None else f"{1e3 * clearance:.2f} mm at every instant",
         ),
-        ("distance error", f"{summary['distance_error_max']:.3g} m"),
-        ("goal", f"missed by {1e3 * summary['end_error']:.3g} mm"),
+        ("distance error", f"{beyond_rounding(summary['distance_error_max']):.3g} m"),
+        ("goal", f"missed by {1e3 * beyond_rounding(summary['end_error']):.3g} mm"),
         (
             "speed, acceleration",
             f"{summary['speed_max']:.4g} m/s, {summary['acceleration_max']:.4g} m/s^2 at most",

@@ -10,7 +10,7 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
-from comove.cli.texts import in_rows, say
+from comove.cli.texts import HANDS_ALONE, in_rows, say
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
@@ -67,6 +67,8 @@ def verify(
         return NOT_VERIFIED
     proved = any(part.is_proof for part in parts)
     verdict = "verified" if proved else "as it should be, at samples: nothing is proved in between"
+    if all(part.is_hands_alone for part in parts):
+        verdict = HANDS_ALONE
     say(f"{folder}: {verdict}")
     _say_against(parts)
     _say_measures(parts)
@@ -98,8 +100,6 @@ def _say_measures(parts: tuple[Verification, ...]) -> None:
         for name, words, asked in part.rows
     )
     print(*in_rows(rows), sep="\n")
-    if parts[0].scene.file.robot is not None and all(part.robot is None for part in parts):
-        print("  the hands alone: the folder holds no motion of a robot's joints")
 
 
 def _say_changes(part: Verification, folder: Path, scene: Path) -> None:

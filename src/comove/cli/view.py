@@ -42,6 +42,7 @@ def view(
     """Show a scene and its motion in the browser, and steer it: drag obstacles, starts and goals."""
     from comove.workbench.shelf import shelf_of
 
+    o.check_budget(budget)
     shelf = shelf_of(things or (), Path.cwd())
     if html is not None:
         if not things or len(things) > 2:
@@ -50,7 +51,6 @@ def view(
                 key="--html",
                 way_out="name a scene or a result folder, or two",
             )
-        o.check_budget(budget)
         return _write(shelf, html, seed, budget)
     return _serve(shelf, host, port, open_page)
 

@@ -171,10 +171,10 @@ class Body:
         what = "position" if self.position else "joints"
         unit = self.stated_unit or unit or ("" if self.position else "rad, as none is stated")
         unit = f" [{unit}]" if unit else ""
-        said = f"{what} from {listed(spoken(self.moving), 8)}{unit}"
+        said = f"{what} from {together(spoken(self.moving))}{unit}"
         if self.orientation:
             in_file = sorted(self.orientation, key=lambda column: column.number)
-            said += f", orientation from {listed(spoken(in_file), 8)} ({_form(in_file)})"
+            said += f", orientation from {together(spoken(in_file))} ({_form(in_file)})"
         return said
 
 
@@ -184,6 +184,20 @@ def spoken(columns: Iterable[Column]) -> list[str]:
     names = [bare_name(column.name) for column in columns]
     above = all(column.label != column.name for column in columns)
     return [column.label for column in columns] if above or len(set(names)) < len(names) else names
+
+
+def together(names: Sequence[str]) -> str:
+    """Return names in one line, what they begin with only once where it is long.
+
+    >>> together(["field.pose.position.x", "field.pose.position.y"])
+    'field.pose.position.{x, y}'
+    """
+    first, last = min(names), max(names)
+    common = first[: next((i for i, c in enumerate(first) if last[i : i + 1] != c), 0)]
+    common = common[: max(common.rfind(mark) for mark in "./_ :") + 1]
+    if len(common) < 6:
+        return listed(names, 8)
+    return f"{common}{{{listed([name.removeprefix(common) for name in names], 8)}}}"
 
 
 def _form(orientation: Sequence[Column]) -> str:
@@ -256,6 +270,7 @@ _DERIVED = _all(
     "vel velocity velocities speed acc accel acceleration twist angular force torque wrench effort gyro gyroscope",
     "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
     "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
+    "moment moments power energy",
 )
 _POSITIONS = _all("pos position positions translation trans point xyz location loc coordinate coord")
 _QUATERNIONS = _all("quat quaternion quaternions orientation orient ori attitude att")

@@ -8,16 +8,17 @@ keep what they read refuse it where `Doubt.is_unit` holds. What a file or a user
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.demonstrations.samples import IN_MEMORY, TIME, UNIT, Origin, fault
 from comove.demonstrations.units import ANGLES, LENGTHS, TIMES
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, OptionError
 
 Array = NDArray[np.float64]
 
@@ -49,12 +50,14 @@ class Doubt:
     message : what looks wrong, with where and how much
     way_out : what to do about it
     key : option that settles it; "" if none does
+    options : the same with a value, for the command that is printed
     """
 
     mark: str
     message: str
     way_out: str
     key: str = ""
+    options: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def is_unit(self) -> bool:
@@ -135,13 +138,28 @@ def seconds(
 
 def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "") -> DemonstrationError:
     """Return the error about stamps whose unit neither a name nor their size shows."""
-    step = float(np.median(np.diff(stamps).astype(np.float64)))
+    step, bare = float(np.median(np.diff(stamps).astype(np.float64))), name.partition("[")[0].strip()
     return fault(
         origin.file,
         name,
         f"its steps are {step:g}, and nothing says whether these are milliseconds, seconds or frames",
-        way_out or f"name the unit: --time '{name} [ms]', or '{name} [s]'; or give --rate HZ of the frames",
+        way_out
+        or f"name the unit: --time '{bare} [ms]', or '{bare} [s]'; or give the rate of frames: --rate HZ",
+        **({"time": None, "rate": 100} if step == 1.0 else {"time": f"{bare} [ms]"}),
     )
+
+
+def require_rate(rate: float) -> float:
+    """Return a sampling rate [Hz], and raise if it is none.
+
+    Raises
+    ------
+    OptionError
+        If it is no positive number.
+    """
+    if isinstance(rate, bool) or not 0 < rate < np.inf:
+        raise OptionError(f"{rate!r} is no rate", key="rate", way_out="give samples a second, such as 100")
+    return float(rate)
 
 
 def doubts(
@@ -188,6 +206,7 @@ def _wrong_unit(extent: float, unit: str) -> Doubt | None:
         f"the movement spans {extent:.4g} {unit}: {LOOKS_LIKE[unit]}",
         f"give the unit: --unit {smaller}, or --unit {unit} if it is right",
         "--unit",
+        {"unit": smaller},
     )
 
 
@@ -202,6 +221,7 @@ def _wrong_time(time: Array) -> Doubt | None:
         f"time passes in steps of {step:.4g} s, {lasts} in all",
         "give its unit, --time 'NAME [ms]', or the samples a second, --rate HZ",
         "--time",
+        {"rate": 100},
     )
 
 
@@ -244,7 +264,9 @@ def _jump(time: Array, position: Array, unit: str, extent: float, origin: Origin
         return None
     padded = np.pad(lengths, half, mode="edge")
     usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * half + 1), axis=1)
-    jumps = np.flatnonzero((lengths > 0.1 * extent) & (lengths > 20.0 * usual))
+    steps = np.diff(time)
+    is_step = steps < 5.0 * np.median(steps)  # across a hole it may have moved
+    jumps = np.flatnonzero((lengths > 0.1 * extent) & (lengths > 20.0 * usual) & is_step)
     if not jumps.size:
         return None
     at = int(jumps[np.argmax(lengths[jumps])])

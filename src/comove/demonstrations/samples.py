@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.units import is_angle, is_length, require_unit
+from comove.demonstrations.units import is_angle, is_length, is_of_joints, require_unit
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 
 
@@ -35,9 +35,8 @@ def advising(path: object, given: Mapping[str, Any]) -> Iterator[None]:
     try:
         yield
     except DemonstrationError as error:
-        if error.options:
+        if error.options and "; run: " not in error.way_out:
             error.way_out += f"; run: {learn_command(path, **{**given, **error.options})}"
-            error.options = {}
         raise
 
 
@@ -131,7 +130,7 @@ class RecordedSamples:
     @property
     def is_joints(self) -> bool:
         """Return whether the coordinates are those of joints, which no hand can follow as a path."""
-        return is_angle(self.unit) or (bool(self.axes) and not is_length(self.unit))
+        return is_of_joints(self.unit) or (bool(self.axes) and not is_length(self.unit))
 
     def stating(self, unit: str) -> Self:
         """Return the movement with the unit of its positions, or joints, that a user states.

@@ -12,6 +12,8 @@ TIMES = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
 """Seconds of each unit."""
 ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 """Radians of each unit."""
+UNSTATED = "LeRobot unit"
+"""Unit of LeRobot's small arms: degrees, or percent of each joint's range, which a dataset does not say."""
 _SPELLINGS = {
     "m": "meter meters metre metres",
     "dm": "decimeter decimeters decimetre decimetres",
@@ -52,6 +54,15 @@ def is_length(unit: str | None) -> bool:
 def is_angle(unit: str | None) -> bool:
     """Return whether a unit is one of angles."""
     return unit in ANGLES
+
+
+def is_of_joints(unit: str) -> bool:
+    """Return whether a unit is one of movements of joints: an angle, or what LeRobot's arms record.
+
+    >>> [is_of_joints(unit) for unit in ("rad", "rad/m", "LeRobot unit", "mm", "LASA unit")]
+    [True, True, True, False, False]
+    """
+    return unit == UNSTATED or any(is_angle(part) for part in unit.split("/"))
 
 
 def base_unit(unit: str) -> str:

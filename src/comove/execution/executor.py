@@ -35,6 +35,7 @@ from comove.primitives.arguments import require_positive
 from comove.primitives.dmp import DMP
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
+from comove.processes import one_blas_thread
 from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.scenes.groups import GroupPose
@@ -298,6 +299,7 @@ class Executor:
         self.observer.carried(self.time, nodes_of(self.scene, self.poses))
         self.log.control.append(clock.perf_counter() - begun)
 
+    @one_blas_thread()
     def run(self, budget: float) -> Record:
         """Execute until the load has arrived, or for `budget` [s] of simulated time, and return the record.
 

@@ -11,7 +11,7 @@ from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost
 from comove.planning.paper import Paper
 from comove.planning.printed import Printed
 from comove.planning.solution import Progress, Solution
-from comove.planning.solver import solve
+from comove.planning.solver import check_method, solve
 
 __all__ = [
     "Budget",
@@ -33,6 +33,7 @@ __all__ = [
     "Solution",
     "best_movement",
     "carried_demonstration",
+    "check_method",
     "combine",
     "load_kernels",
     "movements_of",

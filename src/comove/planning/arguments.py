@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import cast
@@ -27,11 +28,28 @@ from comove.primitives.operations import scale
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
 from comove.primitives.variants import scaled_share
-from comove.scenes import fitted
+from comove.scenes.demonstration import fitted, require_dimension
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
+METHODS = {
+    "comove": "comove.Comove",
+    "projection": "comove.Projection",
+    "paper": "comove.planning.Paper",
+    "printed": "comove.planning.Printed",
+    "unconstrained": "comove.experiments.compared.Unconstrained",
+    "leader-follower": "comove.experiments.compared.LeaderFollower",
+    "speed-scaled": "comove.experiments.compared.SpeedScaled",
+    "task-priority": "comove.experiments.compared.TaskPriority",
+    "single": "comove.experiments.compared.Single",
+}
+"""Where the classes of the command line's methods are, for messages alone."""
+OBJECTIVES = {
+    "least-jerk": "comove.LeastJerk",
+    "least-time": "comove.LeastTime",
+    "paper": "comove.PaperCost",
+}
 OBSTACLES = ("constraint", "cost")
 OUTSIDE = 0.01
 """Share of the workspace's longest side by which an adapted demonstration may leave it without a warning."""
@@ -58,14 +76,16 @@ def check_options(
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
     if method is not None and not isinstance(method, Method):
-        raise OptionError(f"method = {method!r}", way_out="give a method object, such as Projection()")
+        way_out = _object_for(method, METHODS, "give a method object, such as Projection()")
+        raise OptionError(f"method = {method!r}", way_out=way_out)
     seconds = 1.0 if isinstance(budget, Budget) else budget
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
-        raise OptionError(
-            f"objective = {objective!r}", way_out="give LeastJerk(), LeastTime(), PaperCost() or a function"
+        way_out = _object_for(
+            objective, OBJECTIVES, "give LeastJerk(), LeastTime(), PaperCost() or a function"
         )
+        raise OptionError(f"objective = {objective!r}", way_out=way_out)
     if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
         raise OptionError(
             f"a resemblance of {objective.resemblance:g} without a demonstration",
@@ -74,6 +94,22 @@ def check_options(
         )
     if obstacles not in OBSTACLES:
         raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
+
+
+def _object_for(given: object, known: Mapping[str, str], otherwise: str) -> str:
+    """Return the object to give in place of a name of the command line, with its import."""
+    if isinstance(given, type):
+        return f"give an object of this class: {given.__name__}()"
+    if not isinstance(given, str):
+        return otherwise
+    name = given.strip().lower().replace("_", "-").replace(" ", "-")
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=1)
+        if not near:
+            return otherwise
+        name = near[0]
+    module, _, kind = known[name].rpartition(".")
+    return f"names are for the command line; here give {kind}(), from {module} import {kind}"
 
 
 def listed(constraints: object) -> tuple:
@@ -93,12 +129,7 @@ def carried_demonstration(dmp: DMP | Sequence[DMP], scene: Scene) -> Array:
         If a movement has not the scene's dimension.
     """
     for one in [dmp] if isinstance(dmp, DMP) else dmp:
-        if one.n_dims != scene.n_dims:
-            raise OptionError(
-                f"the demonstration has {one.n_dims} dimensions, the scene {scene.n_dims}",
-                key="demonstration",
-                way_out="give one of the scene's dimension",
-            )
+        require_dimension(one.n_dims, scene)
     hands = np.zeros((N_STEPS, len(scene.manipulators), 3))
     hands[..., : scene.n_dims] = carried_to_hands(dmp, scene, np.linspace(0.0, 1.0, N_STEPS))
     return hands

@@ -77,7 +77,7 @@ def best_movement(
     Parameters
     ----------
     movements : a library, primitives, or DMPs (by name, or numbered); those of another dimension than the scene's,
-        and rhythmic ones, are left out
+        of joints, and rhythmic ones, are left out
     scene : scene to whose hands each movement is transferred, as `solve` does
     objective : weights of equation (4)
     plane : "xy", "xz" or "yz", plane into which planar movements are laid in a spatial scene
@@ -121,27 +121,33 @@ def suitable(movements: Movements, scene: Scene, plane: str | None = None) -> di
         If there is no such movement.
     """
     suited: dict[str, DMP] = {}
-    n_given = 0
-    for name, dmp in _named(movements):
+    n_given = n_joints = 0
+    for name, dmp, is_joints in _named(movements):
         n_given += 1
+        n_joints += is_joints
+        if is_joints:
+            continue
         if plane is not None and dmp.n_dims == 2 and scene.n_dims == 3:
             dmp = in_space(dmp, plane)
         if dmp.n_dims == scene.n_dims and dmp.variant is not Variant.RHYTHMIC:
             suited[name] = dmp
     if not suited:
         raise OptionError(
-            f"none of the {n_given} movements has the scene's {scene.n_dims} dimensions and an end",
+            f"none of the {n_given} movements has the scene's {scene.n_dims} dimensions and an end"
+            + (f"; {n_joints} are of joints, which are no path of an end effector" if n_joints else ""),
             key="library",
             way_out="learn one: comove library add DEMO",
         )
     return suited
 
 
-def _named(movements: Movements) -> Iterator[tuple[str, DMP]]:
+def _named(movements: Movements) -> Iterator[tuple[str, DMP, bool]]:
+    """Yield the movements with their names, and whether they are those of joints."""
     if isinstance(movements, Mapping):
         movements = [Primitive(name, dmp) for name, dmp in movements.items()]
     for i, movement in enumerate(movements):
         name = movement.name if isinstance(movement, Primitive) else str(i)
         dmp = movement.followed if isinstance(movement, Primitive) else movement
         dmp = dmp.mean if isinstance(dmp, ProMP) else dmp
-        yield name, dmp.translation if isinstance(dmp, PoseDMP) else dmp
+        is_joints = isinstance(movement, Primitive) and movement.is_joints
+        yield name, dmp.translation if isinstance(dmp, PoseDMP) else dmp, is_joints

@@ -113,7 +113,6 @@ class Combination:
         return self.motion is not None
 
 
-@one_blas_thread()
 def combine(
     movements: Movements,
     scene: Scene,
@@ -159,11 +158,12 @@ def combine(
         checks=checks,
         progress=progress,
     )
-    attempts = Attempts(search, suited, settings)
-    with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
-        attempts.run()
-    timed_out = search.timed_out
-    found = attempts.found()
+    with one_blas_thread():
+        attempts = Attempts(search, suited, settings)
+        with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
+            attempts.run()
+        timed_out = search.timed_out
+        found = attempts.found()
     verdict = verify(found.motion, checks)
     reasons = verdict.reasons
     if verdict.verified is None and timed_out and not search.interruption.wished:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import ClassVar
 
 from comove.coordination.coordinates import Coordinates
+from comove.errors import OptionError
 from comove.planning.search import Search
 from comove.scenes.scene import Scene
 
@@ -27,6 +28,16 @@ class Method(ABC):
         """Return the scene that is solved and verified: the given one, or the part for which the method is made."""
         return scene
 
+    def check(self, scene: Scene) -> None:
+        """Refuse a scene that the method is not made for, before anything is compiled.
+
+        Raises
+        ------
+        OptionError
+            If it is not; the message says what to use instead.
+        """
+        self.coordinates(scene)
+
     @abstractmethod
     def run(self, search: Search, *, planner: bool) -> None:
         """Search for motions and have `search` verify them, until no improvement is expected or time is up.
@@ -39,6 +50,18 @@ class Method(ABC):
         ------
         OutOfTime
             If the budget is spent.
-        OptionError
-            If the method is not made for the scene; the message says what to use instead.
         """
+
+
+def require_distances(scene: Scene) -> None:
+    """Refuse a scene whose hands no distance ties.
+
+    Raises
+    ------
+    OptionError
+        If none does.
+    """
+    if not scene.distances:
+        raise OptionError(
+            "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
+        )

@@ -28,10 +28,9 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import OptionError
 from comove.optimisers.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optimisers.method import Start
-from comove.planning.method import Method
+from comove.planning.method import Method, require_distances
 from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
@@ -109,12 +108,13 @@ class Paper(Method):
     phase: Phase | None = None
     bands: BandSettings = BANDS
 
+    def check(self, scene: Scene) -> None:
+        """Refuse a scene whose hands no distance ties."""
+        super().check(scene)
+        require_distances(scene)
+
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until a motion is verified; no path is planned. Raises `OutOfTime` when time is up."""
-        if not search.scene.distances:
-            raise OptionError(
-                "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
-            )
         attempt, objective = 0, search.objective.with_penalty(along_path=True)
         while True:
             search.stage = f"initial movement, attempt {attempt}"

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, arms_coordinates
 from comove.coordination.dmp import CoordinatedDMP
-from comove.errors import OptionError
 from comove.optimisers.printed import PrintedCCMAES as Algorithm
-from comove.planning.method import Method
+from comove.planning.method import Method, require_distances
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.search import Search
 from comove.primitives.basis import motion_basis
@@ -50,13 +49,14 @@ class Printed(Method):
     phase: Phase = ExponentialPhase()
     converged: float = 1e-9
 
+    def check(self, scene: Scene) -> None:
+        """Refuse a scene whose hands no distance ties."""
+        super().check(scene)
+        require_distances(scene)
+
     def run(self, search: Search, *, planner: bool) -> None:
         """Run Algorithm 1 until it converges or breaks down; no path is planned. Raises `OutOfTime` if time is up."""
         scene = search.scene
-        if not scene.distances:
-            raise OptionError(
-                "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
-            )
         free, basis = search.objective.coordinates, motion_basis(self.n_basis, "acceleration", self.phase)
         dmp = CoordinatedDMP(scene, free, basis, free.boundary(), np.zeros((free.n_columns, self.n_basis)))
         if search.taught is not None:

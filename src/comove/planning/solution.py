@@ -113,3 +113,7 @@ class Solution:
     def show(self) -> None:
         """Show the motion in a notebook, or else in a browser; see `comove.show`."""
         comove.show(self)
+
+    def _repr_html_(self) -> str:
+        """Return verdict, picture and measures for a notebook."""
+        return comove.as_html(self)

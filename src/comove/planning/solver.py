@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.planning.arguments import (
     carried_demonstration,
     check_options,
@@ -53,7 +54,6 @@ from comove.verification.verify import Check, Verdict, verify
 Array = NDArray[np.float64]
 
 
-@one_blas_thread()
 def solve(
     scene: Scene,
     *,
@@ -123,29 +123,28 @@ def solve(
     -----
     ComoveWarning
         If the demonstration, adapted to the scene's start and goal, is magnified by more than 3 or leaves the
-        workspace.
+        workspace; and if the scene names a robot, no joint of which is looked at here.
     """
     aim = None if callable(objective) else objective
     check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
+    if carrier is None and scene.file.robot is not None and not isinstance(method, Quick):
+        message = (
+            f"the scene names the robot '{scene.file.robot}', and solve looks at the hands alone; "
+            "comove.robots.carry(scene, robot) looks at its joints"
+        )
+        warnings.warn(message, ComoveWarning, stacklevel=2)
     functions = own(objective, listed(constraints), scene)
     if functions is not None and functions.constraints:
         checks = (*checks, functions.reasons)
     method = method or Comove()
     scene = method.scene_of(scene)
     taught = movements_of(demonstration, scene)
-    if carrier is None:  # a carrier plans by kernels of its own
-        load_kernels(SceneKind.of(scene))
     hard = obstacles == "constraint"
-    smooth = isinstance(method, Comove) and method.smooths and planner and hard
+    smooth = check_method(scene, method, aim, functions, planner=planner, hard=hard)
     if aim is None:
         aim = _default_objective(scene, taught, smooth)
-    if (not isinstance(aim, PaperCost) or functions is not None) and not smooth:
-        raise OptionError(
-            f"{_what_is_asked(aim, functions)} needs comove's own method, a planner, and obstacles that are "
-            "constraints",
-            key="objective",
-            way_out="give PaperCost(), equation (4), for what is asked for besides",
-        )
+    if carrier is None:  # a carrier plans by kernels of its own
+        load_kernels(SceneKind.of(scene))
     if taught is not None and (isinstance(aim, PaperCost) or (isinstance(aim, LeastJerk) and aim.pull(True))):
         warn_of_adaptation(taught, scene)
     return _told(
@@ -169,9 +168,45 @@ def solve(
     )
 
 
+def check_method(
+    scene: Scene,
+    method: Method,
+    objective: LeastJerk | LeastTime | PaperCost | None,
+    functions: OwnFunctions | None = None,
+    *,
+    planner: bool = True,
+    hard: bool = True,
+) -> bool:
+    """Refuse a scene or an objective that a method is not made for; return whether its motions are made smooth.
+
+    Parameters
+    ----------
+    scene : scene that the method solves (`Method.scene_of`)
+    functions : functions of the user
+    hard : whether obstacles are constraints, not only costs
+
+    Raises
+    ------
+    OptionError
+        If the method is not made for it.
+    """
+    method.check(scene)
+    smooth = isinstance(method, Comove) and method.smooths and planner and hard
+    plain = objective is None or isinstance(objective, PaperCost)
+    if not smooth and not (plain and functions is None):
+        raise OptionError(
+            f"{_what_is_asked(objective, functions)} needs comove's own method, a planner, and obstacles that are "
+            "constraints",
+            key="objective",
+            way_out="give PaperCost(), equation (4), for what is asked for besides",
+        )
+    return smooth
+
+
 def _told(problem: Problem) -> Solution:
     """Solve a problem; where the budget ran out before a motion was verified, that is the first reason."""
-    solution = _solved(problem)
+    with one_blas_thread():
+        solution = _solved(problem)
     if solution.verified or not solution.timed_out or solution.interrupted:
         return solution
     return replace(solution, reasons=(problem.budget.ran_out, *solution.reasons))
@@ -222,7 +257,9 @@ class Problem:
         return plain and self.is_timed and least_possible(self.scene) > self.scene.duration
 
 
-def _what_is_asked(objective: LeastJerk | LeastTime | PaperCost, functions: OwnFunctions | None) -> str:
+def _what_is_asked(
+    objective: LeastJerk | LeastTime | PaperCost | None, functions: OwnFunctions | None
+) -> str:
     if functions is None:
         return type(objective).__name__
     return "a function of one's own" if functions.given else "a constraint that is sampled"

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from comove._version import __version__
 from comove.brief import brief
 from comove.demonstrations import Demonstration
+from comove.demonstrations.units import is_of_joints
 from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.io.files import existing_file, telling, whole_file
 from comove.primitives.averaging import AveragedDMP
@@ -98,6 +99,11 @@ class Primitive:
     def kind(self) -> str:
         """Return the kind of the movement: position, pose, distribution, poses, average or cooperative."""
         return kind_of(self.dmp).name
+
+    @property
+    def is_joints(self) -> bool:
+        """Return whether it is a movement of joints, which no end effector can follow as a path."""
+        return is_of_joints(self.unit)
 
     @property
     def followed(self) -> DMP | PoseDMP | ProMP:

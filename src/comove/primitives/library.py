@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.demonstrations import Demonstration
+from comove.demonstrations.units import in_base_unit, is_of_joints
 from comove.errors import LibraryError, OptionError, near_name
 from comove.io.files import require_room, telling
 from comove.primitives.arguments import numbers, require_count, require_positive
@@ -215,11 +216,12 @@ class Library:
     ) -> list[Match]:
         """Rank the primitives by their distance from the wanted properties, nearest first.
 
-        Primitives that have another dimension, and damaged ones, are left out.
+        Primitives that have another dimension, and damaged ones, are left out; so are movements of joints, unless the
+        wanted shape is one of joints.
 
         Parameters
         ----------
-        start, goal : wanted ends, arrays, shape (n_dims,), in the movements' unit
+        start, goal : wanted ends, arrays, shape (n_dims,), [m]; in a movement's own unit if that is no length
         duration : wanted duration [s]
         shape : a movement with the wanted shape
         limit : largest number of matches; by default all
@@ -244,7 +246,12 @@ class Library:
             raise OptionError(
                 "start, goal and shape differ in their dimensions", way_out="give them in one dimension"
             )
-        primitives = [p for p in self if not dims or p.positions.n_dims in dims]
+        of_joints = shape is not None and is_of_joints(getattr(shape, "unit", "m"))
+        primitives = [
+            p
+            for p in self
+            if (not dims or p.positions.n_dims in dims) and (not dims or p.is_joints == of_joints)
+        ]
         return _ranked(primitives, wanted, duration, shape)[:limit]
 
     def _entries(self) -> list[str]:
@@ -279,7 +286,7 @@ def _ranked(
         distances = shape_distances([_curve(p) for p in primitives], [_curve(shape)])
         terms["shape"] = scaled["shape"] = distances[:, 0]
     for name, point in wanted.items():
-        ends = np.stack([getattr(p.positions, name) for p in primitives])
+        ends = np.stack([in_base_unit(p.unit) * getattr(p.positions, name) for p in primitives])
         terms[name] = np.linalg.norm(ends - point, axis=1)
         scaled[name] = terms[name] / _way(wanted, primitives)
     if duration is not None:

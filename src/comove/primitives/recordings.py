@@ -11,6 +11,7 @@ from typing import Any
 from comove.demonstrations import Demonstration
 from comove.demonstrations.formats import is_format, lasa
 from comove.demonstrations.plausibility import doubts
+from comove.demonstrations.samples import fault
 from comove.errors import ComoveError, DemonstrationError
 from comove.primitives.files import Primitive, checksum
 
@@ -181,7 +182,7 @@ def require_plausible(recording: Demonstration, named: str) -> None:
     found = doubts(recording.time, recording.position, recording.unit, stated=recording.stated)
     for doubt in found:
         if doubt.is_unit:
-            raise DemonstrationError(doubt.message, file=named, key=doubt.key, way_out=doubt.way_out)
+            raise fault(named, doubt.key, doubt.message, doubt.way_out, **doubt.options)
 
 
 def name_from(text: str) -> str:

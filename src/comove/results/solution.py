@@ -37,7 +37,7 @@ RESULT = Contents(
     names=frozenset(
         ["solution.npz", "solution.json", "motion.png", "progress.png", SCENE]
         + ["run.npz", "run.json", "run.png", "run.gif"]  # of an execution
-        + ["robot_run.npz", "robot_run.json"]  # of a robot's
+        + [f"robot_run.{suffix}" for suffix in ("npz", "json", "png", "mp4", "gif")]  # of a robot's
         + [f"comparison.{suffix}" for suffix in ("json", "png", "gif")]
         + ["joints.npz", "robot.json", "joints.png"]  # of a robot
         + [f"simulation.{suffix}" for suffix in ("json", "npz", "png", "mp4", "gif")]

@@ -12,6 +12,9 @@ Row = tuple[str, str, str]
 """A measure: of what, by how much, and what was asked for."""
 _Described = tuple[str, str, str, float]  # of what, its name, its words, and the factor to their unit
 
+ROUNDING = 1e-12
+"""Deviations below this many metres or radians are rounding, and said to be 0."""
+
 _MOTION: tuple[_Described, ...] = (
     ("clearance", "clearance_min", "{:.4g} mm at least, at every instant", 1e3),
     ("speed", "speed_max", "{:.4g} m/s at most", 1.0),
@@ -104,6 +107,11 @@ def run_rows(measures: Mapping[str, Any]) -> list[Row]:
     return _rows(_ROBOT_RUN, measures)
 
 
+def beyond_rounding(value: float) -> float:
+    """Return a deviation [m or rad], 0 where it is nothing but rounding."""
+    return 0.0 if abs(value) < ROUNDING else value
+
+
 def limits_row(scene: Scene) -> list[str]:
     """Return in one line which limits of the hands a scene sets; empty where it sets none."""
     limits = scene.file.limits
@@ -122,7 +130,7 @@ def _rows(described: tuple[_Described, ...], measures: Mapping[str, Any]) -> lis
     for name, key, words, factor in described:
         value = measures.get(key)
         if isinstance(value, (int, float)) and not math.isnan(value):
-            said = "nothing near" if math.isinf(value) else words.format(factor * value)
+            said = "nothing near" if math.isinf(value) else words.format(factor * beyond_rounding(value))
             rows.append((name, said, ""))
     return rows
 

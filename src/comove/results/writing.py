@@ -20,9 +20,19 @@ NAMES = {kind: name for name, kind in OBJECTIVES.items()}
 RECOMPUTED = ("goal", "velocity", "obstacle")  # resemblance needs a movement that is not in the folder
 
 
-def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summary:
-    """Write `solution.npz` and `solution.json` into an existing folder, and return the summary."""
-    return SOLUTION.write(folder, _summary_of(solution, wall_time_s), motion_arrays(solution.attempt))
+def write_solution(
+    solution: Solution, folder: Path, wall_time_s: float, *, has_joints: bool = False
+) -> Summary:
+    """Write `solution.npz` and `solution.json` into an existing folder, and return the summary.
+
+    Parameters
+    ----------
+    has_joints : whether a robot's joints carry the motion out; else the summary of a robot's scene says that none do
+    """
+    summary = _summary_of(solution, wall_time_s)
+    if solution.scene.file.robot is not None and not has_joints:
+        summary["hands_alone"] = True
+    return SOLUTION.write(folder, summary, motion_arrays(solution.attempt))
 
 
 def _summary_of(solution: Solution, wall_time_s: float) -> Summary:

@@ -250,7 +250,14 @@ def _loaded(named: str | Path, named_by: str, folder: Path | None, own: bool = F
 def verified_motion(
     folder: str | Path, *, scene: Scene | None = None, robot: str | Path | None = None
 ) -> VerifiedJointMotion:
-    """Return the joint motion of a result folder, after verifying it anew.
+    """Return the joint motion of a result folder, after verifying it anew; as `verified_against`."""
+    return verified_against(folder, scene=scene, robot=robot)[0]
+
+
+def verified_against(
+    folder: str | Path, *, scene: Scene | None = None, robot: str | Path | None = None
+) -> tuple[VerifiedJointMotion, tuple[str, str]]:
+    """Return the joint motion of a result folder, verified anew, and in words what scene and robot it is against.
 
     Parameters
     ----------
@@ -266,7 +273,8 @@ def verified_motion(
     """
     folder = Path(folder)
     reference = reference_of(folder, scene).for_result(read_result(folder))
-    verdict = verify_stored(folder, robot_of(folder, reference, robot).robot, scene=reference.scene)
+    source = robot_of(folder, reference, robot)
+    verdict = verify_stored(folder, source.robot, scene=reference.scene)
     if verdict.verified is None:
         more = f" (and {len(verdict.reasons) - 1} more)" if len(verdict.reasons) > 1 else ""
         raise ResultError(
@@ -274,7 +282,7 @@ def verified_motion(
             file=folder,
             way_out=f"{AGAIN}: {JOINTS.made_by}",
         )
-    return verdict.verified
+    return verdict.verified, (str(reference), str(source))
 
 
 def verify_stored(

@@ -68,6 +68,10 @@ class RobotSolution:
         """Show the robot's motion in a notebook, or else in a browser; see `comove.show`."""
         comove.show(self)
 
+    def _repr_html_(self) -> str:
+        """Return verdict, picture and measures for a notebook."""
+        return comove.as_html(self)
+
 
 @one_blas_thread()
 def carry(

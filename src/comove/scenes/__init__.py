@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from comove.scenes.demonstration import (
         demonstration_of as demonstration_of,
         fitted as fitted,
+        followed_in as followed_in,
         recording_of as recording_of,
     )
     from comove.scenes.grasp import Grasp as Grasp
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 __all__, __getattr__, __dir__ = lazily(
     __name__,
     {
-        "scenes.demonstration": ["demonstration_of", "fitted", "recording_of"],
+        "scenes.demonstration": ["demonstration_of", "fitted", "followed_in", "recording_of"],
         "scenes.grasp": ["Grasp"],
         "scenes.scene": ["Scene"],
     },

@@ -54,6 +54,8 @@ from comove.scenes.moving import Motion
 
 CHOICES = ("episode", "topic")
 """Keys that say which recording of a file is meant."""
+READING = ("unit", "columns", "delimiter", "time", "rate", "dataset", "feature", "drop_missing", "clean")
+"""Keys that say how a recording is read, as the options of `comove learn`."""
 MIN_DURATION, MAX_DURATION = 1e-3, 3600.0
 """[s]"""
 MAX_MANIPULATORS = 100
@@ -349,13 +351,22 @@ Objective = Annotated[
 ]
 
 
+def _names(value: Any) -> Any:
+    """Return names of columns as texts; numbers of columns are written without quotation marks."""
+    several = as_tuple([value] if isinstance(value, str | int) and not isinstance(value, bool) else value)
+    if not isinstance(several, tuple):
+        return several
+    return tuple(str(one) if isinstance(one, int) and not isinstance(one, bool) else one for one in several)
+
+
 class DemonstrationSource(Sparse):
     """The source of the taught movement: a `file`, recording `demo` of a LASA shape, or a primitive of a library.
 
-    `library` is the primitive's name in the folder `library` beside the scene file, or FOLDER/NAME.
+    A file is a recording, or the primitive that `comove learn` made of one. `library` is the primitive's name in the
+    folder `library` beside the scene file, or FOLDER/NAME.
     """
 
-    LATER = CHOICES
+    LATER = (*CHOICES, *READING)
     file: str | None = None
     lasa: str | None = None
     demo: Annotated[int, Field(ge=0, le=6)] = 0
@@ -368,6 +379,30 @@ class DemonstrationSource(Sparse):
     """Name or number of a recording, where `file` holds several."""
     topic: str | None = None
     """Where `file` is a bag."""
+    unit: str | None = None
+    """Unit of lengths, where `file` states none."""
+    columns: Annotated[tuple[str, ...], BeforeValidator(_names), at_least(1, "column")] | None = None
+    """Columns of the positions in a table, by name or number, or the name of a body."""
+    delimiter: str | None = None
+    """Separator of the columns of a table."""
+    time: str | None = None
+    """Column of time, with its unit where the file does not say it."""
+    rate: Positive | None = None
+    """Samples a second [Hz], where there is no time."""
+    dataset: str | None = None
+    """Dataset of an HDF5 file."""
+    feature: str | None = None
+    """Vector of a LeRobot dataset."""
+    drop_missing: bool | None = None
+    """Whether rows of a table in which something was not measured are left out."""
+    clean: bool | None = None
+    """Whether the movement between the pauses is taken, without its noise."""
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """Return the options by which the recording is read, those that are given."""
+        given = {key: getattr(self, key) for key in (*CHOICES, *READING)}
+        return {key: value for key, value in given.items() if value is not None and value is not False}
 
     @model_validator(mode="after")
     def _one_source(self) -> DemonstrationSource:
@@ -377,7 +412,7 @@ class DemonstrationSource(Sparse):
             raise Wrong(f"{found} given", "give one of the three")
         if self.lasa is None and self.demo:
             raise Wrong(f"demo {self.demo} belongs to a LASA shape and none is given", "leave demo out")
-        for key in ("manipulator", *CHOICES):
+        for key in ("manipulator", *CHOICES, *READING):
             if self.file is None and getattr(self, key) is not None:
                 raise Wrong(
                     f"{key} {getattr(self, key)!r} belongs to a file and none is given", f"leave {key} out"

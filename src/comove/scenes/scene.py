@@ -30,6 +30,7 @@ from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
 from comove.io.keys import scaled
 from comove.scenes.grasp import Grasp, alternatives, grasp_of
+from comove.scenes.grasp_distance import far_grasps
 from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
@@ -103,13 +104,18 @@ class Scene:
     meshes: tuple[str, ...] = ()
 
     @classmethod
-    def load(cls, path: str | Path, changes: Mapping[str, Any] | None = None) -> Scene:
+    def load(
+        cls, path: str | Path, changes: Mapping[str, Any] | None = None, *, check_ends: bool = True
+    ) -> Scene:
         """Read a scene file (YAML).
 
         Parameters
         ----------
         changes
             Values that replace those of the file, such as ``{"duration": 3.0, "limits": {"jerk": 5.0}}``.
+        check_ends
+            Whether to make sure that nothing is touched at start and goal, by kernels that may have to be compiled;
+            else `require_free_ends` does it later.
 
         Raises
         ------
@@ -117,10 +123,13 @@ class Scene:
             If the file cannot be read, breaks the contract or contradicts itself.
         """
         path = Path(path)
-        return _build(load_scene_file(path, changes), scene_folder(path), path)
+        scene = _build(load_scene_file(path, changes), scene_folder(path), path)
+        return scene.require_free_ends() if check_ends else scene
 
     @classmethod
-    def from_dict(cls, data: dict[str, Any], *, folder: str | Path | None = None) -> Scene:
+    def from_dict(
+        cls, data: dict[str, Any], *, folder: str | Path | None = None, check_ends: bool = True
+    ) -> Scene:
         """Build a scene from the contents of a scene file; paths are relative to `folder`.
 
         Raises
@@ -129,7 +138,37 @@ class Scene:
             As `load`.
         """
         folder = None if folder is None else Path(folder)
-        return _build(parse_scene(data, folder=folder), folder or Path(), None)
+        scene = _build(parse_scene(data, folder=folder), folder or Path(), None)
+        return scene.require_free_ends() if check_ends else scene
+
+    def require_free_ends(self) -> Scene:
+        """Return the scene itself, if the load and the hands touch nothing at start and goal.
+
+        Raises
+        ------
+        SceneError
+            If they do, or are nearer than the scene's clearance.
+        """
+        for end in ENDS:
+            # What moves may have left the goal, or not come there yet, when the load does.
+            there = [i for i in range(len(self.file.obstacles)) if end == "start" or not self.moving[i]]
+            clearance, obstacle = self.nearest_at(self.nodes_at(end), 0.0, there)
+            nearest = self.name_of(obstacle)
+            rounding = PROVABLE_END * max(1.0, float((self.upper - self.lower).max()))
+            if clearance < self.clearance + rounding:  # nothing could be proved of a motion that begins there
+                need = f"; {self.clearance:g} m of clearance are asked for" if self.clearance else ""
+                where = (
+                    f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is only {clearance:.3g} m from"
+                )
+                where = "touches" if abs(clearance) < rounding else where
+                outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
+                raise SceneError(
+                    f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
+                    file=self.path,
+                    key=f"manipulators.{end}",
+                    way_out=f"move the {end} or the obstacle",
+                )
+        return self
 
     def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
         """Return the scene from a later instant on: the remainder of a movement that has begun.
@@ -485,6 +524,10 @@ class Scene:
         """Show the scene in a notebook, or else in a browser; see `comove.show`."""
         comove.show(self)
 
+    def _repr_html_(self) -> str:
+        """Return picture and contents for a notebook."""
+        return comove.as_html(self)
+
     def owner_of(self, row: int) -> int:
         """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
         return int(self.owners[row]) if row >= 0 else int(row)
@@ -568,7 +611,9 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         _say_shift(end, before, after, scene.manipulators)
     scene = replace(scene, start=moved[0], goal=moved[1])
     _require_heading(scene, path)
-    _require_free_ends(scene, path)
+    if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
+        place = f"{path}: " if path is not None else ""
+        warnings.warn(f"{place}{said}", ComoveWarning, stacklevel=3)
     _require_kept_ends(scene, path)
     return scene
 
@@ -614,26 +659,6 @@ def _require_heading(scene: Scene, path: object) -> None:
             key="grasp",
             way_out="move one of them aside, or name first in held_by two holders that are beside each other",
         )
-
-
-def _require_free_ends(scene: Scene, path: object) -> None:
-    for end in ENDS:
-        # What moves may have left the goal, or not come there yet, when the load does.
-        there = [i for i in range(len(scene.file.obstacles)) if end == "start" or not scene.moving[i]]
-        clearance, obstacle = scene.nearest_at(scene.nodes_at(end), 0.0, there)
-        nearest = scene.name_of(obstacle)
-        rounding = PROVABLE_END * max(1.0, float((scene.upper - scene.lower).max()))
-        if clearance < scene.clearance + rounding:  # nothing could be proved of a motion that begins there
-            need = f"; {scene.clearance:g} m of clearance are asked for" if scene.clearance else ""
-            where = f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is only {clearance:.3g} m from"
-            where = "touches" if abs(clearance) < rounding else where
-            outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
-            raise SceneError(
-                f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
-                file=path,
-                key=f"manipulators.{end}",
-                way_out=f"move the {end} or the obstacle",
-            )
 
 
 def _require_kept_ends(scene: Scene, path: object) -> None:

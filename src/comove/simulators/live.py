@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError
 from comove.planning.search import Interruption
+from comove.processes import one_blas_thread
 from comove.robots.online.executor import JointExecutor
 from comove.simulators.building import TIMESTEP, build_world
 from comove.simulators.engine import engine, without_log
@@ -23,6 +24,25 @@ from comove.simulators.world import World, moving_body
 Array = NDArray[np.float64]
 
 
+def steps_of(period: float) -> int:
+    """Return the number of the simulation's steps in a control period [s].
+
+    Raises
+    ------
+    OptionError
+        If it is no whole number.
+    """
+    every = round(period / TIMESTEP)
+    if every < 1 or abs(every * TIMESTEP - period) > 1e-9:
+        raise OptionError(
+            f"a control period of {period} s",
+            key="period",
+            way_out=f"give a multiple of {TIMESTEP} s, the simulation's step",
+        )
+    return every
+
+
+@one_blas_thread()
 def run_live(
     executor: JointExecutor,
     budget: float,
@@ -50,13 +70,7 @@ def run_live(
         If the robot cannot hold the load by this grasp.
     """
     grasp, perturbation = grasp or Weld(), perturbation or PLAN
-    every = round(executor.settings.period / TIMESTEP)
-    if every < 1 or abs(every * TIMESTEP - executor.settings.period) > 1e-9:
-        raise OptionError(
-            f"a control period of {executor.settings.period} s",
-            key="period",
-            way_out=f"give a multiple of {TIMESTEP} s, the simulation's step",
-        )
+    every = steps_of(executor.settings.period)
     scene, robot, motion = executor.scene, executor.robot, executor.plan.joints
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     with without_log():

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +21,15 @@ from comove.geometry.rotations import matrices
 from comove.io.files import whole_file, whole_path
 from comove.io.videos import encode, require_videos
 from comove.robots.model import Robot
+from comove.robots.motion import JointMotion
+from comove.scenes.scene import Scene
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
-from comove.simulators.execution import Execution
-from comove.simulators.world import World, lower_floor
+from comove.simulators.grasps import GraspModel, Weld
+from comove.simulators.live_record import OnlineRecord
+from comove.simulators.loads import Load, hand_poses, load_of
+from comove.simulators.settings import PLAN, Perturbation
+from comove.simulators.world import World, lower_floor, moving_body
 
 Array = NDArray[np.float64]
 
@@ -32,6 +37,70 @@ DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width
 OF_FILMS = {"encoder": {"crf": "23"}, "container": {"movflags": "+faststart"}}  # they play while they load
 INK, PAPER = (40, 44, 52), (255, 255, 255)
+
+
+class Filmed(Protocol):
+    """What is drawn sample by sample: an `Execution`, or a `FilmedRun`; its attributes are those of `Execution`."""
+
+    @property
+    def robot(self) -> Robot: ...
+    @property
+    def scene(self) -> Scene: ...
+    @property
+    def motion(self) -> JointMotion: ...
+    @property
+    def grasp(self) -> GraspModel: ...
+    @property
+    def load(self) -> Load | None: ...
+    @property
+    def perturbation(self) -> Perturbation: ...
+    @property
+    def time(self) -> Array: ...
+    @property
+    def joints(self) -> Array: ...
+    @property
+    def hands(self) -> Array: ...
+    @property
+    def hands_planned(self) -> Array: ...
+    @property
+    def load_pose(self) -> Array: ...
+    @property
+    def fingers(self) -> Array | None: ...
+
+
+@dataclass(frozen=True, eq=False)
+class FilmedRun:
+    """An online run as it is drawn: robot and payload as measured, obstacles where the scene moves them.
+
+    The record holds no fingers: they are drawn as the model has them.
+    """
+
+    robot: Robot
+    scene: Scene
+    motion: JointMotion
+    grasp: GraspModel
+    load: Load | None
+    perturbation: Perturbation
+    time: Array
+    joints: Array
+    hands: Array
+    hands_planned: Array
+    load_pose: Array
+    fingers: None = None
+
+    @classmethod
+    def of(
+        cls, record: OnlineRecord, grasp: GraspModel | None = None, perturbation: Perturbation = PLAN
+    ) -> FilmedRun:
+        """Return what is drawn of a record; grasp and perturbation as `run_live` got them."""
+        robot, scene, grasp = record.robot, record.scene, grasp or Weld()
+        commanded, measured = np.array(record.commanded), np.array(record.measured)
+        planned = hand_poses(robot, scene, commanded)
+        load = load_of(scene, planned[0], grasp.section)
+        pose = np.array(record.load)
+        hands = hand_poses(robot, scene, measured)
+        time, motion = np.array(record.time), record.motion
+        return cls(robot, scene, motion, grasp, load, perturbation, time, measured, hands, planned, pose)
 
 
 @dataclass(frozen=True)
@@ -54,7 +123,7 @@ FRONT, ABOVE = View(aside=24.0, elevation=-30.0), View(aside=0.0, elevation=-89.
 
 
 def draw_sheet(
-    execution: Execution,
+    execution: Filmed,
     path: str | Path,
     *,
     count: int = 6,
@@ -90,7 +159,7 @@ def draw_sheet(
         sheet.save(file, format="PNG", optimize=True)
 
 
-def draw_film(execution: Execution, path: str | Path, *, rate: float = 20.0, width: int = 640) -> Path:
+def draw_film(execution: Filmed, path: str | Path, *, rate: float = 20.0, width: int = 640) -> Path:
     """Write a film of an execution at its own pace.
 
     Parameters
@@ -131,7 +200,7 @@ def encodes() -> bool:
     return True
 
 
-def _steps(execution: Execution, count: int) -> list[int]:
+def _steps(execution: Filmed, count: int) -> list[int]:
     """Choose samples so that the same progress lies between neighbours: half of it is time, half travel of the
     hands.
     """
@@ -148,7 +217,7 @@ def _steps(execution: Execution, count: int) -> list[int]:
 
 @contextmanager
 def camera(
-    execution: Execution, width: int, height: int, *, shadows: bool = True, view: View = FRONT
+    execution: Filmed, width: int, height: int, *, shadows: bool = True, view: View = FRONT
 ) -> Iterator[Callable[[int], Image.Image]]:
     """Lend a function that draws one sample of an execution with its time, of the size given in pixels.
 
@@ -194,7 +263,7 @@ def camera(
 
 @contextmanager
 def stage(
-    execution: Execution, width: int, height: int, finish: Callable[[Any], None]
+    execution: Filmed, width: int, height: int, finish: Callable[[Any], None]
 ) -> Iterator[tuple[World, Any, Callable[[int, Any], NDArray[np.uint8]]]]:
     """Lend the world of an execution, MuJoCo's data of it, and a function that draws a sample as a camera sees it.
 
@@ -233,11 +302,16 @@ def _renderer(model: Any, height: int, width: int) -> Any:
         raise no_pictures(str(error).strip().splitlines()[0]) from error
 
 
-def place(execution: Execution, world: World, data: Any, step: int) -> None:
+def place(execution: Filmed, world: World, data: Any, step: int) -> None:
     """Put a world into the state of one sample."""
     mj, model = engine(), world.model
     data.qpos[world.qpos] = execution.joints[step]
-    data.qpos[world.finger_qpos] = execution.fingers[step]
+    if execution.fingers is not None:
+        data.qpos[world.finger_qpos] = execution.fingers[step]
+    offsets = execution.scene.offsets(execution.time[step : step + 1])[0]
+    for i in np.flatnonzero(execution.scene.moving):
+        mocap = model.body(moving_body(int(i))).mocapid[0]
+        data.mocap_pos[mocap] = execution.scene.centers[i] + offsets[i]
     if world.load is not None:
         world.put_load(data, execution.load_pose[step])
     mj.mj_kinematics(model, data)
@@ -245,7 +319,7 @@ def place(execution: Execution, world: World, data: Any, step: int) -> None:
     mj.mj_camlight(model, data)
 
 
-def _seen(execution: Execution, world: World, data: Any) -> Array:
+def _seen(execution: Filmed, world: World, data: Any) -> Array:
     """Return the points that a picture must show: all hands and loads, obstacles, and the robot as it stands at
     the start.
     """

@@ -77,6 +77,11 @@ class Verification:
         return self.part not in (Part.ROBOT_RUN, Part.SIMULATION)
 
     @property
+    def is_hands_alone(self) -> bool:
+        """Return whether the scene names a robot, and no joint of it was looked at."""
+        return self.scene.file.robot is not None and self.part in (Part.MOTION, Part.RUN)
+
+    @property
     def verified(self) -> bool:
         """Return whether nothing speaks against it."""
         return not self.reasons

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +32,7 @@ from comove.io.yaml_reader import Lines, read_yaml
 from comove.planning import Comove
 from comove.primitives import Library
 from comove.scenes.demonstration import LIBRARY
+from comove.scenes.model import READING
 from comove.scenes.scene import Scene
 from comove.studies.cameras import require_cameras
 from comove.studies.distributions import Distribution, OneOf, TruncatedNormal, Uniform
@@ -217,7 +218,8 @@ class Study:
         data, rng = copy.deepcopy(self.template), np.random.default_rng(0)
         for i, part in enumerate(self.file.draws):
             try:
-                draw = Draw(part.key, _distribution(part, self.folder), part.add)
+                said = self.template.get("demonstration")
+                draw = Draw(part.key, _distribution(part, self.folder, said), part.add)
                 draw.apply(data, rng)
             except Wrong as wrong:
                 raise scene_error([Flaw(("draws", i), *wrong.args)], self.path, lines) from None
@@ -387,8 +389,13 @@ def read_study(path: Path, model: type[Model], contract: Contract) -> tuple[Mode
         raise scene_error(explained(error, data, contract), path, lines) from None
 
 
-def _distribution(part: DrawPart, folder: Path) -> Distribution:
-    """Return the distribution of a draw."""
+def _distribution(part: DrawPart, folder: Path, said: object = None) -> Distribution:
+    """Return the distribution of a draw.
+
+    Demonstrations that are drawn are read, laid and scaled as the scene says of its own demonstration, `said`.
+    """
+    laid = _kept(said, ("plane", "scale"))
+    read = laid | _kept(said, ("manipulator", "topic", *READING))
     if part.uniform is not None:
         return Uniform(*map(np.asarray, part.uniform))
     if part.normal is not None:
@@ -399,11 +406,16 @@ def _distribution(part: DrawPart, folder: Path) -> Distribution:
         names = Library(folder / part.library).names
         if not names:
             raise Wrong(f"there is no primitive in {part.library}", "name a library: comove library add DEMO")
-        return OneOf(tuple({"library": f"{part.library}/{name}"} for name in names))
-    return OneOf(tuple(_recordings(folder, part.recordings or "")))
+        return OneOf(tuple({"library": f"{part.library}/{name}"} | laid for name in names))
+    return OneOf(tuple(one | read for one in _recordings(folder, part.recordings or "")))
 
 
-def _recordings(folder: Path, name: str) -> list[dict[str, str]]:
+def _kept(said: object, keys: Sequence[str]) -> dict[str, Any]:
+    """Return what a scene says of its demonstration below some keys."""
+    return {key: said[key] for key in keys if key in said} if isinstance(said, Mapping) else {}
+
+
+def _recordings(folder: Path, name: str) -> list[dict[str, Any]]:
     """Return demonstrations of a scene: the episodes of a recording, or the recordings in a folder."""
     path = folder / name
     try:

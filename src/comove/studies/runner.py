@@ -221,13 +221,13 @@ def _failed(key: str, ended: TaskResult[int, Made]) -> StudyRun:
     return StudyRun(key, ended.task, status=status, reason=ended.error[:LONGEST], seconds=ended.seconds)
 
 
-def _prepared(folder: Path, room: int = 20_000_000) -> Path:
-    """Make the folder of a study, or check that one that is there holds nothing else; `room` [bytes] must be free.
+def check_study_folder(folder: Path) -> None:
+    """Check that a folder can be that of a study: that it is none yet, empty, or a study's.
 
     Raises
     ------
     ResultError
-        If it is a file, holds other files, or the disk is full.
+        If it is a file, or holds other files.
     """
     with telling(folder, "written", ResultError):
         if folder.exists() and not folder.is_dir():
@@ -236,6 +236,18 @@ def _prepared(folder: Path, room: int = 20_000_000) -> Path:
             raise ResultError(
                 "the folder is not empty and holds no study", file=folder, way_out="name another or empty it"
             )
+
+
+def _prepared(folder: Path, room: int = 20_000_000) -> Path:
+    """Make the folder of a study, after `check_study_folder`; `room` [bytes] must be free.
+
+    Raises
+    ------
+    ResultError
+        As `check_study_folder`, or if the disk is full.
+    """
+    check_study_folder(folder)
+    with telling(folder, "written", ResultError):
         require_room(folder, ResultError, room)
         folder.mkdir(parents=True, exist_ok=True)
     return folder

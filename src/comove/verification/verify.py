@@ -115,6 +115,10 @@ class VerifiedMotion(Sealed):
         """Show the motion in a notebook, or else in a browser; see `comove.show`."""
         comove.show(self)
 
+    def _repr_html_(self) -> str:
+        """Return picture and measures for a notebook."""
+        return comove.as_html(self)
+
 
 @dataclass(frozen=True)
 class Verdict:

@@ -2,6 +2,7 @@
 
 from comove.views.measures import Panel, draw_measures
 from comove.views.motion import (
+    draw_episodes,
     draw_failures,
     draw_motion,
     draw_progress,
@@ -9,6 +10,7 @@ from comove.views.motion import (
     draw_scene,
     draw_side_by_side,
 )
+from comove.views.notebooks import as_html
 from comove.views.pipeline import draw_pipeline
 from comove.views.primitives import draw_library, draw_primitive
 from comove.views.results import save_result, save_robot_result
@@ -19,6 +21,8 @@ from comove.views.style import save, save_picture
 __all__ = [
     "Panel",
     "animate_run",
+    "as_html",
+    "draw_episodes",
     "draw_failures",
     "draw_joints",
     "draw_library",

@@ -129,19 +129,31 @@ def draw_failures(
 
     Of a spatial scene the first two axes are shown.
     """
+    figure = draw_episodes(motions, titles, most_columns=most_columns)
+    for axes, motion in zip(figure.axes, motions, strict=True):
+        _draw_worst(axes, motion, (0, 1))
+    draw_legend(figure, columns=3)
+    return figure
+
+
+def draw_episodes(
+    motions: Sequence[CoordinatedMotion], titles: Sequence[str], *, most_columns: int = 6
+) -> Figure:
+    """Draw motions as a contact sheet, each with the payload at equal steps.
+
+    Of a spatial scene the first two axes are shown, from above.
+    """
     columns = min(most_columns, len(motions))
     rows = -(-len(motions) // columns)
-    figure = new_figure(SMALL * columns + 0.4, (SMALL + HEADED) * rows + 0.8)
+    figure = new_figure(SMALL * columns + 0.4, (SMALL + HEADED) * rows + 0.4)
     for i, (motion, title) in enumerate(zip(motions, titles, strict=True)):
         axes = figure.add_subplot(rows, columns, i + 1)
         draw_panel(axes, motion, (0, 1))
-        _draw_worst(axes, motion, (0, 1))
         axes.set_title(title, fontsize="small")
         if i % columns:
             axes.set_ylabel("")
         if i + columns < len(motions):
             axes.set_xlabel("")
-    draw_legend(figure, columns=3)
     return figure
 
 

@@ -29,6 +29,7 @@ def save_result(
     command: Words = (),
     files: Iterable[Path] = (),
     made: Mapping[Path, bytes] = MappingProxyType({}),
+    has_joints: bool = False,
 ) -> dict[str, Any]:
     """Write a solution, its scene, what it was made from and its pictures into an existing folder.
 
@@ -37,6 +38,7 @@ def save_result(
     wall_time_s : time that the summary states for all of it [s]
     demonstration : movement that is drawn beside the motion
     command, files, made : as of `comove.results.inputs.write_inputs`
+    has_joints : as of `comove.results.write_solution`
 
     Returns
     -------
@@ -49,7 +51,7 @@ def save_result(
     save(draw_progress(motion), folder / "progress.png")
     (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
     write_inputs(folder, scene, command=command, files=files, made=made)
-    return write_solution(solution, folder, wall_time_s)
+    return write_solution(solution, folder, wall_time_s, has_joints=has_joints)
 
 
 def save_robot_result(
@@ -80,6 +82,7 @@ def save_robot_result(
         command=command,
         files=found.robot.files,
         made=made,
+        has_joints=True,
     )
     write_joints(folder, found.joints, found.verdict, found.robot, solution.attempt, source=source)
     title = f"{solution.scene.name}, {found.robot.name}" + ("" if solution.verified else " (not verified)")

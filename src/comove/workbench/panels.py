@@ -18,7 +18,7 @@ Told = Callable[[str, Any], None]
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)
 PLOTS = (
-    ("clearance", "clearance [mm]", 1e3),
+    ("clearance", "sampled clearance [mm]", 1e3),
     ("speed", "speed [m/s]", 1.0),
     ("acceleration", "acceleration [m/s²]", 1.0),
     ("error", "constraints: share of tolerance", 1.0),

@@ -317,6 +317,8 @@ def _of_robot(thing: Any) -> Playback:
 def _of_part(checked: Verification) -> Playback:
     """Return a part of a result folder, with what its verification found."""
     verdict = _VERDICTS[checked.part][checked.verified]
+    if checked.verified and checked.is_hands_alone:
+        verdict += ", the hands alone"
     recording: RecordedMotion | None = None
     touches: tuple[Touch, ...] = ()
     reasons, scene = checked.reasons, checked.scene

@@ -19,7 +19,10 @@ def printed_options(error):
     """Return the options of the printed command, as `Demonstration.load` takes them."""
     program, verb, _, *words = printed_command(error)
     assert (program, verb) == ("comove", "learn")
-    options = dict(zip((word.removeprefix("--") for word in words[::2]), words[1::2], strict=True))
+    if "--drop-missing" in words:
+        words.insert(words.index("--drop-missing") + 1, True)
+    names = (word.removeprefix("--").replace("-", "_") for word in words[::2])
+    options = dict(zip(names, words[1::2], strict=True))
     options.pop("out")
     if "columns" in options:
         options["columns"] = options["columns"].split(",")
@@ -30,9 +33,14 @@ def printed_options(error):
 
 def follow(path, most=5, **options):
     """Load a file with the options that refusals print, each command as it is printed."""
+    return followed(path, most, **options)[0]
+
+
+def followed(path, most=5, **options):
+    """Return what `follow` does, and the options of the last command."""
     for _ in range(most):
         try:
-            return Demonstration.load(path, **options)
+            return Demonstration.load(path, **options), options
         except ComoveError as error:
             options = printed_options(error)
     pytest.fail("advice without end")

@@ -100,12 +100,22 @@ def test_harmless_habits_are_accepted(tmp_path, content):
         ("\n\n", None, "empty", "name a recording"),
         ("0,0,0\n0.1,1,1\n", "columns", "no column is named", "--columns 2,3"),
         ("# carry\n0,0\n0.1,1\n", "columns", "no column is named", "--columns 2"),
-        ("tmie,x,y\n0,0,0\n0.1,1,1\n", "time", "no column of time", "did you mean 'tmie'.*--time tmie"),
+        (
+            "tmie,x,y\n0,0,0\n0.1,1,1\n",
+            "time",
+            "no column of time",
+            "did you mean 'tmie'.*; run: .*--time tmie",
+        ),
         ("time\n0\n1\n", None, "a single column", "a row a sample"),
         ("time,x,X\n0,0,0\n", "columns", r"x \(column 2\), X \(column 3\)", "--columns 2"),
         ("time,left.x,left.u\n", None, "no rows below the header", "two rows at least"),
         ("time,x,x\n0,0,0\n", "columns", r"x \(column 2\), x \(column 3\)", "--columns 2"),
-        ("time,x,y,b.x,b.y\n0,0,0,0,0\n", "columns", "x, y belong to no body", "--columns x,y .*--columns b"),
+        (
+            "time,x,y,b.x,b.y\n0,0,0,0,0\n",
+            "columns",
+            "x, y belong to no body",
+            "--columns b; run: .*--columns x,y ",
+        ),
         # the rows
         ("time,x,y\n", None, "no rows below the header", "two rows at least"),
         ("time,x,y\n0,0,0\n", "time", "this one has 1", "record more"),
@@ -150,7 +160,7 @@ def test_harmless_habits_are_accepted(tmp_path, content):
     ],
 )
 def test_bad_files_are_told_by_row_and_column(tmp_path, refused, content, key, says, way_out):
-    refused(read_csv, write(tmp_path, content), key=key, says=says, way_out=way_out)
+    refused(Demonstration.load, write(tmp_path, content), key=key, says=says, way_out=way_out)
 
 
 def test_rows_are_counted_as_in_an_editor(tmp_path, refused):

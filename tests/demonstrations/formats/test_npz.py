@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from comove.demonstrations import Demonstration, read_npz, write_npz
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, OptionError
 from tests.cases import examples
 
 TIME = np.array([0.0, 0.1, 0.3])
@@ -266,3 +266,36 @@ def test_an_archive_cut_anywhere_is_refused(path):
 def test_texts_that_numpy_would_change_are_not_written(path, refused):
     demo = Demonstration(TIME, PAIR[:, 0], axes=("a\0", "b"))
     refused(lambda p: write_npz(p, demo), path, key="axes", says="null character", way_out="letters")
+
+
+STEADY = np.arange(60) / 50.0
+
+
+@pytest.mark.parametrize("per_second", [1e3, 1e6, 1e9])
+@pytest.mark.parametrize("start", [0, 1_700_000_000])
+def test_stamps_in_other_units_are_told_by_their_size(path, per_second, start):
+    stamps = start * int(per_second) + np.rint(STEADY * per_second).astype(np.int64)
+    np.savez(path, time=stamps, position=np.column_stack((STEADY, STEADY**2)))
+    demo = Demonstration.load(path)
+    np.testing.assert_allclose(demo.time, STEADY, atol=1e-9)
+    assert any("after its size" in note for note in demo.notes)
+
+
+def test_the_unit_or_rate_of_an_archive_can_be_stated(path):
+    np.savez(path, time=np.arange(60), position=np.column_stack((STEADY, STEADY**2)))
+    with pytest.raises(DemonstrationError, match=r"steps are 1.*; run: comove learn .* --rate 100"):
+        Demonstration.load(path)
+    np.testing.assert_array_equal(Demonstration.load(path, rate=50).time, STEADY)
+    np.testing.assert_allclose(Demonstration.load(path, time="time [ms]").time, np.arange(60) / 1e3)
+    for options, words in [
+        ({"rate": 50, "time": "[ms]"}, "both a time and a rate"),
+        ({"time": "clock"}, "no time of the archive"),
+        ({"time": "time [parsec]"}, "give its unit"),
+        ({"rate": -1}, "no rate"),
+    ]:
+        with pytest.raises(OptionError, match=words):
+            Demonstration.load(path, **options)
+    with pytest.raises(
+        DemonstrationError, match="columns: 'x,y' was asked for, but its columns are not chosen"
+    ):
+        Demonstration.load(path, columns=["x", "y"])

@@ -137,7 +137,7 @@ def test_what_stands_still_is_refused():
         ({"rate": 0.0}, "no rate"),
         ({"rate": 100.0, "time": "t"}, "both a column of time and a rate"),
         ({"unit": "parsec"}, "'parsec' is not known"),
-        ({"time": "n"}, r"steps are 1, .* --time 'n \[ms\]' .*--rate 100"),
+        ({"time": "n"}, r"steps are 1, .* --rate HZ; run: .* --rate 100 "),
         ({"time": "X"}, "time"),
         ({"unit": "deg", "columns": None}, "X is a position, which deg does not measure"),
         ({"manipulator": "left"}, "one movement without a name"),

@@ -25,6 +25,10 @@ FORMATS: list[Format] = [
 ]
 
 
+_OTHERS = (".json", ".yaml", ".yml", ".toml", ".xml", ".py", ".md")
+"""Suffixes of texts that are no tables."""
+
+
 def format_of(path: str | os.PathLike[str]) -> Format:
     """Return the format of a file or folder, by its suffix or by what the folder holds.
 
@@ -49,6 +53,8 @@ def format_of(path: str | os.PathLike[str]) -> Format:
         require_content(path)
     kinds = {suffix: format for format in FORMATS for suffix in format.suffixes}
     if path.suffix.lower() not in kinds:
+        if exists and path.suffix.lower() not in _OTHERS and tables.is_table(path):
+            return tables.FORMAT
         raise fault(path, None, f"its kind {path.suffix!r} is not known", near_name(path.suffix, kinds))
     return kinds[path.suffix.lower()]
 
@@ -142,7 +148,10 @@ def is_format(path: Path) -> bool:
     """Return whether a file has a suffix, or a folder the file, by which a format is recognised."""
     if path.is_dir():
         return any(format.marker and (path / format.marker).exists() for format in FORMATS)
-    return any(path.suffix.lower() in format.suffixes for format in FORMATS)
+    suffix = path.suffix.lower()
+    return any(suffix in format.suffixes for format in FORMATS) and (
+        suffix != ".txt" or tables.is_table(path)
+    )
 
 
 def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: object) -> RecordedSamples:

@@ -13,7 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 
 from comove.demonstrations.columns import Kind, bare_name, read_columns
@@ -40,6 +40,8 @@ _RATES = (
 )  # fmt: skip
 _LENGTH_UNITS = ("length units", "units", "unit", "length unit")
 _VICON = {"trajectories", "objects", "joints", "model outputs", "global angle", "segments"}
+_OF_VICON = re.compile(r"(?:global|local) angle \([^()]*\) ", re.IGNORECASE)
+"""What Vicon writes before the name of a segment."""
 _QUALISYS = ("no_of_frames", "no_of_markers", "marker_names")
 
 
@@ -57,7 +59,7 @@ class Layout:
     names, bodies, kinds, types, units : the rows of the header; names are () where there is none
     rate : samples a second that the preamble states [Hz]
     unit : unit of lengths that the preamble states
-    rotation : type of rotations that the preamble states, in lower case
+    angles : unit of angles that the preamble states
     sample : cells of the first rows of numbers
     """
 
@@ -74,7 +76,7 @@ class Layout:
     units: tuple[str, ...] = ()
     rate: float | None = None
     unit: str | None = None
-    rotation: str = ""
+    angles: str | None = None
     sample: tuple[tuple[str, ...], ...] = ()
 
     def rows(self) -> Iterator[tuple[int, str]]:
@@ -214,7 +216,7 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
         header.get("units", ()),
         rate,
         unit if unit in LENGTHS else None,
-        said.get("rotation type", "").lower(),
+        {"yes": "deg", "no": "rad"}.get(said.get("indegrees", "").lower()),
         tuple(map(tuple, sample)),
     )
 
@@ -261,7 +263,7 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
     n_named = 0
     for _, line in reversed(above):
         marked = line.lstrip().startswith(COMMENTS)
-        if not line.strip() or (marked and rows):
+        if not line.strip(" \t\r\n;,|") or (marked and rows):
             if rows:
                 break
             continue
@@ -271,12 +273,18 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
             others = [split(text, mark) for mark in SEPARATORS]  # names may have separators of their own
             cells = next((other for other in others if len(other) == n_cells), cells)
             cells = max(others, key=len) if len(cells) < 2 else cells
+        if len(cells) > n_cells:  # units behind names that are separated by blanks
+            cells = _with_units(cells)
         if marked and not _are_names(cells, n_cells):
             continue
+        if cells[0].lower() in _QUALISYS:
+            break
         leads_blank = separator != " " and len(cells) > 2 and not cells[0]
         if not (n_cells - 1 <= len(cells) <= n_cells + 1 or (rows and leads_blank)):
             break
-        if sum(map(is_number, cells)) > (1 if rows else 0) and not (leads_blank and not rows):
+        if _score(cells) if rows else any(map(is_number, cells)) and not leads_blank:
+            break
+        if rows and cells[0] and rows[-1][0] and sum(map(bool, cells)) == 1:  # a title
             break
         n_named = n_named or len(cells)
         rows.append((cells + [""] * n_cells)[: max(n_cells, len(cells))])
@@ -287,6 +295,9 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
     found: dict[str, tuple[str, ...]] = {"cells": ("",) * n_named}
     if len(rows) > 1 and _are_units(rows[0]):
         found["units"] = tuple(rows.pop(0))
+    if len(rows) > 1 and sum(map(bool, rows[0])) == 1:  # the name of the index stands below the others
+        lowest = rows.pop(0)
+        rows[0] = [low or above for low, above in zip(lowest, rows[0], strict=False)]
     names, above_names = rows[0], rows[1:]
     for row in above_names:
         label = next((cell.lower() for cell in row[:2] if cell), "")
@@ -342,11 +353,22 @@ def _require_as_many(
         )
 
 
+def _with_units(cells: Sequence[str]) -> list[str]:
+    """Return cells in which a unit in brackets belongs to the name before it."""
+    joined: list[str] = []
+    for cell in cells:
+        if joined and re.fullmatch(r"[\[(].*[\])]", cell):
+            joined[-1] += f" {cell}"
+        else:
+            joined.append(cell)
+    return joined
+
+
 def _filled(row: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     """Return a row of bodies in which a name also stands for the columns right of it, up to the next one."""
     filled, last = [], ""
     for cell, name in zip(row, names, strict=False):
-        last = cell or (last if name else "")
+        last = _OF_VICON.sub("", cell) or (last if name else "")
         filled.append(last)
     return tuple(filled)
 
@@ -368,23 +390,22 @@ def _are_units(cells: Sequence[str]) -> bool:
 
 
 def _statements(lines: Sequence[str], separator: str) -> dict[str, str]:
-    """Return what a preamble states: `key, value` in a row, `key: value`, or keys in a row above values."""
+    """Return what a preamble states: keys in a row above values, `key, value` in a row, `key: value`."""
+    mark = separator if separator != " " else "\t"
+    rows = [split(line.lstrip("#% ").rstrip(" \t\r\n;,|"), mark) for line in lines]
     said: dict[str, str] = {}
-    rows = [
-        [cell.strip() for cell in split(line.lstrip("#% "), separator if separator != " " else "\t")]
-        for line in lines
-    ]
+    paired: set[int] = set()
+    for at, (cells, below) in enumerate(pairwise(rows)):
+        if len(cells) > 2 and len(cells) == len(below) and not any(map(is_number, cells)) and _score(below):
+            said |= {key.lower(): value for key, value in zip(cells, below, strict=True)}
+            paired |= {at, at + 1}
+        elif len(cells) == 1 and cells[0].lower() in _VICON and is_number(below[0]):
+            said["rate"] = below[0]
     for at, cells in enumerate(rows):
-        for pair in zip(cells[::2], cells[1::2], strict=False):
-            said.setdefault(pair[0].lower(), pair[1])
+        for key, value in zip(cells[::2], cells[1::2], strict=False) if at not in paired else ():
+            said.setdefault(key.lower(), value)
         if len(cells) == 1 and (match := re.fullmatch(r"([^:=]+?)\s*[:=]\s*(.+?)", cells[0])):
             said.setdefault(match[1].lower(), match[2])
-        below = rows[at + 1] if at + 1 < len(rows) else []
-        if len(cells) == 1 and cells[0].lower() in _VICON and len(below) and is_number(below[0]):
-            said.setdefault("rate", below[0])
-        if len(cells) > 2 and len(cells) == len(below) and not any(map(is_number, cells)):
-            for key, value in zip(cells, below, strict=True):
-                said.setdefault(key.lower(), value)
     return said
 
 

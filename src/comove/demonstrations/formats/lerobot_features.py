@@ -16,12 +16,10 @@ from typing import Any
 from comove.demonstrations.cleaning import MAX_DIMS
 from comove.demonstrations.columns import Body, Column, Kind, bodies_of, flat_names, read_columns, spoken
 from comove.demonstrations.samples import AXES, fault
-from comove.demonstrations.units import is_length
+from comove.demonstrations.units import UNSTATED, is_length
 from comove.errors import OptionError, listed, near_name
 
 STATE = "observation.state"
-UNSTATED = "LeRobot unit"
-"""Unit of joints that LeRobot records in degrees, or in percent of a range, without saying which."""
 _OWN_ARMS = re.compile(r".*(so[_-]?10\d|koch|moss|lekiwi).*", re.IGNORECASE)
 _ABOUT_UNSTATED = (
     f"joints in {UNSTATED}s: degrees, or percent of the range of each, which the dataset does not say; --unit deg if "

@@ -17,17 +17,33 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.samples import AXES, Format, Origin, RecordedSamples, by_manipulator, fault
+from comove.demonstrations.plausibility import require_rate, seconds
+from comove.demonstrations.samples import (
+    AXES,
+    TIME,
+    UNIT,
+    Format,
+    Origin,
+    RecordedSamples,
+    by_manipulator,
+    fault,
+)
+from comove.demonstrations.units import TIMES, unit_named
+from comove.errors import OptionError
 from comove.io.arrays import read_arrays
 from comove.io.files import whole_file
 
 
-def read(path: str | os.PathLike[str]) -> dict[str, RecordedSamples]:
+def read(
+    path: str | os.PathLike[str], *, time: str | None = None, rate: float | None = None
+) -> dict[str, RecordedSamples]:
     """Read all movements of an archive.
 
     Parameters
     ----------
     path : archive in the layout of this module, up to 256 MB unpacked
+    time : unit of `time` in brackets, "time [ms]"; seconds, or what its size shows, unless given
+    rate : sampling rate [Hz], instead of `time`
 
     Returns
     -------
@@ -40,9 +56,31 @@ def read(path: str | os.PathLike[str]) -> dict[str, RecordedSamples]:
     """
     path = Path(path)
     arrays = read_arrays(path, ("time", "position"), ("manipulators", "orientation", "axes", "unit"))
+    arrays["time"], notes = _seconds(path, arrays["time"], time, rate)
     position = arrays["position"]
     names = [""] if position.ndim != 3 else _manipulators(path, arrays)
-    return {name: _movement(path, arrays, index, name) for index, name in enumerate(names)}
+    return {name: _movement(path, arrays, index, name, notes) for index, name in enumerate(names)}
+
+
+def _seconds(
+    path: Path, stamps: NDArray, time: str | None, rate: float | None
+) -> tuple[NDArray, tuple[str, ...]]:
+    """Return the stamps of an archive in seconds, and notes; arrays that are no stamps are left to the checks."""
+    if stamps.ndim != 1 or stamps.dtype.kind not in "iuf" or (rate is not None and time is not None):
+        if rate is None or time is None:
+            return stamps, ()
+        raise OptionError("both a time and a rate are given", key="rate", way_out="give one of them")
+    if rate is not None:
+        require_rate(rate)
+        return np.arange(len(stamps)) / rate, (f"time at {rate:g} samples a second",)
+    named, _, said = (time or "time").partition("[")
+    unit = unit_named(said.rstrip("] ")) if said else None
+    if named.strip() not in ("time", "") or (said and unit not in TIMES):
+        raise OptionError(
+            f"{time!r} is no time of the archive", file=path, key="time", way_out="give its unit: 'time [ms]'"
+        )
+    signed = stamps.astype(np.int64) if stamps.dtype.kind in "iu" else stamps
+    return seconds(signed, unit, origin=Origin(path))
 
 
 def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, RecordedSamples]) -> None:
@@ -84,7 +122,7 @@ def write(path: str | os.PathLike[str], demos: RecordedSamples | Mapping[str, Re
         np.savez(file, **arrays)
 
 
-FORMAT = Format("NPZ", read, suffixes=(".npz",), write=write)
+FORMAT = Format("NPZ", read, suffixes=(".npz",), write=write, options=frozenset({"time", "rate"}))
 
 
 def _unnamed(n_dims: int) -> tuple[str, ...]:
@@ -99,7 +137,9 @@ def _text(path: object, key: str, texts: list, single: bool) -> NDArray:
     return array
 
 
-def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) -> RecordedSamples:
+def _movement(
+    path: Path, arrays: Mapping[str, NDArray], index: int, name: str, notes: tuple[str, ...]
+) -> RecordedSamples:
     """Build the movement of one manipulator from the arrays of all."""
     origin, position, orientation = Origin(path), arrays["position"], arrays.get("orientation")
     if position.ndim == 3:
@@ -133,9 +173,11 @@ def _movement(path: Path, arrays: Mapping[str, NDArray], index: int, name: str) 
         arrays["time"],
         position,
         f"{path.stem}.{name}" if name else path.stem,
+        notes,
         unit="m" if unit is None else str(unit[index] if unit.ndim else unit),
         orientation=orientation,
         axes=() if axes is None else tuple((axes[index] if axes.ndim == 2 else axes).tolist()),
+        stated=frozenset({TIME} if unit is None else {TIME, UNIT}),
         origin=origin,
     )
 

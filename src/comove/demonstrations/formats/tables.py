@@ -37,7 +37,7 @@ from comove.demonstrations.columns import (
 )
 from comove.demonstrations.formats import csv
 from comove.demonstrations.formats.layout import HOURS, SEPARATORS, Layout, is_missing, is_time, layout_of
-from comove.demonstrations.plausibility import seconds, unit_of_time
+from comove.demonstrations.plausibility import require_rate, seconds, unit_of_time
 from comove.demonstrations.samples import (
     AXES,
     MAX_ROWS,
@@ -47,7 +47,6 @@ from comove.demonstrations.samples import (
     Origin,
     RecordedSamples,
     fault,
-    learn_command,
 )
 from comove.demonstrations.units import LENGTHS, TIMES, is_angle, is_length, require_unit, unit_named
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, listed, near_name
@@ -132,10 +131,19 @@ def names(path: str | os.PathLike[str], **options: Any) -> tuple[str, ...]:
         return tuple(_Table.of(_Request(path, **options)).bodies())
 
 
+def is_table(path: Path) -> bool:
+    """Return whether a file is a text with a table of numbers, whatever its suffix."""
+    try:
+        with telling(path):
+            return bool(layout_of(existing_file(path, MAX_BYTES, _TOO_LONG)).sample)
+    except DemonstrationError:
+        return False
+
+
 FORMAT = Format(
     "text table",
     read,
-    suffixes=(".csv", ".tsv", ".txt", ".dat", ".asc", ".trc", ".tum"),
+    suffixes=(".csv", ".tsv", ".txt", ".dat", ".asc", ".trc", ".mot", ".sto", ".tum"),
     write=csv.write,
     bodies=names,
     options=frozenset({"columns", "delimiter", "time", "rate", "unit", "drop_missing"}),
@@ -169,19 +177,10 @@ class _Request:
             raise OptionError(
                 "both a column of time and a rate are given", key="rate", way_out="give one of them"
             )
-        if self.rate is not None and (isinstance(self.rate, bool) or not 0 < self.rate < np.inf):
-            raise OptionError(
-                f"{self.rate!r} is no rate", key="rate", way_out="give samples a second, such as 100"
-            )
+        if self.rate is not None:
+            require_rate(self.rate)
         if self.unit is not None:
             object.__setattr__(self, "unit", require_unit(self.unit, self.path))
-
-    def command(self, **changes: Any) -> str:
-        """Return the command that reads the table with other options."""
-        given = {key: value for key, value in vars(self).items() if key != "path"}
-        if self.delimiter is not None:
-            given["delimiter"] = {"\t": "tab", " ": "space"}.get(self.delimiter, self.delimiter)
-        return learn_command(self.path, **given | changes)
 
 
 @dataclass(frozen=True)
@@ -234,6 +233,11 @@ class _Table:
         if layout.unit is not None:
             columns = tuple(
                 replace(c, unit=layout.unit) if c.kind is Kind.POSITION and c.unit is None else c
+                for c in columns
+            )
+        if layout.angles is not None:
+            columns = tuple(
+                replace(c, unit=layout.angles) if c.kind is Kind.JOINT and c.unit is None else c
                 for c in columns
             )
         if layout.types:
@@ -353,9 +357,7 @@ class _Table:
         if request.time is not None:
             return self._chosen_clock(request.time)
         found = [column for column in self.columns if column.kind is Kind.TIME and self._is_readable(column)]
-        chosen = (
-            set() if request.columns is None else {c.number for n in request.columns for c in self._named(n)}
-        )
+        chosen = self._chosen_numbers()
         found = [column for column in found if column.number not in chosen]
         if (
             not found
@@ -373,6 +375,10 @@ class _Table:
             words = f"time at {layout.rate:g} samples a second, as the file says"
             return _Clock(tuple(frames), rate=layout.rate, words=words)
         raise self._no_time()
+
+    def _chosen_numbers(self) -> set[int]:
+        """Return the numbers of the columns that the user names as positions."""
+        return {column.number for name in self.request.columns or () for column in self._named(name)}
 
     def _chosen_clock(self, time: str) -> _Clock:
         bare = bare_name(time)
@@ -408,6 +414,10 @@ class _Table:
     def _grows(self, number: int) -> bool:
         """Return whether the numbers of a column grow in the first rows."""
         return _grows(self._sample(number))
+
+    def _counts(self, number: int) -> bool:
+        """Return whether a column counts rows, one by one."""
+        return bool((np.diff(_floats(self._sample(number))) == 1.0).all())
 
     # Numbers.
 
@@ -569,11 +579,7 @@ class _Table:
             if unit is None and len(clock.columns) > 1:
                 return None
         name = column.name or str(column.number + 1)
-        way_out = (
-            f"say what they count, ms or s: {request.command(time=f'{bare_name(name)} [ms]')}, or give the rate of "
-            f"frames: {request.command(time=None, rate=100)}"
-        )
-        time, notes = seconds(stamps, unit, name=name, origin=Origin(request.path), way_out=way_out)
+        time, notes = seconds(stamps, unit, name=name, origin=Origin(request.path))
         inferred = clock.unit is None and column.unit is None and unit != "s"
         return time, column, f"{unit}, after its size" if inferred else str(unit), notes
 
@@ -590,7 +596,9 @@ class _Table:
                 self.request.path,
                 f"column {column.name}",
                 f"{stamps[0]!r} and the cells below are no dates such as 2024-05-01 10:00:00.25",
-                f"give the rate instead: {self.request.command(time=None, rate=100)}",
+                "give the samples a second instead: --rate HZ",
+                time=None,
+                rate=100,
             ) from error
 
     def _origin(self, body: Body, time: str, numbers: Sequence[int], clock: _Clock) -> Origin:
@@ -637,7 +645,9 @@ class _Table:
             self.request.path,
             "columns",
             f"no column is named as a position or a joint is; there are {names}",
-            f"name them: {self.request.command(columns=asked, time=time)}",
+            "name those of the positions: --columns",
+            columns=asked,
+            time=time,
         )
 
     def _is_number(self, number: int) -> bool:
@@ -657,26 +667,27 @@ class _Table:
             self.request.path,
             "columns",
             f"several columns may be the position{whose}: {choices}",
-            f"name them, by numbers where names repeat: {self.request.command(columns=asked)}",
+            "name them, by numbers where names repeat: --columns",
+            columns=asked,
         )
 
     def _ambiguous(self, name: str, found: Sequence[Column], option: str = "columns") -> DemonstrationError:
         labels = [column.label for column in found]
         by_body = len(set(labels)) == len(labels)
         known = labels if by_body else [f"{c.name} (column {c.number + 1})" for c in found]
+        asked: Any = [str(found[0].number + 1)]
         if option == "time":
-            command = self.request.command(time=str(found[0].number + 1))
+            asked = asked[0]
         elif by_body and found[0].body:
-            command = self.request.command(columns=[found[0].body])
+            asked = [found[0].body]
         else:
-            names = [str(c.number + 1) for c in self.columns if c.name == found[-1].name][-1:]
-            rest = [n for n in self.request.columns or () if n != name and len(self._named(n)) == 1]
-            command = self.request.command(columns=[*names, *rest])
+            asked += [n for n in self.request.columns or () if n != name and len(self._named(n)) == 1]
         return fault(
             self.request.path,
             option,
             f"{len(found)} columns are called {name!r}: {listed(known, _SHOWN)}",
-            f"choose one of them, or a body: {command}",
+            f"choose one of them{'' if option == 'time' else ', or a body'}",
+            **{option: asked},
         )
 
     def _mixed(self, found: dict[str, Body]) -> DemonstrationError:
@@ -686,7 +697,8 @@ class _Table:
             self.request.path,
             "columns",
             f"{listed(plain, 4)} belong to no body, and others to {listed(named, 4)}",
-            f"choose: {self.request.command(columns=plain)}, or {self.request.command(columns=named[:1])}",
+            f"choose: --columns {','.join(plain)}, or --columns {named[0]}",
+            columns=plain,
         )
 
     def _no_time(self) -> DemonstrationError:
@@ -697,15 +709,18 @@ class _Table:
             for column in self.columns
             if column.kind not in (Kind.POSITION, Kind.ORIENTATION) and self._grows(column.number)
         ]
-        advice = f"give the samples a second: {self.request.command(rate=100)}"
+        options: dict[str, Any] = {"rate": 100}
+        advice = "give the samples a second: --rate HZ"
+        chosen = self._chosen_numbers()
+        growing = [c for c in growing if not self._counts(c.number) and c.number not in chosen]
         if growing and not self.guessed:
             named = growing[0].name or str(growing[0].number + 1)
-            advice = f"name it: {self.request.command(time=named)}, or " + advice
+            advice, options = f"name it: --time {named!r}, or {advice}", {"time": named}
         message = "there is no column of time"
         if not self.layout.names:
             message = f"the columns have no names, and there is no time among {self.layout.n_cells} of them"
             message += f" ({self.guessed})" if self.guessed else ""
-        return fault(self.request.path, "time", message, near + advice)
+        return fault(self.request.path, "time", message, near + advice, **options)
 
     def _two_clocks(self, first: Any, other: Any, passed: Sequence[float]) -> DemonstrationError:
         one, two = first[1].name, other[1].name
@@ -713,7 +728,8 @@ class _Table:
             self.request.path,
             "time",
             f"{passed[0]:.6g} s pass in {one!r}, and {passed[1]:.6g} s in {two!r}",
-            f"choose one: {self.request.command(time=one)}, or {self.request.command(time=two)}",
+            f"choose one: --time {one!r}, or --time {two!r}",
+            time=one,
         )
 
     def _bad_cell(self, wanted: Sequence[int]) -> DemonstrationError:
@@ -738,9 +754,8 @@ class _Table:
         )
 
     def _not_a_number(self, key: str, cell: str) -> DemonstrationError:
-        measure = (
-            f"fill in what was measured, or leave such rows out: {self.request.command(drop_missing=True)}"
-        )
+        options: dict[str, Any] = {"drop_missing": True} if is_missing(cell) else {}
+        measure = "fill in what was measured, or leave such rows out: --drop-missing"
         if not cell:
             message, way_out = "the cell is empty", measure
         elif is_missing(cell):
@@ -756,7 +771,7 @@ class _Table:
             message, way_out = f"{_short(cell)} is not a number", "write it without marks of thousands"
         else:
             message, way_out = f"{_short(cell)} is not a number", "write plain numbers, such as 0.25"
-        return fault(self.request.path, key, message, way_out)
+        return fault(self.request.path, key, message, way_out, **options)
 
     def _ragged(self, row: int, n_cells: int, line: str) -> DemonstrationError:
         others = [

@@ -44,7 +44,7 @@ from comove.experiments.compared.common import (
     judge_execution,
     taught_primitives,
 )
-from comove.planning.method import Method
+from comove.planning.method import Method, require_distances
 from comove.planning.search import Search
 from comove.primitives.arguments import is_number, require_count, require_positive
 from comove.primitives.flow import OMEGA
@@ -122,6 +122,11 @@ class LeaderFollower(Method):
         require_count("epochs", self.epochs)
         require_positive("period", self.period)
 
+    def check(self, scene: Scene) -> None:
+        """Refuse a scene whose hands are not tied in pairs."""
+        super().check(scene)
+        self._pairs(scene)
+
     def run(self, search: Search, *, planner: bool) -> None:
         """Run the epochs and have the last one verified; no path is planned."""
         scene, pairs = search.scene, self._pairs(search.scene)
@@ -154,10 +159,7 @@ class LeaderFollower(Method):
             raise OptionError(
                 f"there is no hand '{self.leader}'", key="leader", way_out=near_name(self.leader, names)
             )
-        if not scene.distances:
-            raise OptionError(
-                "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"
-            )
+        require_distances(scene)
         tied = Counter(hand for c in scene.distances for hand in (c.first, c.second))
         for hand, count in tied.items():
             if count > 1:

@@ -137,7 +137,7 @@ def alone(scene: Scene) -> Scene:
         "robot": None,
         "grasp": None,
     }
-    return Scene.from_dict(data, folder=scene.folder)
+    return Scene.from_dict(data, folder=scene.folder, check_ends=False)  # those of the scene are free
 
 
 def _handwriting() -> dict[str, DMP]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -107,6 +107,7 @@ class _Place:
     floor : height on which the robot stands [m]
     cell : distance of neighbouring places [m]
     aside : room about all places [m]
+    around : obstacles that stand around the robot, as a scene has them
     """
 
     arms: tuple[Arm, Arm]
@@ -119,6 +120,7 @@ class _Place:
     floor: float
     cell: float
     aside: float
+    around: tuple[dict[str, Any], ...] = ()
 
     @property
     def worth(self) -> float:
@@ -164,7 +166,8 @@ class _Place:
             "grasp": self.grasp,
             "workspace": {"lower": lower.tolist(), "upper": upper.tolist()},
             "obstacles": [
-                {"shape": "box", "center": center.round(4).tolist(), "size": size.round(4).tolist()}
+                {"shape": "box", "center": center.round(4).tolist(), "size": size.round(4).tolist()},
+                *self.around,
             ],
             "load": {
                 "shape": "bar",
@@ -189,7 +192,13 @@ class _Place:
 
 
 def propose_scene(
-    robot: Robot, named: str, *, seed: int = 0, settings: FirstSceneSettings = FirstSceneSettings()
+    robot: Robot,
+    named: str,
+    *,
+    around: Sequence[dict[str, Any]] = (),
+    folder: Path = Path(),
+    seed: int = 0,
+    settings: FirstSceneSettings = FirstSceneSettings(),
 ) -> SceneProposal:
     """Propose a first scene for a robot, which is solved once so that it is known to be feasible.
 
@@ -199,6 +208,8 @@ def propose_scene(
     Parameters
     ----------
     named : the robot's name or its description's path, as the scene will name it
+    around : obstacles that stand around the robot, as a scene has them
+    folder : folder of the scene, to which files of obstacles are relative
     seed : of the solver
 
     Raises
@@ -225,9 +236,9 @@ def propose_scene(
     reasons, first, n_carried = list[str](), None, 0
     tried = list(product(places, settings.rails))[: settings.n_tried]
     for (work, duration), (place, rail) in product(settings.rounds, tried):
-        data = place.data(named, rail, duration)
+        data = replace(place, around=tuple(around)).data(named, rail, duration)
         try:
-            found = carry(Scene.from_dict(data), robot, seed=seed, budget=Budget(work=work))
+            found = carry(Scene.from_dict(data, folder=folder), robot, seed=seed, budget=Budget(work=work))
         except SceneError as error:
             reasons.append(str(error))
             continue

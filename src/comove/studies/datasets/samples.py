@@ -19,6 +19,7 @@ from comove.results.sealed import checksum, finite
 from comove.results.solution import motion_arrays
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
+from comove.studies.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
 from comove.studies.episode import DAMAGED, restored, sample_times
 from comove.studies.runs import MEASURES, RUNS, StoredMotion, StudyRun, StudyStore
 from comove.studies.variety import passing_class
@@ -114,12 +115,21 @@ class EpisodeSamples:
 
     @cached_property
     def environment(self) -> Array:
-        """Return the goal of the hands and the centres of the obstacles; array, shape (n_steps, n_values) [m]."""
+        """Return the goal of the hands, the centres, sizes and turns of the obstacles, and the payload.
+
+        Array, shape (n_steps, n_values) [m]; angles [rad], quaternions w x y z, mass [kg] (0 where it is
+        not given), duration [s]. Every shape is described by the same
+        values, so that studies may draw shapes too.
+        """
         scene, n_steps = self.scene, len(self.time)
         centers = np.zeros((n_steps, 0))
         if scene.file.obstacles:
             centers = (scene.centers + scene.offsets(self.time))[..., : scene.n_dims].reshape(n_steps, -1)
-        return np.concatenate([np.tile(scene.goal.ravel(), (n_steps, 1)), centers], axis=1)
+        fixed = np.concatenate(
+            [*obstacle_sizes(scene), payload_size(scene), [scene.load_mass or 0.0, scene.duration]]
+        )
+        still = [np.tile(values, (n_steps, 1)) for values in (scene.goal.ravel(), fixed)]
+        return np.concatenate([still[0], centers, still[1]], axis=1)
 
     @cached_property
     def hand_names(self) -> tuple[str, ...]:
@@ -130,9 +140,19 @@ class EpisodeSamples:
     @cached_property
     def environment_names(self) -> tuple[str, ...]:
         """Return the names of the values in `environment`."""
-        obstacles = range(len(self.scene.file.obstacles))
-        centers = (f"obstacle{i}_{axis}" for i in obstacles for axis in AXES[: self.scene.n_dims])
-        return (*(f"goal_{name}" for name in self.hand_names), *centers)
+        scene = self.scene
+        axes = AXES[: scene.n_dims]
+        names = obstacle_names(scene)
+        turned = ("angle",) if scene.n_dims == 2 else QUATERNION
+        measures = (*(f"size_{axis}" for axis in axes), *turned)
+        return (
+            *(f"goal_{name}" for name in self.hand_names),
+            *(f"{name}_{axis}" for name in names for axis in axes),
+            *(f"{name}_{measure}" for name in names for measure in measures),
+            *(f"payload_size_{axis}" for axis in axes),
+            "payload_mass",
+            "duration",
+        )
 
     @cached_property
     def about(self) -> dict[str, Any]:

@@ -1,0 +1,78 @@
+"""Sizes of obstacles and payload, in the same values for every shape, as datasets say them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.geometry.rotations import matrices
+from comove.scenes.model import BarLoad, BoxLoad, PolygonLoad
+from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+
+def obstacle_names(scene: Scene) -> list[str]:
+    """Return a different name for each obstacle: its own, or obstacle0, obstacle1, ... where it has none."""
+    found = [obstacle.name or f"obstacle{i}" for i, obstacle in enumerate(scene.file.obstacles)]
+    return [name if found.count(name) == 1 else f"obstacle{i}" for i, name in enumerate(found)]
+
+
+def obstacle_sizes(scene: Scene) -> list[Array]:
+    """Return the extents of each obstacle along its own axes, and how it is turned.
+
+    Returns
+    -------
+    list of arrays, one for each obstacle: shape (3,) in the plane, two extents [m] and an angle [rad]; shape (7,) in
+    space, three extents [m] and a quaternion w x y z
+    """
+    found = []
+    for i, obstacle in enumerate(scene.file.obstacles):
+        if scene.n_dims == 2:
+            turn = np.array([np.deg2rad(getattr(obstacle, "rotation_deg", 0.0))])
+        else:
+            turn = np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float)
+        found.append(np.concatenate([_extents(scene, i, obstacle), turn]))
+    return found
+
+
+def payload_size(scene: Scene) -> Array:
+    """Return the extents of the payload along its own axes, zeros without one; array, shape (n_dims,) [m].
+
+    Those of a mesh or frame are along the axes in which its hands hold it.
+    """
+    load, n = scene.file.load, scene.n_dims
+    if load is None:
+        return np.zeros(n)
+    radius = getattr(load, "radius", 0.0)
+    if isinstance(load, BoxLoad):
+        return np.array(load.size, dtype=float)
+    if isinstance(load, BarLoad):
+        return np.array([load.length + 2 * load.overhang, *[0.0] * (n - 1)]) + 2 * radius
+    if isinstance(load, PolygonLoad):
+        return np.ptp(np.array(load.vertices, dtype=float), axis=0) + 2 * radius
+    holders = set(scene.file.holder_numbers)
+    group = next(g for g in scene.groups if holders <= set(g.members))
+    points = group.corners if len(group.corners) else group.grasps
+    return np.ptp(points, axis=0)[:n] + 2 * radius
+
+
+def _extents(scene: Scene, number: int, obstacle: Any) -> Array:
+    """Return the extents of an obstacle along its own axes; array, shape (n_dims,) [m]."""
+    n, shape = scene.n_dims, obstacle.shape
+    if shape == "box":
+        return np.array(obstacle.size, dtype=float)
+    if shape == "ellipsoid":
+        return 2 * np.array(obstacle.radii, dtype=float)
+    if shape == "mesh":
+        mesh = int(np.flatnonzero(scene.surfaces.owner == number)[0])
+        own = scene.surfaces.of(mesh).reshape(-1, 3) - scene.surfaces.center[mesh]
+        return np.ptp(own @ matrices(np.array(obstacle.quaternion_wxyz, dtype=float)), axis=0)
+    across = np.full(n, 2 * obstacle.radius)
+    if shape == "cylinder":
+        across[-1] = obstacle.height
+    elif shape == "capsule":  # along local x in the plane, local z in space
+        across[0 if n == 2 else -1] += obstacle.length
+    return across

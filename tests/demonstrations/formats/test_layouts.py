@@ -1,0 +1,283 @@
+"""Tables of many programs: one movement, written in each layout, is read as it is, or with printed options."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from comove.demonstrations import Demonstration
+from comove.errors import DemonstrationError
+from tests.demonstrations.formats.advice import followed
+
+N = 201
+TIME = np.arange(N) / 100.0
+SHARE = TIME / TIME[-1]
+POSITION = np.column_stack(
+    (0.3 * SHARE**3 * (10 - 15 * SHARE + 6 * SHARE**2), 0.1 * np.sin(np.pi * SHARE), 0.2 + 0.05 * TIME)
+)
+TURN = Rotation.from_rotvec(np.outer(0.4 * TIME, [0.2, 0.3, 0.9]))
+XYZW = TURN.as_quat()
+WXYZ = XYZW[:, [3, 0, 1, 2]]
+FRAME = np.arange(N)
+STAMPS = [1_700_000_000_000_000_000 + 10_000_000 * i for i in range(N)]
+MM = 1e3 * POSITION
+
+
+def rows(*columns, separator=",", comma=False):
+    """Return rows of columns: arrays of numbers, or lists of anything."""
+    cells = []
+    for column in columns:
+        if isinstance(column, np.ndarray):
+            cells += [[f"{x:.12g}" for x in values] for values in np.atleast_2d(column.T)]
+        else:
+            cells.append([str(value) for value in column])
+    text = "".join(separator.join(row) + "\n" for row in zip(*cells, strict=True))
+    return text.replace(".", ",") if comma else text
+
+
+def named(*parts):
+    return ",".join(parts) + "\n"
+
+
+POSE = "field.pose.position.{} field.pose.orientation.{}"
+ROSTOPIC = named(
+    "%time",
+    "field.header.seq",
+    "field.header.stamp",
+    "field.header.frame_id",
+    *(f"field.pose.position.{axis}" for axis in "xyz"),
+    *(f"field.pose.orientation.{axis}" for axis in "xyzw"),
+)
+MOTIVE = (
+    "Format Version,1.24,Take Name,x,Capture Frame Rate,100.000000,Export Frame Rate,100.000000,"
+    "Rotation Type,Quaternion,Length Units,Millimeters\n\n"
+    + named("", "Type", "", *["Rigid Body"] * 8, *["Rigid Body Marker"] * 3)
+    + named("", "Name", "", *["Hand"] * 8, *["Hand:M1"] * 3)
+    + named("", "ID", "", *["A"] * 8, *["B"] * 3)
+    + named("", "Parent", "", *[""] * 8, *["A"] * 3)
+    + named("", "", "", *["Rotation"] * 4, *["Position"] * 3, "Mean Marker Error", *["Position"] * 3)
+    + named("Frame", "Time (Seconds)", "TimeCode", *"XYZW", *"XYZ", "", *"XYZ")
+)
+TRC = (
+    "PathFileType\t4\t(X/Y/Z)\tf.trc\n"
+    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames\n"
+    "100.00\t100.00\t201\t1\tmm\t100.00\t1\t201\nFrame#\tTime\tHand\t\t\n\t\tX1\tY1\tZ1\n\n"
+)
+VICON = (
+    "Objects\n100\n,,Global Angle (Quaternion) Hand:Hand,,,,,,\n"
+    "Frame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
+)
+QTM = "NO_OF_FRAMES\t201\nNO_OF_MARKERS\t1\nFREQUENCY\t100\nTIME_STAMP\t2020-01-01\nMARKER_NAMES\thand\n"
+UR = " ".join(
+    ["timestamp", *(f"actual_TCP_pose_{i}" for i in range(6)), *(f"actual_q_{i}" for i in range(6))]
+)
+CLOCK = [f"10:00:{second:09.6f}" for second in TIME]
+
+LAYOUTS = {
+    # separators and decimals
+    "semicolons.csv": named("t,X,Y,Z").replace(",", ";") + rows(TIME, POSITION, separator=";"),
+    "decimal_commas.csv": "Zeit (s);X (mm);Y (mm);Z (mm)\n" + rows(TIME, MM, separator=";", comma=True),
+    "tabs.tsv": "time\tx\ty\tz\n" + rows(TIME, POSITION, separator="\t"),
+    "blanks.txt": "time x y z\n" + rows(TIME, POSITION, separator="   "),
+    "excel.csv": "sep=;\ntime;x;y;z\n" + rows(TIME, POSITION, separator=";", comma=True),
+    # headers
+    "matlab.txt": "% time [s]  x [cm]  y [cm]  z [cm]\n" + rows(TIME, 100 * POSITION, separator=" "),
+    "savetxt.txt": rows(TIME, POSITION, separator=" "),
+    "pandas.csv": ",time,x,y,z\n" + rows(FRAME, TIME, POSITION),
+    "pandas_levels.csv": ",pos,pos,pos\n,x,y,z\ntime,,,\n" + rows(TIME, POSITION),
+    "units_in_a_row.csv": "t,x,y,z\ns,mm,mm,mm\n" + rows(TIME, MM),
+    "units_of_each.csv": "t (ms),x [mm],y [m],z [cm]\n"
+    + rows(1e3 * TIME, MM[:, 0], POSITION[:, 1], 100 * POSITION[:, 2]),
+    "preamble.csv": "recorded by\nrate: 100 Hz\nunits: mm\n\nX,Y,Z\n" + rows(MM),
+    # times
+    "milliseconds.csv": "time,x,y,z\n" + rows(10 * FRAME, POSITION),
+    "microseconds.csv": "time,x,y,z\n" + rows(10_000 * FRAME, POSITION),
+    "nanoseconds.csv": "timestamp,x,y,z\n" + rows([10_000_000 * i for i in FRAME], POSITION),
+    "epoch_ns.csv": "timestamp,x,y,z\n" + rows(STAMPS, POSITION),
+    "epoch_ms.csv": "stamp_ms,x,y,z\n" + rows([stamp // 10**6 for stamp in STAMPS], POSITION),
+    "two_parts.csv": "header.stamp.sec,header.stamp.nanosec,pose.position.x,pose.position.y,pose.position.z\n"
+    + rows([stamp // 10**9 for stamp in STAMPS], [stamp % 10**9 for stamp in STAMPS], POSITION),
+    "iso.csv": "time,x,y,z\n" + rows([f"2024-05-01T{clock}Z" for clock in CLOCK], POSITION),
+    "clock.csv": "time,x,y,z\n" + rows(CLOCK, POSITION),
+    # programs
+    "rostopic.csv": ROSTOPIC + rows(STAMPS, FRAME, STAMPS, ["base"] * N, POSITION, XYZW),
+    "plotjuggler.csv": "__time,/pose/position/x,/pose/position/y,/pose/position/z\n" + rows(TIME, POSITION),
+    "tum.txt": "# ground truth\n# timestamp tx ty tz qx qy qz qw\n"
+    + rows(TIME, POSITION, XYZW, separator=" "),
+    "bare.tum": rows(TIME, POSITION, XYZW, separator=" "),
+    "euroc.csv": named(
+        "#timestamp [ns]",
+        *(f"p_RS_R_{axis} [m]" for axis in "xyz"),
+        *(f"q_RS_{axis} []" for axis in "wxyz"),
+        *(f"v_RS_R_{axis} [m s^-1]" for axis in "xyz"),
+    )
+    + rows(STAMPS, POSITION, WXYZ, POSITION),
+    "bare_euroc.csv": rows(STAMPS, POSITION, WXYZ),
+    "motive.csv": MOTIVE + rows(FRAME, TIME, ["15:26:46:12"] * N, XYZW, MM, 0 * TIME, MM),
+    "trc.trc": TRC + rows(FRAME + 1, TIME, MM, separator="\t"),
+    "vicon.csv": VICON + rows(FRAME + 1, 0 * FRAME, XYZW, MM),
+    "qtm.tsv": QTM + "Frame\tTime\thand X\thand Y\thand Z\n" + rows(FRAME, TIME, MM, separator="\t"),
+    "bare_qtm.tsv": QTM + rows(MM, separator="\t"),
+    "ur.csv": UR + "\n" + rows(TIME, POSITION, TURN.as_rotvec(), np.zeros((N, 6)), separator=" "),
+    "angles.csv": "time,x,y,z,roll,pitch,yaw\n" + rows(TIME, POSITION, TURN.as_euler("xyz")),
+    "angles_deg.csv": "time,x,y,z,roll [deg],pitch [deg],yaw [deg]\n"
+    + rows(TIME, POSITION, TURN.as_euler("xyz", degrees=True)),
+    "rxryrzrw.csv": "t,x,y,z,rx,ry,rz,rw,gripper\n" + rows(TIME, POSITION, XYZW, 0 * TIME),
+    "time_last.csv": "x,y,z,capture_time,detection_time,confidence\n"
+    + rows(POSITION, 93684.5 + TIME, 93684.53 + TIME, 0 * TIME + 0.9),
+    "hidden.log": "time,x,y,z\n" + rows(TIME, POSITION),
+}
+TURNED = {
+    *(
+        "rostopic.csv",
+        "tum.txt",
+        "bare.tum",
+        "euroc.csv",
+        "bare_euroc.csv",
+        "motive.csv",
+        "vicon.csv",
+        "ur.csv",
+    ),
+    *("angles.csv", "angles_deg.csv", "rxryrzrw.csv"),
+}
+
+
+def assert_read(hand, turned, tolerance=1e-9):
+    assert hand.unit == "m"
+    np.testing.assert_allclose(hand.position, POSITION, atol=tolerance)
+    np.testing.assert_allclose(hand.time, TIME, atol=1e-7)
+    assert (hand.orientation is not None) == turned
+    if turned:
+        found = Rotation.from_quat(hand.orientation[:, [1, 2, 3, 0]])
+        assert (found * TURN.inv()).magnitude().max() < 1e-9
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.filterwarnings("error")
+def test_the_movement_is_read_as_it_is(tmp_path, name, encoding):
+    path = tmp_path / name
+    path.write_text(LAYOUTS[name], encoding=encoding)
+    hand = Demonstration.load(path)
+    assert_read(hand, name in TURNED)
+    assert hand.notes[0].startswith("time ") and "position from" in hand.notes[0]
+
+
+MATRICES = np.concatenate((TURN.as_matrix(), POSITION[:, :, None]), axis=2).reshape(N, 12)
+TWO = named("Frame", "Time (Seconds)", *"XYZWXYZ", *"XYZWXYZ")
+ABOVE = named("", "Name", *["Left"] * 7, *["Right"] * 7) + named(
+    "", "", *(["Rotation"] * 4 + ["Position"] * 3) * 2
+)
+PAIR = rows(FRAME, TIME, XYZW, POSITION, XYZW, POSITION + 1)
+ARMS = named("time", *(f"{side}_{axis}" for side in ("left", "right") for axis in "xyz"))
+POINTS = {
+    "kitti.txt": (rows(MATRICES, separator=" "), {"rate": 100.0}, True),
+    "nameless.csv": ("time,u,v,Height\n" + rows(TIME, POSITION), {"columns": ["u", "v", "Height"]}, False),
+    "frames.csv": ("time,x,y,z\n" + rows(FRAME, POSITION), {"rate": 100.0}, False),
+    "no_time.csv": ("x,y,z\n" + rows(POSITION), {"rate": 100.0}, False),
+    "mistyped.csv": ("tmie,x,y,z\n" + rows(TIME, POSITION), {"time": "tmie"}, False),
+    "two_bodies.csv": (ABOVE + TWO + PAIR, {"manipulator": "Left"}, True),
+    "two_arms.csv": (ARMS + rows(TIME, POSITION, POSITION), {"manipulator": "left"}, False),
+    "two_clocks.csv": ("t,stamp,x,y,z\n" + rows(TIME, 2 * TIME, POSITION), {"time": "t"}, False),
+    "with_others.csv": (
+        "t,x,y,z,tool.x,tool.y,tool.z\n" + rows(TIME, POSITION, POSITION),
+        {"columns": ["x", "y", "z"]},
+        False,
+    ),
+    "repeated.csv": ("t,x,y,z,X\n" + rows(TIME, POSITION, TIME), {"columns": ["2", "3", "4"]}, False),
+}
+
+
+@pytest.mark.parametrize("name", POINTS)
+def test_what_is_not_said_is_asked_for_by_a_command(tmp_path, name):
+    text, options, turned = POINTS[name]
+    (tmp_path / name).write_text(text)
+    hand, asked = followed(tmp_path / name)
+    assert asked == options
+    assert_read(hand, turned)
+
+
+def test_repeated_names_are_told_apart_by_body_and_kind(tmp_path):
+    """The names below two bodies: never the first of them."""
+    path = tmp_path / "take.csv"
+    path.write_text(ABOVE + TWO + rows(FRAME, TIME, XYZW, POSITION + 1, XYZW, POSITION))
+    for chosen in (
+        ["Right"],
+        ["right"],
+        ["Right.Position.X", "Right.Position.Y", "Right.Position.Z"],
+        ["14", "15", "16"],
+    ):
+        assert_read(Demonstration.load(path, columns=chosen), True)
+    assert_read(Demonstration.load(path, "right"), True)
+    with pytest.raises(
+        DemonstrationError, match=r"4 columns are called 'X': Left\.Orientation\.X.*--columns Left"
+    ):
+        Demonstration.load(path, columns=["X", "Y", "Z"])
+    bare = tmp_path / "bare.csv"
+    bare.write_text(TWO[: TWO.index(",X,Y,Z,W", 30)] + "\n" + rows(FRAME, TIME, XYZW, POSITION))
+    with pytest.raises(DemonstrationError, match=r"X \(column 3\), X \(column 7\)"):
+        Demonstration.load(bare)
+    assert_read(Demonstration.load(bare, columns=["7", "8", "9"]), False)
+
+
+def test_both_hands_of_a_tracker_are_read_at_once(tmp_path):
+    path = tmp_path / "take.csv"
+    path.write_text(ABOVE + TWO + rows(FRAME, TIME, XYZW, POSITION, XYZW, POSITION + 0.5))
+    ((hands),) = Demonstration.load_recordings(path)
+    assert list(hands) == ["Left", "Right"]
+    np.testing.assert_allclose(hands["Right"].position - hands["Left"].position, 0.5, atol=1e-9)
+
+
+@pytest.mark.parametrize("mark", ["", "nan", "NA", "null"])
+def test_rows_without_a_measurement_are_left_out_only_when_asked(tmp_path, mark):
+    lines = ("time,x,y,z\n" + rows(TIME, POSITION)).splitlines()
+    for row in range(50, 60):
+        time, _, *others = lines[row].split(",")
+        lines[row] = ",".join([time, mark, *others])
+    path = tmp_path / "lost.csv"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.warns(UserWarning, match=r"10 of 201 rows .* left out, rows 51 to 60"):
+        hand, asked = followed(path)
+    assert asked == {"drop_missing": True}
+    kept = np.delete(np.arange(N), np.arange(49, 59))
+    np.testing.assert_allclose(hand.position, POSITION[kept], atol=1e-9)
+    np.testing.assert_allclose(hand.time, TIME[kept], atol=1e-9)
+
+
+def test_a_body_that_was_lost_does_not_matter_to_another(tmp_path):
+    path = tmp_path / "lost.csv"
+    lines = ("time,a.x,a.y,a.z,b.x,b.y,b.z\n" + rows(TIME, POSITION, POSITION)).splitlines()
+    lines[70] = lines[70][: lines[70].rindex(",")] + ","
+    path.write_text("\n".join(lines) + "\n")
+    assert_read(Demonstration.load(path, "a"), False)
+    with pytest.raises(DemonstrationError, match=r"row 71, column b\.z: the cell is empty"):
+        Demonstration.load(path, "b")
+
+
+JOINTS = np.column_stack((0.5 * SHARE, -0.8 * SHARE, 1.2 * SHARE**2))
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "options"),
+    [
+        ("time,j1 [rad],j2 [rad],j3 [rad]", 1.0, {}),
+        ("time,j1 [deg],j2 [deg],j3 [deg]", 180 / np.pi, {}),
+        ("time,j1,j2,j3", 180 / np.pi, {"unit": "deg"}),
+        ("time,j1,j2,j3", 1.0, {}),
+        ("time,q[0],q[1],q[2]", 1.0, {}),
+        ("time,shoulder.pos,elbow.pos,wrist.pos,gripper.pos", 1.0, {}),
+        ("time,a,b,c", 180 / np.pi, {"columns": ["a", "b", "c"], "unit": "deg"}),
+    ],
+)
+def test_angles_are_movements_of_joints(tmp_path, header, factor, options):
+    path = tmp_path / "arm.csv"
+    extra = [0 * TIME] if "gripper" in header else []
+    path.write_text(header + "\n" + rows(TIME, factor * JOINTS, *extra))
+    arm = Demonstration.load(path, **options)
+    assert (arm.unit, arm.is_joints, arm.n_dims) == ("rad", True, 3)
+    np.testing.assert_allclose(arm.position, JOINTS, atol=1e-9)
+
+
+def test_numbers_with_names_of_joints_are_positions_where_a_length_is_stated(tmp_path):
+    path = tmp_path / "hand.csv"
+    path.write_text("time,q[0],q[1],q[2]\n" + rows(TIME, MM))
+    assert_read(Demonstration.load(path, unit="mm"), False)
