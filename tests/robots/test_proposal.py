@@ -712,3 +712,37 @@ def test_a_model_that_is_not_there(tmp_path):
     for name in ("none.urdf", "package://nothing/none.urdf", "."):
         with pytest.raises(RobotError):
             propose([name], tmp_path / "made.yaml")
+
+
+def five_joints(angle, limit):
+    """An arm of five joints whose first stands at an angle."""
+    body = (
+        '<inertial><mass value="1"/><inertia ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"/></inertial>'
+        '<collision><geometry><sphere radius="0.03"/></geometry></collision>'
+    )
+    parts = ['<robot name="five"><link name="base"/>']
+    for k in range(5):
+        above, rpy = (f"l{k - 1}", "0 0 0") if k else ("base", f"{angle} 0 0")
+        parts.append(
+            f'<link name="l{k}">{body}</link><joint name="j{k}" type="revolute"><parent link="{above}"/>'
+            f'<child link="l{k}"/><origin xyz="0 0 0.15" rpy="{rpy}"/><axis xyz="{"0 1 0" if k % 2 else "0 0 1"}"/>'
+            f'<limit lower="-{limit}" upper="{limit}" velocity="1" effort="50"/></joint>'
+        )
+    return "".join(parts) + "</robot>"
+
+
+@pytest.mark.parametrize(("angle", "rounded"), [("1.5708", True), ("1.57", None), (repr(np.pi / 2), None)])
+def test_right_angles_of_arms_of_five_joints_are_rounded(angle, rounded, tmp_path):
+    path = tmp_path / "five.urdf"
+    path.write_text(five_joints(angle, 2.8), encoding="utf-8")
+    proposal = propose([str(path)], tmp_path / "five.yaml")
+    assert proposal.data["models"][0].get("round_right_angles") is rounded
+    assert any("taken for right angles" in note for note in proposal.notes) == bool(rounded)
+
+
+def test_limits_in_degrees_are_proposed_in_radians(tmp_path):
+    path = tmp_path / "five.urdf"
+    path.write_text(five_joints("0", 160), encoding="utf-8")
+    proposal = propose([str(path)], tmp_path / "five.yaml")
+    assert proposal.data["limits"]["j3"] == {"lower": -2.79253, "upper": 2.79253}
+    assert any("no usable lower and upper" in note for note in proposal.notes)

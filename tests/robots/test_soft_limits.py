@@ -16,6 +16,7 @@ from comove.robots import JointMotion, Robot, carry, plan_transfers
 from comove.robots.effort import shortest_duration
 from comove.robots.joint_limits import FurtherLimits
 from comove.robots.motion import approach_shares, largest_approach, largest_jerk
+from comove.robots.online.executor import JointExecutor
 from comove.robots.online.joint_programme import JointState
 from comove.robots.verification import checks
 from comove.scenes import Scene
@@ -112,6 +113,18 @@ def test_ways_from_home_and_back_keep_the_soft_limits_of_the_raw_files(name):
     transfers = plan_transfers(carry(scene_of(name), robot(name), seed=1).motion)
     for part in (transfers.approach, transfers.release):
         assert beyond(name, part) <= 1e-9
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pr2", "tiago_pro"])
+def test_commands_step_by_step_keep_the_soft_limits_of_the_raw_files(name):
+    executor = JointExecutor(scene_of(name), robot(name))
+    sent = [executor.position.copy()]
+    while not executor.arrived and len(sent) < 5000:
+        sent.append(np.array(executor.step(executor.position)))
+    assert executor.arrived
+    time = executor.settings.period * np.arange(len(sent))
+    assert beyond(name, JointMotion(time, executor.robot.joint_names, np.array(sent))) <= 1e-6
 
 
 def random_motion(seed):

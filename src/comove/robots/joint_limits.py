@@ -25,6 +25,8 @@ from comove.errors import RobotError
 from comove.robots.description import JointLimits
 from comove.robots.soundness import LIMITED, RATES, local_name, number
 
+# rad and m, of a joint of an arm: none turns twice either way, nor slides so far
+LARGEST_TURN, LARGEST_STROKE = 4.0 * math.pi, 50.0
 SOFT = {"soft_lower": "soft_lower_limit", "soft_upper": "soft_upper_limit"}  # by key of a description
 
 
@@ -131,6 +133,14 @@ def stated_limits(joint: ET.Element) -> dict[str, float | None]:
             if soft and limits.get(key) is not None:
                 limits[key] = narrower(float(limits[key] or 0.0), soft[f"soft_{key}"])
     return limits
+
+
+def in_radians_or_metres(lower: float, upper: float, *, slides: bool) -> tuple[float, float] | None:
+    """Return limits that must be meant in degrees or millimetres in radians or metres; None for all others."""
+    if max(abs(lower), abs(upper)) <= (LARGEST_STROKE if slides else LARGEST_TURN):
+        return None
+    factor = 1e-3 if slides else math.pi / 180.0
+    return float(f"{factor * lower:.6g}"), float(f"{factor * upper:.6g}")
 
 
 def _hard(joint: ET.Element) -> tuple[float, float]:

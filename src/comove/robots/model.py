@@ -30,7 +30,7 @@ from comove.robots.description import (
     find_description,
     load_description,
 )
-from comove.robots.joint_limits import FurtherLimits
+from comove.robots.joint_limits import FurtherLimits, in_radians_or_metres
 from comove.robots.masses import with_guessed_masses
 from comove.robots.srdf import GroupState, Srdf
 from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, read_source
@@ -41,8 +41,6 @@ OF_JOINT = " (joint)"  # after the name of a frame that a link has, too
 LARGEST_BODY = 50.0  # m, radius of a collision body
 FREEDOMS = 6  # of a hand's pose
 LARGEST_LIMIT = 1e6  # rad, m, s, N m or N
-# rad and m, of a joint of an arm: no arm turns twice either way, nor slides so far
-LARGEST_TURN, LARGEST_STROKE = 4.0 * np.pi, 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -597,13 +595,12 @@ def _or(default: float, values: list[float | None]) -> Array:
 
 def _check_units(name: str, lower: float, upper: float, slides: bool) -> None:
     """Refuse position limits that must be meant in degrees or millimetres."""
-    widest, unit = max(abs(lower), abs(upper)), "m" if slides else "rad"
-    if widest > (LARGEST_STROKE if slides else LARGEST_TURN):
-        other, factor = ("millimetres", 1e-3) if slides else ("degrees", np.pi / 180.0)
+    if (right := in_radians_or_metres(lower, upper, slides=slides)) is not None:
+        unit, other = ("m", "millimetres") if slides else ("rad", "degrees")
         raise RobotError(
             f"the joint '{name}' has the limits {lower:g} to {upper:g} {unit}, {other} it seems",
             key="limits",
-            way_out=f"give {unit}: limits: {{{name}: {{lower: {factor * lower:.6g}, upper: {factor * upper:.6g}}}}}",
+            way_out=f"give {unit}: limits: {{{name}: {{lower: {right[0]!r}, upper: {right[1]!r}}}}}",
         )
 
 

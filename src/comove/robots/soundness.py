@@ -38,6 +38,7 @@ NUMBERS = {
     "limit": dict.fromkeys(sum(RATES.values(), ()), (1, "")),
 }
 """How many numbers an attribute holds, and their unit, by element; `_check_limits` checks those of `LIMITS`."""
+WHOLE = ("axis", "mass", "inertia", "box", "sphere", "cylinder", "capsule")  # have all of these attributes
 COUNTS = {1: "one number", 3: "three numbers with blanks between", 4: "four numbers with blanks between"}
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _MINUS = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2212\ufe63\uff0d", "-"))
@@ -98,6 +99,12 @@ def _check_numbers(owner: ET.Element, told: str) -> None:
     Pinocchio reads them.
     """
     for element in owner.iter():
+        for attribute, (count, unit) in NUMBERS[element.tag].items() if element.tag in WHOLE else ():
+            if attribute not in element.attrib:
+                raise RobotError(
+                    f"{told} has <{element.tag}> without {attribute}",
+                    way_out=f"write {attribute}: {COUNTS[count]}{unit and f' [{unit}]'}",
+                )
         for attribute, text in element.attrib.items():
             count, unit = NUMBERS.get(element.tag, {}).get(local_name(attribute), (0, ""))
             parts = text.split()
@@ -146,7 +153,7 @@ def _check_limits(joint: ET.Element, name: str) -> None:
 
 
 def _check_axis(joint: ET.Element, name: str) -> None:
-    axis = joint.find("axis") if joint.get("type") in (*LIMITED, "continuous") else None
+    axis = joint.find("axis") if joint.get("type") in (*LIMITED, "continuous", "planar") else None
     if axis is None:
         return
     length = math.hypot(*map(float, axis.get("xyz", "1 0 0").split()))
@@ -181,7 +188,7 @@ def _check_link(link: ET.Element, told: str) -> None:
     for collision in link.findall("collision"):
         _check_place(collision, told)
         for shape in collision.findall("geometry/*"):
-            _check_shape(shape)
+            _check_shape(shape, told)
 
 
 def _check_place(element: ET.Element, told: str) -> None:
@@ -196,29 +203,28 @@ def _check_place(element: ET.Element, told: str) -> None:
 
 
 def _check_inertia(inertial: ET.Element, told: str) -> None:
-    """Refuse masses and moments of inertia of impossible size."""
+    """Refuse masses and moments of inertia that are missing, or of impossible size."""
     mass = inertial.find("mass")
-    kilograms = None if mass is None else number(mass.get("value", ""))
-    if kilograms is not None and not 0 <= kilograms < HEAVIEST:
+    for tag in ("mass", "inertia"):
+        if inertial.find(tag) is None:
+            raise RobotError(
+                f"{told} has an <inertial> without <{tag}>", way_out="write it, or leave the <inertial> out"
+            )
+    kilograms = 0.0 if mass is None else float(mass.get("value", "0"))
+    if not 0 <= kilograms < HEAVIEST:
         raise RobotError(f"{told} has the mass {kilograms:g} kg", way_out="correct its <inertial>")
     moments = _moments(inertial)
-    if moments is not None and not (np.abs(moments) < HEAVIEST).all():
+    if not (np.abs(moments) < HEAVIEST).all():
         raise RobotError(
             f"{told} has the moments of inertia {_listed(moments)}", way_out="correct its <inertial>"
         )
 
 
-def _moments(inertial: ET.Element) -> NDArray[np.float64] | None:
-    """Compute the principal moments of inertia [kg m^2], the least first; None where entries are not numbers, which
-    Pinocchio reports.
-    """
+def _moments(inertial: ET.Element) -> NDArray[np.float64]:
+    """Compute the principal moments of inertia, the least first; array, shape (3,) [kg m^2]."""
     inertia = inertial.find("inertia")
-    if inertia is None:
-        return None
-    entries = [number(inertia.get(key, "")) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")]
-    if None in entries:
-        return None
-    xx, xy, xz, yy, yz, zz = entries
+    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (0.0 if inertia is None else float(inertia.get(key, "0")) for key in keys)
     with np.errstate(all="ignore"):
         return np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
@@ -236,20 +242,20 @@ def doubts(tree: ET.Element, prefix: str) -> Iterator[str]:
     for link in tree.findall("./link"):
         for inertial in link.findall("inertial"):
             moments = _moments(inertial)
-            if moments is not None and moments[0] < -rounding * moments[2] - least:
+            if moments[0] < -rounding * moments[2] - least:
                 yield (
                     f"the link '{prefix}{link.get('name', '')}' has the moments of inertia {_listed(moments)}, "
                     "and none can be negative: what it asks of its motors may be wrong"
                 )
 
 
-def _check_shape(shape: ET.Element) -> None:
+def _check_shape(shape: ET.Element, told: str) -> None:
     """Refuse sizes that are not positive; a mesh may be mirrored."""
     for key in ("size", "radius", "length", "scale"):
         values = [float(text) for text in shape.get(key, "").split()]
         if any(v == 0 or (v < 0 and key != "scale") for v in values):
             raise RobotError(
-                f"a <{shape.tag}> has the {key} '{shortened(shape.get(key, ''))}'",
+                f"{told} has a <{shape.tag}> with the {key} '{shortened(shape.get(key, ''))}'",
                 way_out="write positive numbers [m]" if key != "scale" else "write numbers other than 0",
             )
 

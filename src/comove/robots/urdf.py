@@ -32,7 +32,7 @@ from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
 from comove.robots.description import JointLimits, ModelSource, Placement, RobotFile, errors_in, is_file
 from comove.robots.formats import SRDF, URDF, bytes_in, elements_in
 from comove.robots.joint_limits import FurtherLimits, doubts_of_limits, further_limits
-from comove.robots.soundness import FREE, LIMITS, doubts, require_sound
+from comove.robots.soundness import FREE, LIMITS, doubts, number, require_sound
 from comove.robots.srdf import Srdf, srdf_of
 
 # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
@@ -156,7 +156,9 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
             notes += _fix_free(joint, name, (description.poses or {}).get(name))
     for note in notes:
         warnings.warn(f"{path}: {note}", ComoveWarning, stacklevel=2)
-    nearly_right = _round_right_angles(tree, bool(source.round_right_angles))
+    if source.round_right_angles:
+        for origin in tree.findall("./joint/origin[@rpy]"):
+            origin.set("rpy", " ".join(map(_whole, origin.get("rpy", "").split())))
     meshes: dict[str, bytes] = {}
     files = [part for part in (file, path) if is_file(part)]
     for mesh in tree.findall("./link/collision/geometry/mesh"):
@@ -183,7 +185,7 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
         mimics={name: _mimic(mimic) for name, joint in joints.items() for mimic in joint.findall("mimic")},
         limits=limits,
         free=tuple(free),
-        nearly_right=nearly_right,
+        nearly_right=has_rounded_right_angles(tree),
         meshes=meshes,
         files=tuple(dict.fromkeys(files)),
     )
@@ -316,16 +318,10 @@ def _listed(values: Any) -> str:
     return " ".join(repr(float(value)) for value in values)
 
 
-def _round_right_angles(tree: ET.Element, wanted: bool) -> bool:
-    """Round angles of joints that are right angles but for rounding, if wanted; returns whether some are left."""
-    left = False
-    for origin in tree.findall("./joint/origin[@rpy]"):
-        angles = origin.get("rpy", "").split()
-        whole = [_whole(angle) for angle in angles]
-        if wanted:
-            origin.set("rpy", " ".join(whole))
-        left |= whole != angles and not wanted
-    return left
+def has_rounded_right_angles(tree: ET.Element) -> bool:
+    """Return whether angles of a URDF's joints are right angles but for rounding."""
+    angles = [angle for origin in tree.findall("./joint/origin") for angle in origin.get("rpy", "").split()]
+    return any(_whole(angle) != angle for angle in angles)
 
 
 def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
@@ -342,12 +338,14 @@ def _fill_limits(joint: ET.Element, given: JointLimits | None) -> None:
         joint.set("type", "revolute")
 
 
-def _whole(angle: str) -> str:
+def _whole(text: str) -> str:
     """Return an angle [rad] in full if it is right angles, rounded or cut; otherwise as it is written."""
-    value = float(angle)
+    value = number(text)
+    if value is None:
+        return text
     count = round(2.0 * value / math.pi)
     right = 0.5 * math.pi * count
-    return repr(right) if 0.0 < abs(value - right) < ROUNDED * abs(count) else angle
+    return repr(right) if 0.0 < abs(value - right) < ROUNDED * abs(count) else text
 
 
 def _mesh(mesh: ET.Element, path: Path, file: Path) -> Path:

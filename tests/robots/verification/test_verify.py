@@ -10,6 +10,7 @@ import pytest
 from comove.errors import OptionError
 from comove.experiments.examples import example
 from comove.robots import JointMotion, verify_joints
+from comove.robots.verification import checks
 from comove.robots.verification.checks import unfit_scene
 from comove.robots.verification.verify import JointReport, VerifiedJointMotion
 from comove.scenes import Scene
@@ -151,6 +152,30 @@ def test_motors_that_are_too_weak_are_named_with_the_mass():
     robot, (motion, joints) = baxter(), known_carry()
     verdict = verify_joints(replace(robot, effort=robot.effort * 0.5), motion, joints)
     assert any("left_s1 needs up to" in reason and "0.25 kg" in reason for reason in verdict.reasons)
+
+
+def torque_reasons(scale, mass=0.25, duration=None):
+    """Reasons against the known carry with motors that have a share of their efforts."""
+    robot = replace(baxter(), effort=baxter().effort * scale)
+    _, joints = known_carry()
+    curve = joints.curve if duration is None else joints.stretched(duration).curve
+    return checks.torques(robot, curve, robot.arms, np.full(2, 0.5 * mass)).reasons
+
+
+def test_the_advice_on_a_torque_is_one_that_helps():
+    """A slower pace is advised where the motion asks too much, otherwise a lighter load, or neither."""
+    (too_fast,) = torque_reasons(0.68, duration=1.5)
+    assert "move slower" in too_fast
+    assert torque_reasons(0.68, duration=40.0) == []
+    (too_heavy,) = torque_reasons(0.68, mass=6.0)
+    assert "slower" not in too_heavy
+    assert "which no pace changes; move nearer to the base, or less mass than 6 kg" in too_heavy
+    assert torque_reasons(0.68, mass=6.0, duration=40.0)
+    assert torque_reasons(0.68, mass=0.2) == []
+    (too_weak,) = torque_reasons(0.5)
+    assert "slower" not in too_weak
+    assert "without the load of 0.25 kg as well" in too_weak
+    assert torque_reasons(0.5, mass=0.0, duration=40.0)
 
 
 def test_hands_that_drift_by_two_micrometres_are_refused():

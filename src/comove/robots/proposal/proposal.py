@@ -21,14 +21,15 @@ from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
-from comove.robots.model import Arm, Robot, assembled, frame_of_joint
+from comove.robots.joint_limits import in_radians_or_metres
+from comove.robots.model import FREEDOMS, Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
 from comove.robots.proposal.rules import clearance_at_home
 from comove.robots.proposal.tree import GUESSED, ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
-from comove.robots.urdf import resolve
+from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.reach import joint_axes
 
 Array = NDArray[np.float64]
@@ -277,7 +278,13 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) 
         notes.append(
             f"{', '.join(prefix + name for name in rest)} belong to no chain of four joints: they stay"
         )
-    return _Part(entry, tree, tuple(c for c in chains if not c.is_other), tuple(notes))
+    arms = tuple(chain for chain in chains if not chain.is_other)
+    if any(len(chain.joints) < FREEDOMS for chain in arms) and has_rounded_right_angles(top):
+        entry["round_right_angles"] = True
+        notes.append(
+            "angles such as 1.5708 are taken for right angles: five joints cannot make up for the rest"
+        )
+    return _Part(entry, tree, arms, tuple(notes))
 
 
 def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
@@ -309,6 +316,8 @@ def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
             lower, upper = joint.bounds
             if joint.kind == "continuous" or not lower < upper:
                 missing |= {"lower": -endless, "upper": endless}
+            elif (right := in_radians_or_metres(lower, upper, slides=joint.kind == "prismatic")) is not None:
+                missing |= dict(zip(("lower", "upper"), right, strict=True))
         if missing:
             found[part.prefix + joint.name] = missing
     return found
