@@ -46,7 +46,7 @@ def alive(pid):
         return False
 
 
-def soon(condition, seconds=120.0):
+def soon(condition, seconds=600.0):
     """Wait until something comes to pass."""
     end = time.monotonic() + seconds
     while not condition():

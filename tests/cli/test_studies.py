@@ -68,7 +68,7 @@ def test_workers_and_parts_give_the_same_rows_bit_by_bit(tmp_path):
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     for job in (1, 2, 3):
         environment = {**os.environ, "PATH": path, "SLURM_ARRAY_TASK_ID": str(job)}
-        done = subprocess.run(["bash", script], env=environment, capture_output=True, text=True, timeout=240)
+        done = subprocess.run(["bash", script], env=environment, capture_output=True, text=True, timeout=600)
         assert done.returncode == 0, done.stderr
     parts = sorted((tmp_path / "parts").glob("part-*"))
     outcome = invoke("sweep", "merge", *parts, "--out", tmp_path / "whole")
@@ -134,11 +134,11 @@ def test_ctrl_c_leaves_a_store_that_goes_on(tmp_path):
     file, out = study(tmp_path, episodes=200), tmp_path / "out"
     command = [sys.executable, "-m", "comove", "generate", str(file), "--out", str(out)]
     running = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    end = time.monotonic() + 120.0
+    end = time.monotonic() + 600.0
     while not ((out / RUNS).exists() and _count(out)) and time.monotonic() < end:
         time.sleep(0.1)
     running.send_signal(signal.SIGINT)
-    _, err = running.communicate(timeout=60)
+    _, err = running.communicate(timeout=600)
     assert running.returncode == 130
     assert "of 200 runs are in" in err and "the same command goes on" in err and "Traceback" not in err
     done = _count(out)

@@ -216,7 +216,7 @@ def test_a_folder_to_work_in_that_is_gone(tmp_path, arguments):
     shell = 'cd "$1" && rmdir "$1" && shift && exec "$0" -m comove "$@"'
     (tmp_path / "gone").mkdir()
     command = ["sh", "-c", shell, sys.executable, tmp_path / "gone", *arguments]
-    outcome = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    outcome = subprocess.run(command, capture_output=True, text=True, timeout=600)
     assert outcome.returncode == 2
     assert outcome.stderr.startswith("error: ")
     assert outcome.stderr.count("\n") == 1

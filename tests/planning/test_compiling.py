@@ -115,9 +115,9 @@ def test_compiling_in_the_midst_of_planning_does_not_end_it():
 def test_time_stands_still_while_something_is_compiled():
     compiled = Compiled()
     with compiling(compiled=compiled):
-        begun = time.perf_counter()
+        begun = time.process_time()
         kernel()(np.float32(1.0))
-        took = time.perf_counter() - begun
+        took = time.process_time() - begun
     assert 0 < compiled.seconds <= took
 
 

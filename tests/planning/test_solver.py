@@ -151,9 +151,9 @@ def test_global_random_state_does_not_matter():
 @pytest.mark.parametrize("options", [{}, {"planner": False}, {"obstacles": "cost"}])
 @pytest.mark.few(3)
 def test_the_budget_is_kept_where_there_is_no_solution(budget, options):
-    begun = time.perf_counter()
+    begun = time.process_time()
     solution = comove.solve(closed(), budget=budget, **options)
-    assert time.perf_counter() - begun < budget + 20.0  # a second at most where nothing else runs
+    assert time.process_time() - begun < budget + 5.0  # a second at most
     assert not solution.verified
     assert solution.motion is None
     assert any("obstacles[0] (box)" in reason for reason in solution.reasons)
@@ -170,9 +170,9 @@ def test_the_budget_is_kept_among_many_obstacles(budget):
     balls = [{"shape": "sphere", "center": center, "radius": 0.05} for center in centers]
     scene = Scene.from_dict(data | {"obstacles": [*data["obstacles"], *balls]})
     comove.solve(scene, budget=0.01)
-    begun = time.perf_counter()
+    begun = time.process_time()
     assert not comove.solve(scene, budget=budget).verified
-    assert time.perf_counter() - begun < budget + 20.0  # a second at most where nothing else runs
+    assert time.process_time() - begun < budget + 5.0  # a second at most
 
 
 def test_no_time_at_all():

@@ -121,6 +121,6 @@ def test_processes_end_with_the_program(number, tmp_path):
     )
     processes = {int(running.stdout.readline()) for _ in range(8)}
     running.send_signal(number)
-    running.communicate(timeout=60)
+    running.communicate(timeout=600)
     assert processes and running.returncode != 0
     soon(lambda: not any(map(alive, processes)))

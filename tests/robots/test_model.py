@@ -676,7 +676,7 @@ def test_a_process_without_stderr_reads_models_as_carefully(tmp_path):
 
 
 def run(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600)
 
 
 def test_without_pinocchio_the_way_to_install_it_is_told():

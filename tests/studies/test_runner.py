@@ -126,10 +126,10 @@ def test_two_drivers_at_one_store_are_refused(tmp_path, whole):
     first = start(tmp_path / "study")
     assert first.stdout.readline()
     second = start(tmp_path / "study")
-    _, err = second.communicate(timeout=60)
+    _, err = second.communicate(timeout=600)
     assert second.returncode == 1
     assert "another process works on it at present" in err.splitlines()[-1]
-    first.communicate(timeout=60)
+    first.communicate(timeout=600)
     assert rows(tmp_path / "study") == whole
 
 
@@ -164,7 +164,7 @@ def test_a_store_of_another_version_is_refused(tmp_path):
 def test_a_full_disk_is_told_and_what_had_ended_is_there(tmp_path, whole):
     """The disk is full in the middle: one sentence; with room again, the same call goes on."""
     driver = start(tmp_path / "study", workers=1, pause=0.0, room=60_000)
-    _, err = driver.communicate(timeout=60)
+    _, err = driver.communicate(timeout=600)
     assert driver.returncode == 1
     assert "comove.errors.ResultError: " in err.splitlines()[-1] and "make room" in err.splitlines()[-1]
     before = rows(tmp_path / "study")
@@ -200,9 +200,9 @@ def test_kills_at_random_moments_lose_nothing(tmp_path):
                 os.kill(pid, signal.SIGKILL)
         time.sleep(rng.uniform(0.0, 0.5))
         driver.kill()
-        driver.communicate(timeout=60)
+        driver.communicate(timeout=600)
     last = start(folder, total=total, pause=0.0)
-    _, err = last.communicate(timeout=240)
+    _, err = last.communicate(timeout=600)
     assert last.returncode == 0, err
     run_study(FakeStudy(total), tmp_path / "whole", on_processes(1))
     assert rows(folder) == rows(tmp_path / "whole")

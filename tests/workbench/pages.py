@@ -49,7 +49,7 @@ class Page:
         self.send(kinds.ViewerCameraMessage(**fields))
         return self
 
-    def receive(self, wanted, timeout=120.0):
+    def receive(self, wanted, timeout=600):
         """Return the first message, of those that come or have come, for which `wanted` holds."""
         import msgspec
         import zstandard
@@ -70,7 +70,7 @@ class Page:
                         return message
         raise TimeoutError("the message did not come")
 
-    def verdict(self, text, timeout=120.0):
+    def verdict(self, text, timeout=600):
         """Wait until a verdict holds a text, and return it."""
         found = self.receive(lambda message: text in words_of(message), timeout)
         return words_of(found)

@@ -206,7 +206,7 @@ def test_a_run_is_live_and_then_played(open_scene):
 def test_two_stored_results_stand_side_by_side(chromium, tmp_path):
     for method in ("comove", "paper"):
         command = ["solve", str(example_path("narrow")), "--method", method, "--out", method]
-        done = subprocess.run([sys.executable, "-m", "comove", *command], cwd=tmp_path, timeout=300)
+        done = subprocess.run([sys.executable, "-m", "comove", *command], cwd=tmp_path, timeout=600)
         assert done.returncode == 0
     bench = chrome.Bench(chromium, shelf_of([tmp_path / "comove", tmp_path / "paper"], tmp_path))
     try:
@@ -238,7 +238,7 @@ def test_another_example_is_chosen(chromium, tmp_path):
 def test_the_page_without_a_server_plays(chromium, tmp_path):
     file, asked, errors = tmp_path / "narrow.html", [], []
     command = [sys.executable, "-m", "comove", "view", str(example_path("narrow")), "--html", str(file)]
-    assert subprocess.run(command, timeout=300).returncode == 0
+    assert subprocess.run(command, timeout=600).returncode == 0
     assert file.stat().st_size < 5e6
     page = chromium.new_page(viewport=chrome.SIZE)
     page.on("request", lambda request: asked.append(request.url))
@@ -258,7 +258,7 @@ def test_a_report_plays_its_motion(chromium, tmp_path):
         ["report", "result", "--html", "report.html"],
     ):
         assert (
-            subprocess.run([sys.executable, "-m", "comove", *command], cwd=tmp_path, timeout=300).returncode
+            subprocess.run([sys.executable, "-m", "comove", *command], cwd=tmp_path, timeout=600).returncode
             == 0
         )
     page, errors = chromium.new_page(viewport=chrome.SIZE), []

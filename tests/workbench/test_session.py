@@ -64,7 +64,7 @@ def on_loop(session, function, *arguments, **options):
             done.set()
 
     session.loop.call_soon_threadsafe(call)
-    assert done.wait(60.0)
+    assert done.wait(600)
     return result[0]
 
 

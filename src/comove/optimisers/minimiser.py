@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import builtins
+import os
 import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +100,7 @@ def minimise(
         Largest number of evaluations of the objective and of the constraints, each; 10000 n by default. Restarts
         continue until they are used.
     max_seconds
-        Longest wall time [s].
+        Longest processor time [s], of this process and of the calls that `map` gives to others.
     callback
         Function called with the `Minimiser` after every batch of evaluations; the search ends if it returns True.
     vectorized
@@ -119,7 +121,7 @@ def minimise(
         Exceptions of f or h are passed on; once the search has begun, their attribute `search` is the `Minimiser`,
         which can be saved or continued.
     """
-    begun = time.perf_counter()
+    begun, others = time.process_time(), _Others()
     for name, function in (("f", f), ("constraints", constraints), ("callback", callback), ("map", map)):
         if not callable(function) and (function is not None or name == "f"):
             raise OptionError(f"{function!r} is no function", key=name)
@@ -134,8 +136,8 @@ def minimise(
         raise OptionError("no evaluations or time are left to search", way_out="give positive limits")
     objective, h = f, constraints or _no_constraints
     if not vectorized:
-        objective = partial(_one_by_one, f, map)
-        h = partial(_one_by_one, constraints, map) if constraints else h
+        objective = partial(others.one_by_one, f, map)
+        h = partial(others.one_by_one, constraints, map) if constraints else h
     at_start = _row(h, np.clip(x0, *_checked_bounds(bounds, len(x0))))
     search = Minimiser(
         x0,
@@ -156,7 +158,7 @@ def minimise(
     while True:
         if search.reason is not None:
             return search.result()
-        if time.perf_counter() - begun >= max_seconds:
+        if time.process_time() - begun + others.seconds >= max_seconds:
             search.check_finite()
             return search.result(Reason.SECONDS)
         request = search.ask()
@@ -608,9 +610,26 @@ def _no_constraints(x: Array) -> Array:
     return np.zeros((len(x), 0))
 
 
-def _one_by_one(function: Callable, map: Callable, x: Array) -> list:
-    """Return the values of a function of one point at many points."""
-    return list(map(function, x))
+class _Others:
+    """The processes that work for this one: `seconds` is their processor time [s]."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def one_by_one(self, function: Callable, map: Callable, x: Array) -> list:
+        """Return the values of a function of one point at many points."""
+        values = []
+        for process, seconds, value in map(partial(_timed, function), x):
+            values.append(value)
+            self.seconds += seconds if process != os.getpid() else 0.0
+        return values
+
+
+def _timed(function: Callable, x: Array) -> tuple[int, float, Any]:
+    """Return which process computed a value, in which processor time [s], and the value."""
+    begun = time.process_time()
+    value = function(x)
+    return os.getpid(), time.process_time() - begun, value
 
 
 def _row(h: Callable, x0: Array) -> Array:

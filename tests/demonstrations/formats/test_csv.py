@@ -407,10 +407,10 @@ LARGE = {
 @pytest.mark.parametrize(("content", "words"), LARGE.values(), ids=LARGE)
 def test_whatever_is_large_is_told_soon_and_in_short(tmp_path, content, words):
     path = write(tmp_path, content)
-    began = time.monotonic()
+    began = time.process_time()
     with pytest.raises(DemonstrationError) as caught:
         read_csv(path)
-    assert time.monotonic() < began + 60  # about 1 s
+    assert time.process_time() < began + 60  # about 1 s
     assert words in str(caught.value)
     assert len(str(caught.value)) < 400 + len(str(path))
 
