@@ -227,8 +227,8 @@ def _movement(demonstration: object) -> DMP:
     if isinstance(demonstration, Demonstration):
         if demonstration.is_joints:
             raise OptionError(
-                f"{demonstration.name or 'it'} is a movement of joints in {demonstration.unit}, which is no path of an "
-                "end effector",
+                f"{demonstration.name or 'it'} is a movement of joints in {demonstration.unit}, which is no path of "
+                "an end effector",
                 key="demonstration",
                 way_out="give the path that a robot makes of it: comove.robots.end_effector_path",
             )
