@@ -15,6 +15,7 @@ from comove.simulators import Connect, Friction, Perturbation, Push, Settings, W
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
+from comove.simulators.servos import PayloadTorques
 from comove.simulators.simulate import at_start
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import joints_straight, load_straight, posts, standing
@@ -161,7 +162,7 @@ def test_no_finger_holds_a_stick_by_its_very_end():
     grasp, hands = Friction(), hand_poses(robot, scene, motion.position[:1])[0]
     load = load_of(scene, hands, grasp.section)
     world = build_world(robot, scene, load, grasp, Perturbation())
-    data = at_start(world, motion, scene, Perturbation())
+    data = at_start(world, motion, PayloadTorques(robot, scene), Perturbation())
     grasp.close(world, data)
     within = dict[int, float]()  # m, how far from the stick's end a finger touches it
     for pair, point in zip(data.contact.geom, data.contact.pos, strict=True):
@@ -179,7 +180,7 @@ def test_fingers_that_stand_beyond_each_other_open_first():
     scene, grasp = posts(), Friction()
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     world = build_world(robot, scene, load, grasp, Perturbation())
-    data, model = at_start(world, motion, scene, Perturbation()), world.model
+    data, model = at_start(world, motion, PayloadTorques(robot, scene), Perturbation()), world.model
     fingers = [model.joint(finger) for hand in world.fingers for finger in hand]
     for finger in fingers:
         data.qpos[finger.qposadr[0]] = -2.0 * max(finger.range, key=abs)

@@ -14,7 +14,7 @@ from comove.simulators import Friction, Perturbation, Weld, simulate
 from comove.simulators.building import build_world
 from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
-from comove.simulators.servos import servo_gains
+from comove.simulators.servos import PayloadTorques, servo_gains
 from comove.simulators.simulate import at_start
 from comove.simulators.world import lower_floor
 from tests.robots.known_path import known_motion
@@ -210,7 +210,7 @@ def test_a_finger_that_loses_its_load_does_not_leap_past_it():
     scene, grasp = posts(), Friction()
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     world = build_world(robot, scene, load, grasp)
-    data, model = at_start(world, motion, scene, Perturbation()), world.model
+    data, model = at_start(world, motion, PayloadTorques(robot, scene), Perturbation()), world.model
     fingers = [finger for hand in world.fingers for finger in hand]
     places = [model.joint(finger).qposadr[0] for finger in fingers]
     opened = np.array([max(model.joint(finger).range, key=abs) for finger in fingers])

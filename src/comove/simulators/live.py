@@ -16,7 +16,7 @@ from comove.simulators.engine import engine, without_log
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.live_record import OnlineRecord
 from comove.simulators.loads import hand_poses, load_of
-from comove.simulators.servos import carry_payload, limit_servos, payload_torques
+from comove.simulators.servos import PayloadTorques, carry_payload, limit_servos
 from comove.simulators.settings import PLAN, USUAL, Perturbation
 from comove.simulators.simulate import at_start, broken, contacts_of, note_contacts
 from comove.simulators.world import World, moving_body
@@ -75,15 +75,18 @@ def run_live(
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     with without_log():
         world = build_world(robot, scene, load, grasp, perturbation)
-        data = at_start(world, motion, scene, perturbation)
+        payload = PayloadTorques(robot, scene)
+        data = at_start(world, motion, payload, perturbation)
         _move_obstacles(world, data, executor)
         if load is not None:
             grasp.close(world, data)
         engine().mj_step(world.model, data, round(USUAL.settle / TIMESTEP))
-        return _run(world, data, executor, budget, every)
+        return _run(world, data, executor, payload, budget, every)
 
 
-def _run(world: World, data: Any, executor: JointExecutor, budget: float, every: int) -> OnlineRecord:
+def _run(
+    world: World, data: Any, executor: JointExecutor, payload: PayloadTorques, budget: float, every: int
+) -> OnlineRecord:
     mj, interruption, given_up = engine(), Interruption(), ""
     record = OnlineRecord(executor.scene, executor.robot, executor.settings.period)
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
@@ -96,9 +99,7 @@ def _run(world: World, data: Any, executor: JointExecutor, budget: float, every:
                 given_up = error.message
                 break
             _move_obstacles(world, data, executor)
-            still = np.zeros((1, len(command)))
-            carrying = payload_torques(executor.robot, executor.scene, command[None], still, still)[0]
-            carry_payload(world, data, carrying)
+            carry_payload(world, data, payload.at_rest(command))
             limit_servos(world, data)
             rates = (command - before) / executor.settings.period
             if executor.driven_off:  # what gives way brakes: its commands go where the robot goes

@@ -106,21 +106,31 @@ def carry_payload(world: World, data: Any, torque: Array) -> None:
     data.qfrc_applied[world.dofs] = torque
 
 
-def payload_torques(
-    robot: Robot, scene: Scene, position: Array, velocity: Array, acceleration: Array
-) -> Array:
-    """Compute the torques that carry the payload's stated mass, by inverse dynamics with and without it.
+class PayloadTorques:
+    """The torques that carry a payload's stated mass, by inverse dynamics with and without it."""
 
-    Parameters
-    ----------
-    position, velocity, acceleration : arrays, shape (n_steps, n_joints) [rad, s, m for prismatic joints]
+    def __init__(self, robot: Robot, scene: Scene):
+        arms = tuple(robot.arm(name) for name in scene.manipulators)
+        self.robot = robot
+        self.loaded = None if scene.file.load is None else loaded_model(robot, arms, carried_masses(scene))
 
-    Returns
-    -------
-    array, shape (n_steps, n_joints) [N m, N for prismatic joints]
-    """
-    if scene.file.load is None:
-        return np.zeros_like(position)
-    arms, motion = [robot.arm(name) for name in scene.manipulators], (position, velocity, acceleration)
-    loaded = loaded_model(robot, tuple(arms), carried_masses(scene))
-    return torques(robot, loaded, *motion) - torques(robot, robot.model, *motion)
+    def at(self, position: Array, velocity: Array, acceleration: Array) -> Array:
+        """Compute the torques along a motion.
+
+        Parameters
+        ----------
+        position, velocity, acceleration : arrays, shape (n_steps, n_joints) [rad, s, m for prismatic joints]
+
+        Returns
+        -------
+        array, shape (n_steps, n_joints) [N m, N for prismatic joints]
+        """
+        if self.loaded is None:
+            return np.zeros_like(position)
+        motion = position, velocity, acceleration
+        return torques(self.robot, self.loaded, *motion) - torques(self.robot, self.robot.model, *motion)
+
+    def at_rest(self, position: Array) -> Array:
+        """Compute the torques at joints that do not move; arrays, shape (n_joints,)."""
+        still = np.zeros((1, len(position)))
+        return self.at(position[None], still, still)[0]

@@ -16,7 +16,7 @@ from comove.simulators.engine import engine, without_log
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.loads import hand_poses, load_of, require_fit
-from comove.simulators.servos import carry_payload, limit_servos, motor_weight, payload_torques
+from comove.simulators.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
 from comove.simulators.settings import PLAN, USUAL, Perturbation, Settings
 from comove.simulators.world import World, lower_floor
 
@@ -56,11 +56,12 @@ def simulate(
     load = load_of(scene, hand_poses(robot, scene, motion.position[:1])[0], grasp.section)
     with without_log():
         world = build_world(robot, scene, load, grasp, perturbation)
-        data = at_start(world, motion, scene, perturbation)
+        payload = PayloadTorques(robot, scene)
+        data = at_start(world, motion, payload, perturbation)
         if load is not None:
             grasp.close(world, data)
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
-        log = _run(world, data, motion, scene, perturbation, settings)
+        log = _run(world, data, motion, payload, perturbation, settings)
     return Execution(
         robot=robot,
         scene=scene,
@@ -75,16 +76,14 @@ def simulate(
     )
 
 
-def at_start(world: World, motion: JointMotion, scene: Scene, perturbation: Perturbation) -> Any:
+def at_start(world: World, motion: JointMotion, payload: PayloadTorques, perturbation: Perturbation) -> Any:
     """Return MuJoCo's data with the hands at the load, which they carry, and with the load's grasps at the hands."""
     mj, model = engine(), world.model
     data = mj.MjData(model)
     data.qpos[world.qpos] = motion.position[0]
     data.ctrl[world.servos] = motion.position[0]
     if world.load is not None:
-        still = np.zeros_like(motion.position[:1])
-        carry_payload(world, data, payload_torques(world.robot, scene, motion.position[:1], still, still)[0])
-    if world.load is not None:
+        carry_payload(world, data, payload.at_rest(motion.position[0]))
         pose = world.load.pose.copy()
         pose[:3, 3] += pose[:3, :3] @ perturbation.start_error
         world.put_load(data, pose)
@@ -112,7 +111,7 @@ def _run(
     world: World,
     data: Any,
     motion: JointMotion,
-    scene: Scene,
+    payload: PayloadTorques,
     perturbation: Perturbation,
     settings: Settings,
 ) -> dict[str, Any]:
@@ -126,9 +125,7 @@ def _run(
     moves = time[:, None] < motion.duration
     velocity, acceleration = np.where(moves, velocity, 0.0), np.where(moves, acceleration, 0.0)
     control = position + world.lead * velocity
-    carrying = payload_torques(
-        world.robot, scene, position[::limiting], velocity[::limiting], acceleration[::limiting]
-    )
+    carrying = payload.at(position[::limiting], velocity[::limiting], acceleration[::limiting])
     push, pushed = _push(world, motion, perturbation, time)
     log, unstable = _Log(world, n_steps // every + 1), None
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
