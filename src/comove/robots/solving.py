@@ -27,6 +27,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
@@ -117,6 +118,7 @@ def carry(
     """
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
+    warn_of_buried_links(robot, scene)
     load_robot_kernels(SceneKind.of(scene))
     budget = Budget.of(budget)
     wanted: dict[str, Any] = {

@@ -182,6 +182,9 @@ class _Folder:
         """Return the verification of a robot's joints."""
         hands, source = self.hands, self.source
         verdict = _robots().verify_stored(self.folder, source.robot, scene=hands.scene)
+        from comove.robots.verification.bodies import warn_of_buried_links  # robots are there by now
+
+        warn_of_buried_links(source.robot, hands.scene)
         return replace(
             hands,
             part=Part.JOINTS,

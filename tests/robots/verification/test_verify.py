@@ -2,15 +2,17 @@
 
 import copy
 import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from comove.errors import OptionError
+from comove.errors import ComoveWarning, OptionError
 from comove.experiments.examples import example
 from comove.robots import JointMotion, verify_joints
 from comove.robots.verification import checks
+from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.checks import unfit_scene
 from comove.robots.verification.verify import JointReport, VerifiedJointMotion
 from comove.scenes import Scene
@@ -279,6 +281,19 @@ def test_what_a_base_stands_on_or_in_is_no_fault_of_the_motion(top):
     assert verdict.verified is not None and verdict.report.clearance_scene >= 0.005
     near, _ = verdict.report.where["clearance_scene"]
     assert not near.startswith(("pedestal", "base", "torso"))
+
+
+@pytest.mark.parametrize(("top", "is_deep"), [(-0.93, False), (-0.5, True)])
+def test_a_base_deep_in_an_obstacle_is_warned_of(top, is_deep):
+    """A floor under the pedestal may touch it; one that swallows it is named, with how deep it is."""
+    floor = {"name": "floor", "shape": "box", "center": [0.0, 0.0, top - 0.5], "size": [2.0, 2.0, 1.0]}
+    scene = Scene.from_dict(scene_data(obstacles=[floor]))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always", ComoveWarning)
+        warn_of_buried_links(baxter(), scene)
+    words = [str(warning.message) for warning in told]
+    assert bool(words) == is_deep, words
+    assert all("m deep in floor (box)" in line and "not checked" in line for line in words)
 
 
 def test_a_load_that_touches_the_robot_is_refused():

@@ -16,6 +16,7 @@ different bases, are reduced by their effect.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,6 +27,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.errors import ComoveWarning
 from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.robots.model import Arm, Robot
@@ -38,6 +40,7 @@ from comove.scenes.scene import Scene
 Array = NDArray[np.float64]
 
 COAL_ERROR = 1e-4  # m, by which a distance from coal is trusted
+BURIED = 0.01  # m, deeper than what stands on something is in it by the tolerances of drawings
 SCENE, LOAD, SELF = range(3)
 HULL_OF = "hull of "  # before a body's name in that of its hull
 SCENE_ITSELF, LOAD_ALONE = -1, -2  # numbers for bodies that are on no base
@@ -206,6 +209,34 @@ def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[
     return pairs
 
 
+def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
+    """Warn of links that no joint moves and that are deep in an obstacle: nothing checks these pairs.
+
+    Warns
+    -----
+    ComoveWarning
+        Names the pairs, how deep they are, and what to change.
+    """
+    geometry, names = robot.collision.copy(), list[str]()
+    links = np.flatnonzero(_joints(geometry) == 0).tolist()
+    _add_obstacles(geometry, names, scene)
+    told = []
+    for link in links:
+        item = geometry.geometryObjects[link]
+        for i, name in enumerate(names):
+            obstacle = geometry.geometryObjects[robot.collision.ngeoms + i]
+            pair = [item.geometry, obstacle.geometry], [item.placement, obstacle.placement]
+            if _distance(*pair) < 0.0 and (depth := depth_of(*pair)[0]) > BURIED:
+                told.append(f"{robot.model.frames[item.parentFrame].name} is {depth:.2g} m deep in {name}")
+    if told:
+        warnings.warn(
+            f"{'; '.join(told)}: no motion changes this, and it is not checked; move the obstacle, or correct "
+            "where the robot's base stands",
+            ComoveWarning,
+            stacklevel=3,
+        )
+
+
 def _add_load(
     robot: Robot, geometry: Any, names: list[str], carried: Carried, holders: list[Arm]
 ) -> tuple[tuple[tuple[int, ...], ...], list[tuple[int, int, int]]]:
@@ -342,10 +373,15 @@ def depth_of(shapes: Sequence[Any], places: Sequence[Any]) -> tuple[float, bool]
             except RuntimeError:
                 return 0.0, False
             hulls[k], is_bound = shape.convex, is_bound or not _is_convex(shape)
+    return max(0.0, -_distance(hulls, places)), is_bound
+
+
+def _distance(shapes: Sequence[Any], places: Sequence[Any]) -> float:
+    """Compute the distance of two bodies [m], negative where they meet; arguments as in `depth_of`."""
     placed = [coal.Transform3s(place.rotation, place.translation) for place in places]
     result = coal.DistanceResult()
-    coal.distance(hulls[0], placed[0], hulls[1], placed[1], coal.DistanceRequest(), result)
-    return max(0.0, -float(result.min_distance)), is_bound
+    coal.distance(shapes[0], placed[0], shapes[1], placed[1], coal.DistanceRequest(), result)
+    return float(result.min_distance)
 
 
 def _is_convex(mesh: Any, missing: float = 1e-3) -> bool:
