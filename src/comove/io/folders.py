@@ -151,8 +151,9 @@ def _require_only(folder: Path, contents: Contents) -> None:
 
 def _other_file(folder: Path, names: set[str], contents: Contents) -> str | None:
     """Return the first file in a folder that does not belong to its kind; None where there is none."""
-    inputs = listed_inputs(folder).get("files")
-    own = contents.names | ({LIST, *inputs} if contents.marks and isinstance(inputs, dict) else set())
+    inputs = listed_inputs(folder).get("files") if contents.marks else None
+    listed = {name for name in inputs if name.startswith(f"{FOLDER}/")} if isinstance(inputs, dict) else set()
+    own = contents.names | ({LIST, *listed} if listed else set())
     known = own | {str(parent) for name in own for parent in Path(name).parents}
     others = names - known  # and only if there are none, which need not be looked through, those below
     others = others or {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - known

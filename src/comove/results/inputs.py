@@ -44,7 +44,7 @@ def write_inputs(
     folder : result folder, which exists
     scene : scene that was solved; its file is copied, and every file that it names
     files : further files and folders, such as a robot's description and models
-    command : words after ``comove``; paths are files that were read. Empty for results made in Python
+    command : words after ``comove``; paths that exist are files that were read. Empty for results made in Python
     made : contents of files that are nowhere yet, by the paths at which they would be
 
     Raises
@@ -56,7 +56,8 @@ def write_inputs(
     places = {} if scene.path is None else {_whole(scene.path): place}  # a stored scene lies beside its files
     if scene.path is None:
         made[place] = canonical(scene.file) + b"\n"
-    read = [*files_of_scene(scene), *files, *(word for word in command if isinstance(word, Path))]
+    given = (word for word in command if isinstance(word, Path) and word.exists())  # not lasa:SHAPE
+    read = [*files_of_scene(scene), *files, *given]
     places = {path: path for path in map(_whole, read)} | places
     root = Path(os.path.commonpath([path.parent for path in [*places.values(), *made]]))
     entries: dict[str, dict[str, Any]] = {}
@@ -65,11 +66,12 @@ def write_inputs(
         target.parent.mkdir(parents=True, exist_ok=True)
         target.write_bytes(data)
         entries[_inside(path, root)] = {"from": None, "sha256": hashlib.sha256(data).hexdigest()}
-    for source, kept in places.items():
+    for source, at in places.items():
         if source not in made:
-            entries |= _copied(source, folder, _inside(kept, root))
+            entries |= _copied(source, folder, _inside(at, root))
+    kept = {path: path for path in made} | places
     told = {
-        "command": [_inside(places[_whole(w)], root) if isinstance(w, Path) else w for w in command],
+        "command": [_inside(kept[whole], root) if (whole := _whole(w)) in kept else str(w) for w in command],
         "scene": _inside(place, root),
         "files": entries,
     }
@@ -102,7 +104,7 @@ def command_again(folder: Path, out: str = "../again") -> str | None:
         return None
 
 
-def _whole(path: Path) -> Path:
+def _whole(path: str | Path) -> Path:
     """Return an absolute path, links as they are."""
     return Path(os.path.abspath(path))
 
