@@ -56,7 +56,7 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
 
         @wraps(function)
         def command(*, context: typer.Context, **given: Any) -> None:
-            _running.append(context)
+            _running[:] = [context]
             warnings.showwarning = _tell_warning  # type: ignore[assignment]  # mypy wants parameters by name
             warnings.simplefilter("always", ComoveWarning)
             for name, kind in groups.items():
@@ -93,13 +93,12 @@ verb = verb_of(app)
 _running: list[typer.Context] = []
 
 
-def command_words(*without: str) -> list[str | Path]:
-    """Return the words after ``comove`` that repeat the running command.
+def command_words() -> list[str | Path]:
+    """Return the words after ``comove`` that repeat the running command; names of files as `Path`.
 
-    They are its verb, its arguments and the options unlike their defaults; what was given as a path is a `Path`. The
-    folder of results, `--json` and the parameters named in `without` are left out.
+    They are its verb, its arguments and the options unlike their defaults, without `--out` and `--json`.
     """
-    context = _running[-1]
+    (context,) = _running
     words: list[str | Path] = []
     place: Any = context
     while place.parent is not None:
@@ -107,13 +106,13 @@ def command_words(*without: str) -> list[str | Path]:
         place = place.parent
     for parameter in context.command.params:
         value = context.params.get(parameter.name or "")
-        if parameter.name in ("out", "json", *without) or value is None or value == parameter.default:
+        if parameter.name in ("out", "json") or value is None or value == parameter.default:
             continue
         is_flag = isinstance(value, bool)
         if parameter.param_type_name == "option":
             words.append(parameter.opts[0] if value or not is_flag else parameter.secondary_opts[0])
         if not is_flag:
-            words += [value if isinstance(value, Path) else str(value)]
+            words.append(value if isinstance(value, Path) else str(value))
     return words
 
 

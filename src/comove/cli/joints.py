@@ -255,13 +255,12 @@ def _draw_run(
 ) -> list[tuple[str, str]]:
     """Draw a run into a folder; return what was drawn and the names of the files."""
     from comove.simulators.pictures import FilmedRun, draw_film, draw_sheet
+    from comove.simulators.settings import PLAN
 
     found: list[tuple[str, str]] = []
     if not (how.pictures or how.film) or len(record.time) < 2:
         return found
-    filmed = (
-        FilmedRun.of(record, grasp) if perturbation is None else FilmedRun.of(record, grasp, perturbation)
-    )
+    filmed = FilmedRun.of(record, grasp, perturbation or PLAN)
     try:
         if how.pictures:
             draw_sheet(filmed, folder / "robot_run.png")

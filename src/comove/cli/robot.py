@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,9 +13,6 @@ from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
 from comove.cli.joints import METHODS
 from comove.cli.texts import say
 from comove.errors import ComoveError, OptionError, ResultError, RobotError
-
-if TYPE_CHECKING:
-    pass
 
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 

@@ -123,10 +123,8 @@ def solve(
         how = Wanted(method, objective, resemblance, weights, library, demonstration)
         return solve_joints(loaded, scene, out, robot, how, seed=seed, budget=budget, json=json)
     chosen = o.method_named(method)
-    wanted, hard = (
-        o.objective_of(objective, resemblance, weights, loaded, smooth),
-        obstacles is ObstacleMode.constraint,
-    )
+    wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
+    hard = obstacles is ObstacleMode.constraint
     with progress_bar(budget) as progress:
         part = chosen.scene_of(loaded)
         check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
