@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from comove.demonstrations.columns import matching_body
+from comove.demonstrations.bodies import matching_body
 from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables
 from comove.demonstrations.samples import Format, RecordedSamples, advising, fault, select_name
 from comove.errors import near_name
