@@ -163,7 +163,8 @@ def _form(orientation: Sequence[Column]) -> str:
     if axes[0] in QUATERNION:
         return "quaternion " + " ".join(axis.removeprefix("q") for axis in axes)
     if axes[0] in EULER:
-        return "angles about fixed x, y, z"
+        unit = orientation[0].unit or "in degrees where they are larger than radians can be"
+        return f"angles about fixed x, y, z, {unit}"
     if axes[0] in MATRIX:
         return "rotation matrix"
     return "rotation vector"

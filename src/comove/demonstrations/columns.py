@@ -47,7 +47,7 @@ class Column:
     name : name as it is written
     kind : what it holds
     axis : x, y, z of a position; qw, qx, qy, qz of a quaternion; roll, pitch, yaw; rx, ry, rz of a rotation vector;
-        `secs` or `nsecs` of a time in two columns; a joint's name without body and unit
+        a joint's name without body and unit; "" of time, and of speeds, forces and others that are no coordinates
     body : name of the body or side that the column belongs to; "" if the name says none
     unit : unit that the name, or a row of units, states, as `comove.demonstrations.units` spells it, else as written;
         None if nothing is stated
@@ -77,11 +77,12 @@ def _all(*texts: str) -> frozenset[str]:
 _CLOCKS = _all("time timestamp timestamps stamp t seconds elapsed zeit datetime date clock")
 _OF_CLOCKS = _all(
     "header field bag ros recv receive received log wall sim system sys host device rel relative unix epoch utc",
-    "robot sample record recording frame frames camera start capture global local msg rosbag since in gps data ts",
+    "robot sample record recording frame frames camera start capture global local msg rosbag since in gps data ts tv",
 )
 _STAMPS = _all("time timestamp")
 """Words that make a name one of a time, whatever stands before them."""
-_SECONDS, _NANOSECONDS = _all("sec secs"), _all("nsec nsecs nanosec nanosecs")
+_PARTS = _all("sec secs msec msecs usec usecs nsec nsecs nanosec nanosecs nanoseconds microseconds")
+"""Units that are columns of time by themselves: seconds, and the fraction of a second."""
 _INDICES = _all(
     "frame frames index idx id seq sequence row sample samples step steps n no nr number count counter i sub",
     "unnamed header field episode task iteration",
@@ -187,9 +188,9 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
     unit = below.strip("[]() ") or unit
     words = _words(core)
     texts = [word.text for word in words]
-    clock = None if body or not words else _time_axis(texts)
+    is_time = bool(words) and not body and _is_time(texts)
     is_suffix = len(words) > 1 and texts[-1] in UNITS and texts[-1] not in ("in", "min")
-    if unit is None and (is_suffix or clock == "") and (texts[-1] != "m" or texts[-2] in _JOINED):
+    if unit is None and (is_suffix or is_time) and (texts[-1] != "m" or texts[-2] in _JOINED):
         if texts[-1] in UNITS and UNITS[texts[-1]] != "min":
             unit = texts[-1]
         if is_suffix:
@@ -203,8 +204,8 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
         return column(Kind.OTHER if kind else Kind.INDEX)
     if not body and texts[0] in _INDICES and all(text in _INDICES or text.isdigit() for text in texts):
         return column(Kind.INDEX)
-    if clock is not None:
-        return column(Kind.TIME, clock)
+    if is_time:
+        return column(Kind.TIME)
     if (said is not None and _RATE.search(said)) or _DERIVED & set(texts) or _DERIVED & set(words_of(kind)):
         return column(Kind.OTHER)
     if (found := _cartesian(core, words, kind)) is not None:
@@ -223,23 +224,16 @@ def words_of(text: str) -> list[str]:
     return [word.text for word in _words(text)]
 
 
-def _time_axis(texts: Sequence[str]) -> str | None:
-    """Return the axis of a column of time, "" unless its time is in two columns; None if it is no time."""
-    last, rest = texts[-1], texts
-    if set(texts) <= _OF_CLOCKS | _CLOCKS | _SECONDS | _NANOSECONDS:
-        if last in _SECONDS:
-            return "secs"
-        if last in _NANOSECONDS:
-            return "nsecs"
+def _is_time(texts: Sequence[str]) -> bool:
+    """Return whether a name of these words is one of time, or of a part of it."""
+    last, rest = texts[-1], list(texts)
+    is_part = last in _PARTS or (len(texts) == 1 and len(last) > 1 and UNITS.get(last) in ("ms", "us", "ns"))
+    if is_part and set(texts[:-1]) <= _OF_CLOCKS | _CLOCKS:
+        return True
     if UNITS.get(last) in TIMES and len(texts) > 1:
-        rest = texts[:-1]
-    if (set(rest) <= _OF_CLOCKS | _CLOCKS and (_CLOCKS & set(rest) or rest == ["ts"])) or rest[-1] in _STAMPS:
-        return ""
-    return (
-        ""
-        if len(texts) == 1 and last in UNITS and len(last) > 1 and UNITS[last] in ("ms", "us", "ns")
-        else None
-    )
+        rest = rest[:-1]
+    is_clock = set(rest) <= _OF_CLOCKS | _CLOCKS and bool(_CLOCKS & set(rest) or rest == ["ts"])
+    return is_clock or rest[-1] in _STAMPS
 
 
 def _cartesian(core: str, words: Sequence[_Word], above: str) -> tuple[Kind, str, str] | None:
@@ -305,7 +299,7 @@ def _body(core: str, words: Sequence[_Word], at: int) -> str:
 
 
 def _is_joint(texts: Sequence[str], unit: str | None) -> bool:
-    if is_angle(unit) or _JOINTS & set(texts):
+    if is_angle(unit) or list(texts) == ["base"] or _JOINTS & set(texts):
         return True
     if texts[-1].isdigit() and len(texts) > 1 and texts[-2] in _NUMBERED:
         return True
@@ -315,6 +309,9 @@ def _is_joint(texts: Sequence[str], unit: str | None) -> bool:
 def _told_by_others(columns: list[Column]) -> list[Column]:
     """Correct what single names leave open: w and rw make quaternions of their neighbours; vectors by index."""
     columns = _indexed_vectors(columns)
+    places = [column for column in columns if column.kind is Kind.POSITION]
+    if len(places) > 1 and len({c.axis for c in places}) == 1 and all(c.body.isdigit() for c in places):
+        columns = [replace(c, kind=Kind.OTHER) if c in places else c for c in columns]  # x1, x2, x3
     by_body: dict[str, list[Column]] = {}
     for column in columns:
         by_body.setdefault(column.body, []).append(column)

@@ -25,8 +25,22 @@ FORMATS: list[Format] = [
 ]
 
 
-_OTHERS = (".json", ".yaml", ".yml", ".toml", ".xml", ".py", ".md")
-"""Suffixes of texts that are no tables."""
+_OTHERS = (
+    ".json",
+    ".yaml",
+    ".yml",
+    ".toml",
+    ".xml",
+    ".py",
+    ".md",
+    ".bvh",
+    ".ply",
+    ".pcd",
+    ".obj",
+    ".off",
+    ".stl",
+)
+"""Suffixes of texts that are no tables of movements."""
 
 
 def format_of(path: str | os.PathLike[str]) -> Format:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.bodies import Body, bodies_of, chosen_body
 from comove.demonstrations.cleaning import MAX_DIMS
+from comove.demonstrations.clocks import time_of
 from comove.demonstrations.columns import Kind, read_columns
 from comove.demonstrations.formats.hdf5_access import HDF5File
-from comove.demonstrations.plausibility import seconds
 from comove.demonstrations.samples import AXES, TIME, UNIT, Origin, RecordedSamples
 from comove.demonstrations.units import unit_named
 from comove.errors import listed
@@ -351,25 +351,20 @@ class EpisodeReader:
         frames = np.arange(n_steps)
         if self.rate is not None:
             return frames / self.rate, True, ()
-        origin, above = Origin(self.file.path), key
-        for column in read_columns(self._names(key) or ()):
-            if column.kind is Kind.TIME and not column.axis:
-                stamps = self.file.array(key, exact=True)[:, column.number]
-                found, notes = seconds(
-                    stamps, column.unit, name=column.name, origin=origin, way_out=_SAY_RATE
-                )
-                return found, column.unit is not None, (f"time from {column.name}", *notes)
-        while above:
+        named = [column for column in read_columns(self._names(key) or ()) if column.kind is Kind.TIME]
+        found = [(c, self.file.array(key, exact=True)[:, c.number]) for c in named]
+        above = key
+        while above and not found:
             above = above.rpartition("/")[0]
             for name in self.file.members(above):
-                shape = self.file.shape(_joined(above, name))
-                (column,) = read_columns([name])
-                if column.kind is Kind.TIME and not column.axis and shape in ((n_steps,), (n_steps, 1)):
-                    place = _joined(above, name)
+                place, (column,) = _joined(above, name), read_columns([name])
+                shape = self.file.shape(place)
+                if column.kind is Kind.TIME and shape in ((n_steps,), (n_steps, 1)):
                     stamps = self.file.array(place, (None,) * len(shape), exact=True).ravel()
-                    unit = self._unit(place) or column.unit
-                    found, notes = seconds(stamps, unit, name=place, origin=origin, way_out=_SAY_RATE)
-                    return found, unit is not None, (f"time from {place}", *notes)
+                    found.append((replace(column, name=place, unit=self._unit(place) or column.unit), stamps))
+        if found:
+            time = time_of(found, Origin(self.file.path), way_out=_SAY_RATE)
+            return time.seconds, time.is_stated, (time.words, *time.notes)
         rate, notes = self._recorded_rate(key)
         return frames / rate, True, notes
 

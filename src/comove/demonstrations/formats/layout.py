@@ -31,11 +31,10 @@ COMMENTS = ("#", "%")
 MISSING = ("", "nan", "-nan", "+nan", "na", "n/a", "null", "none", "-", "--")
 """Cells, in lower case, in which nothing was measured."""
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?")
-_INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
 MAX_COLUMNS, MAX_NAME = 1000, 200
 """Columns of a file, and characters of a column's name."""
 _DAY = r"(?:[0-9]{4}([-/.])[0-9]{1,2}\1[0-9]{1,2}|[0-9]{1,2}([/.])[0-9]{1,2}\2[0-9]{4})"
-_HOURS = r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]+)?"
+_HOURS = r"(?:[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]+)?|[0-9]{1,3}:[0-9]{2}[.,][0-9]+)"
 _DATE = re.compile(rf"{_DAY}(?:[T ]{_HOURS} ?(?:Z|[+-][0-9]{{2}}:?[0-9]{{2}})?)?|{_HOURS}")
 _QUANTITIES = {"position", "rotation", "orientation", "quaternion", "translation", "velocity", "acceleration"}
 _RATES = (
@@ -352,11 +351,13 @@ def _require_as_many(
     separator: str,
 ) -> None:
     """Raise if the rows have more or fewer cells than the line that names the columns."""
-    last = next((line for _, line in reversed(above[:-1]) if line.strip()), "")
-    if not names and last and not last.lstrip().startswith(COMMENTS):
-        others = [split(last, mark) for mark in (separator, *SEPARATORS)]
-        names = next((one for one in others if len(one) > 1 and _are_names(one, len(one))), ())
-        n_named = len(names)
+    for _, line in reversed(above[:-1]) if not names else ():
+        if line.strip() and not line.lstrip().startswith(COMMENTS):
+            others = [split(line, mark) for mark in (separator, *SEPARATORS)]
+            names = next((one for one in others if len(one) > 1 and _are_names(one, len(one))), ())
+            n_named = len(names)
+            if names or not any(map(_score, others)):
+                break
     n_cells = len(sample[0])
     n_named -= n_named > n_cells and not names[-1]
     n_cells -= n_cells > n_named and not any(row[-1] for row in sample)

@@ -74,23 +74,23 @@ def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
     return _named(plain, times, names, "m"), words
 
 
-def _times(sample: Array, places: Sequence[int], layout: Layout) -> dict[int, str]:
-    """Return the columns of time in front: one that grows, or seconds from 1970 and nanoseconds."""
+def _times(sample: Array, places: Sequence[int], layout: Layout) -> dict[int, str | None]:
+    """Return the units of the columns of time in front: one that grows, or seconds from 1970 and nanoseconds."""
     if places[:2] == [0, 1]:
         first, other = sample[:, 0], sample[:, 1]
         are_whole = all(cell.isdigit() for number in (0, 1) for cell in layout.sampled(number))
         in_seconds = (first >= EPOCHS["s"][0]).all() and (first < EPOCHS["s"][1]).all()
         if are_whole and in_seconds and (other >= 0).all() and (other < 1e9).all() and np.ptp(other) > 0:
-            return {0: "secs", 1: "nsecs"}
-    return {0: ""} if places[:1] == [0] and grows(sample[:, 0]) else {}
+            return {0: "s", 1: "ns"}
+    return {0: None} if places[:1] == [0] and grows(sample[:, 0]) else {}
 
 
 def _named(
-    plain: Sequence[Column], times: dict[int, str], names: dict[int, str], unit: str | None
+    plain: Sequence[Column], times: dict[int, str | None], names: dict[int, str], unit: str | None
 ) -> tuple[Column, ...]:
     columns = list(plain)
-    for number, axis in times.items():
-        columns[number] = replace(columns[number], kind=Kind.TIME, axis=axis)
+    for number, of_time in times.items():
+        columns[number] = replace(columns[number], kind=Kind.TIME, unit=of_time)
     for number, axis in names.items():
         is_position = axis in AXES
         kind = Kind.POSITION if is_position else Kind.ORIENTATION

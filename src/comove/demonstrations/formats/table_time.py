@@ -4,20 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.demonstrations.clocks import Time, time_of
 from comove.demonstrations.columns import Column
 from comove.demonstrations.formats.layout import Layout
-from comove.demonstrations.plausibility import seconds, unit_of_time
 from comove.demonstrations.samples import Origin, fault
-from comove.demonstrations.units import TIMES
-from comove.errors import DemonstrationError, near_name
-
-Array = NDArray[np.float64]
+from comove.errors import DemonstrationError
 
 _ZONE = re.compile(r"(?:Z|([+-])(\d{2}):?(\d{2}))$")
 _DAY = 86_400_000_000_000  # ns
@@ -25,92 +22,47 @@ _DAY = 86_400_000_000_000  # ns
 
 @dataclass(frozen=True)
 class Clock:
-    """Where the time of a table comes from: one column or two, or a rate.
+    """Where the time of a table comes from: its columns, or a rate.
 
     Attributes
     ----------
-    columns : columns of time; two of them are seconds and nanoseconds, or alternatives; of a rate those of frames
-    unit : unit that a user states
+    columns : columns of time; of a rate those of frames
+    is_chosen : whether a user names the first of them
     rate : samples a second [Hz]
     words : what is said of a rate
     """
 
     columns: tuple[Column, ...] = ()
-    unit: str | None = None
+    is_chosen: bool = False
     rate: float | None = None
     words: str = ""
 
-    def seconds(
-        self, layout: Layout, stamps: list[NDArray], n_rows: int
-    ) -> tuple[Array, str, tuple[str, ...]]:
-        """Return time [s], shape (n_rows,), where it comes from in words, and notes.
+    def time(self, layout: Layout, stamps: Sequence[NDArray], n_rows: int) -> Time:
+        """Return the time of the rows of a table.
 
         Parameters
         ----------
         layout : layout of the table
-        stamps : numbers or texts of each column
+        stamps : arrays, shape (n_rows,), of the numbers or texts of each column
         n_rows : number of rows
 
         Raises
         ------
         DemonstrationError
-            If their unit is not known, or two columns tell different times.
+            As `time_of`, or if texts are no dates.
         """
         if self.rate is not None:
             frames = stamps[0] if stamps and stamps[0].dtype.kind in "if" else np.arange(n_rows)
             if len(frames) > 1 and (np.diff(frames) <= 0).any():
                 frames = np.arange(n_rows)
-            return (frames - frames[0]) / self.rate, self.words, ()
-        origin = Origin(layout.path)
-        if len(self.columns) == 2 and self.columns[1].axis == "nsecs":
-            whole, rest = stamps
-            if whole.dtype.kind == "i" and rest.dtype.kind == "i":
-                time, notes = seconds(whole * 1_000_000_000 + rest, "ns", origin=origin)
-            else:
-                time, notes = seconds(whole + 1e-9 * rest, "s", origin=origin)
-            names = " and ".join(_spoken(column, layout) for column in self.columns)
-            return time, f"time from {names} [s, ns]", notes
-        found = [self._of_column(layout, *one) for one in zip(self.columns, stamps, strict=True)]
-        moving = [one for one in found if one is not None and np.ptp(one[0]) > 0.0] or [f for f in found if f]
-        first = moving[0]
-        for other in moving[1:]:
-            passed = [float(np.ptp(one[0])) for one in (first, other)]
-            if abs(passed[0] - passed[1]) > 0.01 * max(passed) + 1e-3:
-                one, two = first[1].name, other[1].name
-                raise fault(
-                    layout.path,
-                    "time",
-                    f"{passed[0]:.6g} s pass in {one!r}, and {passed[1]:.6g} s in {two!r}",
-                    f"choose one: --time {one!r}, or --time {two!r}",
-                    time=one,
-                )
-        time, column, unit, notes = first
-        return time, f"time from {_spoken(column, layout)} [{unit}]", notes
-
-    def _of_column(
-        self, layout: Layout, column: Column, stamps: NDArray
-    ) -> tuple[Array, Column, str, tuple[str, ...]] | None:
-        """Return the seconds of one column of time, and its unit; None where it is one of several and unclear."""
-        if stamps.dtype.kind == "U":
-            time, notes = seconds(_nanoseconds(layout, column, stamps), "ns")
-            return time, column, "date", notes
-        unit = self.unit or column.unit
-        if unit is not None and unit not in TIMES:
-            raise fault(
-                layout.path, "time", f"the unit of time {unit!r} is not known", near_name(unit, TIMES)
-            )
-        is_inferred = unit is None
-        if is_inferred:
-            unit = unit_of_time(stamps)
-            if unit is None and len(self.columns) > 1:
-                return None
-        name = column.name or str(column.number + 1)
-        time, notes = seconds(stamps, unit, name=name, origin=Origin(layout.path))
-        return time, column, f"{unit}, after its size" if is_inferred and unit != "s" else str(unit), notes
-
-
-def _spoken(column: Column, layout: Layout) -> str:
-    return f"`{column.name}`" if layout.names else f"column {column.number + 1}"
+            return Time((frames - frames[0]) / self.rate, self.words)
+        are_dates = [one.dtype.kind == "U" for one in stamps]
+        found = [
+            (replace(column, unit="ns"), _nanoseconds(layout, column, one)) if is_date else (column, one)
+            for column, one, is_date in zip(self.columns, stamps, are_dates, strict=True)
+        ]
+        time = time_of(found, Origin(layout.path), is_chosen=self.is_chosen)
+        return replace(time, words=time.words.replace("[ns]", "[date]")) if any(are_dates) else time
 
 
 def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.int64]:
@@ -124,7 +76,11 @@ def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.
     parts = np.char.partition(np.char.replace(text, "T", " "), " ")
     has_dates = bool((parts[:, 2] != "").all()) or "-" in str(stamps[0])
     days, clocks = (parts[:, 0], parts[:, 2]) if has_dates else (np.array([]), parts[:, 0])
-    hours = np.char.partition(np.where(clocks == "", "0:00:00", clocks), ":")
+    clocks = np.where(clocks == "", "0:00:00", clocks)
+    clocks = np.where(
+        np.char.count(clocks, ":") == 1, np.char.add("0:", clocks), clocks
+    )  # minutes and seconds
+    hours = np.char.partition(clocks, ":")
     try:
         passed = np.char.add("1970-01-01T00:", hours[:, 2]).astype("datetime64[ns]").astype(np.int64)
         passed += hours[:, 0].astype(np.int64) * 3_600_000_000_000

@@ -284,8 +284,13 @@ class _Table:
         ):
             found = [replace(self.columns[0], kind=Kind.TIME)]
         if found:
-            pair = _seconds_and_nanoseconds(found)
-            return Clock(pair or tuple(found))
+            return Clock(tuple(found))
+        first, are_indices = (
+            self.columns[0],
+            ("", "index", "Unnamed: 0"),
+        )  # of pandas, which may hold the time
+        if first.kind is Kind.INDEX and first.name in are_indices and self._grows(0) and not self._counts(0):
+            return Clock((replace(first, name=first.name or "1"),))
         if layout.rate is not None:
             frames = [c for c in self.columns if c.kind is Kind.INDEX and "frame" in c.name.lower()][:1]
             words = f"time at {layout.rate:g} samples a second, as the file says"
@@ -318,11 +323,9 @@ class _Table:
                     f"the unit of time {said!r} is not known",
                     near_name(said, TIMES),
                 )
-            return Clock((replace(found[0], unit=None),), unit)
-        pair = _seconds_and_nanoseconds([c for c in self.columns if c.kind is Kind.TIME])
-        if pair and found[0] in pair:
-            return Clock(pair)
-        return Clock((found[0],))
+            return Clock((replace(found[0], unit=unit),), is_chosen=True)
+        others = [c for c in self.columns if c.kind is Kind.TIME and c != found[0] and self._is_readable(c)]
+        return Clock((found[0], *others), is_chosen=True)
 
     def _is_readable(self, column: Column) -> bool:
         cells = self.layout.sampled(column.number)
@@ -341,19 +344,21 @@ class _Table:
         request = self.request
         numbers = list(dict.fromkeys(c.number for body in bodies.values() for c in body.needed))
         stamps, values, dropped = self.rows.read([column.number for column in clock.columns], numbers)
-        time, used, notes = clock.seconds(self.layout, stamps, len(values))
+        time = clock.time(self.layout, stamps, len(values))
         found = {}
         for name, body in bodies.items():
             fields = body.samples(values, numbers, request.unit)
             stated = fields.pop("stated", frozenset()) | {TIME}
-            words = f"{used}, {body.words(request.unit)}" + (f" ({self.guessed})" if self.guessed else "")
+            words = f"{time.words}, {body.words(request.unit)}" + (
+                f" ({self.guessed})" if self.guessed else ""
+            )
             left = self._left_out(body) if body.joints else ""
             found[name] = RecordedSamples(
-                time,
+                time.seconds,
                 name=f"{request.path.stem}.{name}" if name else request.path.stem,
-                notes=(words, *notes, *filter(None, [left, dropped])),
+                notes=(words, *time.notes, *filter(None, [left, dropped])),
                 stated=stated,
-                origin=self._origin(body, used, numbers, clock),
+                origin=self._origin(body, time.words, numbers, clock),
                 **fields,
             )
         return found
@@ -394,15 +399,16 @@ class _Table:
         candidates = [
             column
             for column in self.columns
-            if column.kind not in (Kind.TIME, Kind.INDEX) and self._is_number(column.number) and column.name
+            if column.kind not in (Kind.TIME, Kind.INDEX) and self._is_number(column.number)
+            if column.axis or not self.layout.names  # no speeds and forces
         ]
         if not candidates:
-            return fault(
-                self.request.path,
-                "header",
-                f"there are no positions beside time in {names}",
-                "record them as well",
-            )
+            are_lists = any(cell.startswith("[") for row in self.layout.sample for cell in row)
+            message = f"there are no positions beside time in {names}"
+            if are_lists:
+                message = f"cells hold lists of numbers, in {names}"
+            way_out = "write a column for each number" if are_lists else "record them as well"
+            return fault(self.request.path, "header", message, way_out)
         first = candidates[0]
         time = "1" if not self.layout.names and first.number == 0 and self._grows(0) else self.request.time
         if time == "1" and len(candidates) > 1:
@@ -485,14 +491,3 @@ def _main_bodies(columns: tuple[Column, ...], layout: Layout) -> tuple[Column, .
         else replace(column, kind=Kind.OTHER)
         for column in columns
     )
-
-
-def _seconds_and_nanoseconds(columns: Sequence[Column]) -> tuple[Column, Column] | None:
-    """Return the first pair of columns that hold seconds and nanoseconds of one time."""
-    for first in columns:
-        for other in columns:
-            if first.axis == "secs" and other.axis == "nsecs":
-                stems = [column.name.lower().rpartition("sec")[0].rstrip("nao") for column in (first, other)]
-                if stems[0] == stems[1]:
-                    return first, other
-    return None
