@@ -108,6 +108,13 @@ LAYOUTS = {
     "epoch_ms.csv": "stamp_ms,x,y,z\n" + rows([stamp // 10**6 for stamp in STAMPS], POSITION),
     "two_parts.csv": "header.stamp.sec,header.stamp.nanosec,pose.position.x,pose.position.y,pose.position.z\n"
     + rows([stamp // 10**9 for stamp in STAMPS], [stamp % 10**9 for stamp in STAMPS], POSITION),
+    **{
+        f"{whole}-{part}.csv": f"{whole},{part},x,y,z\n"
+        + rows([stamp // 10**9 for stamp in STAMPS], [stamp % 10**9 // unit for stamp in STAMPS], POSITION)
+        for whole, part, unit in (("stamp_s", "stamp_ns", 1), ("sec", "usec", 1000), ("tv_sec", "tv_nsec", 1))
+    },
+    "index.csv": ",x,y,z\n" + rows(TIME, POSITION),
+    "minutes.csv": "time,x,y,z\n" + rows([clock[3:] for clock in CLOCK], POSITION),
     "iso.csv": "time,x,y,z\n" + rows([f"2024-05-01T{clock}Z" for clock in CLOCK], POSITION),
     "clock.csv": "time,x,y,z\n" + rows(CLOCK, POSITION),
     "midnight.csv": "time,x,y,z\n" + rows(MIDNIGHT, POSITION),
@@ -213,6 +220,7 @@ POINTS = {
         {"columns": ["x", "y", "z"]},
         False,
     ),
+    "one_axis.csv": ("time,x1,x2,x3\n" + rows(TIME, POSITION), {"columns": ["x1", "x2", "x3"]}, False),
     "repeated.csv": ("t,x,y,z,X\n" + rows(TIME, POSITION, TIME), {"columns": ["2", "3", "4"]}, False),
 }
 
@@ -224,6 +232,34 @@ def test_what_is_not_said_is_asked_for_by_a_command(tmp_path, name):
     hand, asked = followed(tmp_path / name)
     assert asked == options
     assert_read(hand, turned)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "Frame,Sub Frame,Fx,Fy,Fz\n,,N,N,N\n" + rows(FRAME, 0 * FRAME, POSITION),
+            "no positions beside time",
+        ),
+        ("time,x,y,z\n" + rows(TIME, POSITION, comma=True), r"row \d: it has .* look like decimal commas"),
+        ("time,p\n" + rows(TIME, [f'"{list(one)}"' for one in POSITION.tolist()]), "hold lists of numbers"),
+        ("HIERARCHY\nFrame Time: 0.01\n0 1 2\n0 1 3\n0 1 4\n", "'.bvh' is not known"),
+    ],
+)
+def test_no_command_offers_what_is_no_position(tmp_path, text, says):
+    path = tmp_path / ("r.bvh" if "bvh" in says else "r.csv")
+    path.write_text(text)
+    with pytest.raises(DemonstrationError, match=says) as caught:
+        Demonstration.load(path)
+    assert "run:" not in caught.value.way_out
+
+
+def test_seconds_that_are_chosen_keep_their_fraction(tmp_path):
+    path = tmp_path / "r.csv"
+    seconds, fractions = [s // 10**9 for s in STAMPS], [s % 10**9 for s in STAMPS]
+    path.write_text("sec,nsec,t,x,y,z\n" + rows(seconds, fractions, 3 * TIME, POSITION))
+    for chosen in ("sec", "nsec"):
+        assert_read(Demonstration.load(path, time=chosen), False)
 
 
 def test_repeated_names_are_told_apart_by_body_and_kind(tmp_path):
