@@ -91,7 +91,7 @@ _DERIVED = _all(
     "vel velocity velocities speed acc accel acceleration twist angular force torque wrench effort gyro gyroscope",
     "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
     "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
-    "moment moments power energy",
+    "moment moments power energy fx fy fz mx my mz vx vy vz ax ay az wx wy wz",
 )
 _POSITIONS = _all("pos position positions translation trans point xyz location loc coordinate coord")
 _QUATERNIONS = _all("quat quaternion quaternions orientation orient ori attitude att")

@@ -254,6 +254,13 @@ def test_no_command_offers_what_is_no_position(tmp_path, text, says):
     assert "run:" not in caught.value.way_out
 
 
+def test_only_a_column_that_passes_as_time_does_is_offered_as_time(tmp_path):
+    path = tmp_path / "r.csv"
+    for header, grown in (("load", SHARE**2), ("Fx", SHARE)):
+        path.write_text(f"x,y,z,{header}\n" + rows(POSITION, grown))
+        assert followed(path)[1] == {"rate": 100.0}
+
+
 def test_seconds_that_are_chosen_keep_their_fraction(tmp_path):
     path = tmp_path / "r.csv"
     seconds, fractions = [s // 10**9 for s in STAMPS], [s % 10**9 for s in STAMPS]

@@ -32,9 +32,10 @@ def numbers_of(cells: Sequence[str]) -> Array:
     return np.array(found)
 
 
-def grows(values: Array) -> bool:
-    """Return whether numbers increase."""
-    return len(values) > 1 and bool((np.diff(values) > 0.0).all())
+def grows_evenly(values: Array) -> bool:
+    """Return whether numbers increase in steps that differ by less than half of their mean."""
+    steps = np.diff(values)
+    return len(steps) > 0 and bool((steps > 0.0).all() and np.ptp(steps) < 0.5 * steps.mean())
 
 
 def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
@@ -66,7 +67,7 @@ def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
                 else "`ros2 topic echo --csv` writes"
             )
             words = f"time, x y z and quaternion {' '.join(axis[1] for axis in order)}, as {like} them"
-    elif len(rest) == 3 == n_columns - 1 and times and _is_even(sample[:, 0]):
+    elif len(rest) == 3 == n_columns - 1 and times and grows_evenly(sample[:, 0]):
         names = dict(zip(rest, AXES, strict=True))
         return _named(plain, times, names, None), "columns without names: taken for time x y z"
     if not names:
@@ -82,7 +83,8 @@ def _times(sample: Array, places: Sequence[int], layout: Layout) -> dict[int, st
         in_seconds = (first >= EPOCHS["s"][0]).all() and (first < EPOCHS["s"][1]).all()
         if are_whole and in_seconds and (other >= 0).all() and (other < 1e9).all() and np.ptp(other) > 0:
             return {0: "s", 1: "ns"}
-    return {0: None} if places[:1] == [0] and grows(sample[:, 0]) else {}
+    grows = (np.diff(sample[:, 0]) > 0.0).all()
+    return {0: None} if places[:1] == [0] and grows else {}
 
 
 def _named(
@@ -142,8 +144,3 @@ def _pose(sample: Array, places: Sequence[int]) -> dict[int, str] | None:
 
 def _are_units(values: Array) -> bool:
     return bool((np.abs(np.linalg.norm(values, axis=1) - 1.0) < _TOLERANCE).all())
-
-
-def _is_even(stamps: Array) -> bool:
-    steps = np.diff(stamps)
-    return bool(np.ptp(steps) < 0.5 * steps.mean())

@@ -32,7 +32,12 @@ from comove.demonstrations.bodies import (
 from comove.demonstrations.columns import Column, Kind, bare_name, read_columns
 from comove.demonstrations.formats import csv
 from comove.demonstrations.formats.layout import MAX_COLUMNS, MAX_NAME, Layout, is_missing, is_time, layout_of
-from comove.demonstrations.formats.table_guesses import columns_by_numbers, grows, numbers_of, with_matrices
+from comove.demonstrations.formats.table_guesses import (
+    columns_by_numbers,
+    grows_evenly,
+    numbers_of,
+    with_matrices,
+)
 from comove.demonstrations.formats.table_rows import TOO_LONG, TableRows, check_length
 from comove.demonstrations.formats.table_time import Clock
 from comove.demonstrations.plausibility import require_rate
@@ -332,8 +337,8 @@ class _Table:
         return bool(cells) and (self.layout.is_number(cells[0]) or is_time(cells[0]))
 
     def _grows(self, number: int) -> bool:
-        """Return whether the numbers of a column grow in the first rows."""
-        return grows(numbers_of(self.layout.sampled(number)))
+        """Return whether the numbers of a column grow evenly in the first rows, as time does."""
+        return grows_evenly(numbers_of(self.layout.sampled(number)))
 
     def _counts(self, number: int) -> bool:
         """Return whether a column counts rows, one by one."""
@@ -400,7 +405,7 @@ class _Table:
             column
             for column in self.columns
             if column.kind not in (Kind.TIME, Kind.INDEX) and self._is_number(column.number)
-            if column.axis or not self.layout.names  # no speeds and forces
+            if column.name and self._may_be_anything(column)
         ]
         if not candidates:
             are_lists = any(cell.startswith("[") for row in self.layout.sample for cell in row)
@@ -425,6 +430,10 @@ class _Table:
             columns=asked,
             time=time,
         )
+
+    def _may_be_anything(self, column: Column) -> bool:
+        """Return whether nothing says what a column holds; speeds and forces are known, though not read."""
+        return bool(column.axis) or column.kind is Kind.INDEX or not self.layout.names
 
     def _is_number(self, number: int) -> bool:
         return all(self.layout.is_number(cell) or is_missing(cell) for cell in self.layout.sampled(number))
@@ -461,15 +470,17 @@ class _Table:
     def _no_time(self) -> DemonstrationError:
         names = [column.name for column in self.columns if column.name and self.layout.names]
         near = near_name("time", names).partition("known: ")[0] if names else ""
+        chosen = self._chosen_numbers()
         growing = [
             column
             for column in self.columns
-            if column.kind not in (Kind.POSITION, Kind.ORIENTATION) and self._grows(column.number)
+            if column.kind in (Kind.INDEX, Kind.OTHER) and column.number not in chosen
+            if self._may_be_anything(column)
+            and self._grows(column.number)
+            and not self._counts(column.number)
         ]
         options: dict[str, Any] = {"rate": 100}
         advice = "give the samples a second: --rate HZ"
-        chosen = self._chosen_numbers()
-        growing = [c for c in growing if not self._counts(c.number) and c.number not in chosen]
         if growing and not self.guessed:
             named = growing[0].name or str(growing[0].number + 1)
             advice, options = f"name it: --time {named!r}, or {advice}", {"time": named}
