@@ -31,6 +31,7 @@ from comove.robots.proposal.tree import GUESSED, ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.reach import joint_axes
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -125,6 +126,7 @@ def propose(
     file: Path,
     *,
     apart: float = 0.8,
+    around: Scene | None = None,
     seed: int = 0,
     settings: ProposalSettings = ProposalSettings(),
 ) -> Proposal:
@@ -136,6 +138,7 @@ def propose(
         two robots of a kind
     file : path of the description to be written, to which paths are relative
     apart : distance between the bases [m]
+    around : scene whose obstacles stand around the robot, from which homes keep away
     seed : seed of the random configurations, from which home and pairs that always touch are found
 
     Raises
@@ -161,7 +164,7 @@ def propose(
     pairs = [pair for part in parts for pair in _named(part, left_out)]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
     robot = _without(robot, pairs)
-    homes: Homes = homes_of(robot, seed, settings.home)
+    homes: Homes = homes_of(robot, seed, settings.home, around)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
         data["arms"][arm.name]["home"] = home.tolist()
     notes += homes.notes
