@@ -6,8 +6,8 @@
 
 Each is done as a newcomer would, and takes what is proposed as it is: `comove robot convert` where the model is
 MuJoCo's own, then `new`, `scene`, `solve` and `simulate`, the last one perturbed, hands welded to the bar. None of
-the models comes with comove as a robot. Those of example-robot-data come with `comove[robot]`; the others are looked for
-in the folders of `--packages`, such as a venv's ``site-packages`` and ``share``:
+the models comes with comove as a robot. Those of example-robot-data come with `comove[robot]`; the others are looked
+for in the folders of `--packages`, such as a venv's ``site-packages`` and ``share``:
 
     pip install --no-deps dexmate-urdf fourier-robot-descriptions airo-models icub-models openarm-mujoco gym-aloha \
         armar jvrc-description gb-robot-models robosuite mani-skill

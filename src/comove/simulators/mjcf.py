@@ -30,6 +30,7 @@ from comove.robots.formats import MAX_BYTES, MJCF, bytes_in, require_format
 from comove.robots.proposal.tree import GUESSED, GUESSES, SPRINGS
 from comove.simulators.engine import engine
 from comove.simulators.mjcf_actuators import drives_of
+from comove.simulators.mjcf_left_out import LeftOut
 from comove.simulators.mjcf_surroundings import Roles, Surroundings, fragment
 from comove.simulators.urdf import text_of, write_origin
 
@@ -130,7 +131,7 @@ class _Writer:
             ET.tostring(srdf, encoding="unicode") if len(srdf) else None,
             fragment(obstacles, self.file) if obstacles else None,
             self.meshes,
-            (*told, *around.notes, *around.payloads()),
+            (*told, *LeftOut(self.mj, model, self.roles.robot).notes(), *around.notes, *around.payloads()),
         )
 
     def _tell(self, text: str, name: str) -> None:
@@ -262,6 +263,7 @@ class _Writer:
         model = self.model
         for k in range(model.neq):
             couples = model.eq_type[k] == self.mj.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0
+            couples = couples and bool(model.eq_active0[k])
             if couples and model.eq_obj1id[k] == joint and not model.eq_data[k, 2:5].any():
                 other = int(model.eq_obj2id[k])
                 return str(model.joint(other).name or f"joint{other}"), *model.eq_data[k, :2].tolist()

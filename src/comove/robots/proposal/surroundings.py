@@ -17,7 +17,7 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-AWAY = 1e4  # m, where the hand is of a scene that has none
+ROOM = 20.0  # m, half the width of a scene that states none
 
 
 def scene_of(obstacles: Sequence[dict[str, Any]], folder: Path = Path()) -> Scene:
@@ -28,11 +28,12 @@ def scene_of(obstacles: Sequence[dict[str, Any]], folder: Path = Path()) -> Scen
     SceneError
         If they are no obstacles as scenes have them.
     """
-    hand = {"name": "nobody", "start": [AWAY] * 3, "goal": [AWAY] * 3}
+    nobody = {"name": "nobody", "start": [0.0] * 3, "goal": [0.0] * 3}
     data = {
+        "name": "surroundings",
         "duration": 1.0,
-        "workspace": {"lower": [-2.0 * AWAY] * 3, "upper": [2.0 * AWAY] * 3},
-        "manipulators": [hand],
+        "workspace": {"lower": [-ROOM] * 3, "upper": [ROOM] * 3},
+        "manipulators": [nobody],
         "obstacles": list(obstacles),
     }
     return Scene.from_dict(data, folder=folder, check_ends=False)
@@ -52,8 +53,9 @@ def among(robot: Robot, around: Scene | None) -> Robot:
     geometry = robot.collision.copy()
     links = [k for k, item in enumerate(geometry.geometryObjects) if item.parentJoint > 0]
     for i, name in enumerate(names_of(around)):
-        # numbered, as Pinocchio numbers the bodies of links
-        number = geometry.addGeometryObject(obstacle_object(around, i, f"{name}_0"))
+        body = obstacle_object(around, i, f"{name}_0")  # numbered, as Pinocchio numbers the bodies of links
+        body.parentFrame = 0
+        number = geometry.addGeometryObject(body)
         for link in links:
             geometry.addCollisionPair(pin.CollisionPair(link, number))
     return replace(robot, collision=geometry)
