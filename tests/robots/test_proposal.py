@@ -16,7 +16,7 @@ from comove.robots import Robot
 from comove.robots.description import load_description
 from comove.robots.proposal import examine, propose
 from comove.robots.proposal.homes import HomeSettings
-from comove.robots.proposal.proposal import ProposalSettings
+from comove.robots.proposal.proposal import ProposalSettings, _srdf_beside
 from comove.robots.proposal.tree import Tree, words_of
 
 ROBOTS = "package://example-robot-data/robots"
@@ -510,6 +510,24 @@ def test_an_srdf_that_lacks_pairs_is_completed(folder, tmp_path):
     assert [model["srdf"] for model in proposal.data["models"]] == [f"{folder}/made.srdf"]
     assert 'link1="link0" link2="link4"' in pairs
     assert 'link1="base" link2="link2"' in pairs
+
+
+@pytest.mark.parametrize(
+    ("urdf_name", "srdfs", "wanted"),
+    [
+        ("ur5_gripper", ["ur5", "ur5_gripper"], "ur5_gripper"),
+        ("ur5_robot", ["ur5", "ur5_gripper"], "ur5"),
+        ("ur5", ["ur5e"], None),
+        ("b1", ["b1-z1", "b1"], "b1"),
+    ],
+)
+def test_the_srdf_of_a_model_is_that_of_its_whole_name(tmp_path, urdf_name, srdfs, wanted):
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "srdf").mkdir()
+    for name in srdfs:
+        (tmp_path / "srdf" / f"{name}.srdf").write_text('<robot name="made"/>', encoding="utf-8")
+    found = _srdf_beside(tmp_path / "urdf" / f"{urdf_name}.urdf")
+    assert (found and found.stem) == wanted
 
 
 def test_two_of_a_kind_leave_out_the_same_pairs(tmp_path):

@@ -241,11 +241,19 @@ def _name_of(file: Path) -> str:
 
 
 def _srdf_beside(urdf: Path) -> Path | None:
-    """Return the SRDF of a URDF: of its name in its folder, or alike in the folder `srdf` next to that; or None."""
+    """Return the SRDF of a URDF: of its name in its folder, or alike in the folder `srdf` next to that, the one that
+    shares most with it; or None. That of a ur5e is not alike that of a ur5.
+    """
     if (same := urdf.with_suffix(".srdf")).is_file():
         return same
     own = sorted((urdf.parent.parent / "srdf").glob("*.srdf"))
-    return next((p for p in own if p.stem.startswith(urdf.stem) or urdf.stem.startswith(p.stem)), None)
+    alike = [path for path in own if _begins(path.stem, urdf.stem) or _begins(urdf.stem, path.stem)]
+    return max(alike, key=lambda path: (min(len(path.stem), len(urdf.stem)), -len(path.stem)), default=None)
+
+
+def _begins(name: str, stem: str) -> bool:
+    """Return whether a name begins with a stem, of which it leaves no word or number cut."""
+    return re.match(rf"{re.escape(stem)}(?![^\W_])", name) is not None
 
 
 def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
