@@ -79,11 +79,11 @@ class Source:
 
 
 def package_folders(file: Path) -> list[str]:
-    """Return the folders in which packages may be: beside the file, in the paths of ROS 1 and 2, in installed data."""
+    """Return the folders in which packages may be: beside the file, in ROS's paths, in installed data."""
     folders = [str(file.parent)]
     for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
         found = os.environ.get(variable, "").split(os.pathsep)
-        folders += [os.path.join(part, below).rstrip("/") for part in found if part]
+        folders += [str(Path(part) / below) for part in found if part]
     try:
         import cmeel_pth
     except ImportError:

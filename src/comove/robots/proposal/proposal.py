@@ -200,7 +200,9 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
                 )
             trunk = {prefix + joint: joints[joint].nearest_to_0 for joint in chain.trunk}
             if trunk.keys() - posture.keys():
-                notes.append(f"all arms hang on {', '.join(trunk)}: `posture` says where that stays")
+                notes.append(
+                    f"{', '.join(trunk)} move several arms or a base: `posture` says where they stay"
+                )
             posture |= trunk
         guessed = _limits_of(part, settings.endless)
         limits |= guessed
