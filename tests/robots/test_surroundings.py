@@ -1,10 +1,14 @@
 """What stands around a robot: homes keep clear of it, and one inside of it is a fault, in shells as in solids."""
 
 import numpy as np
+import pytest
+import yaml
 
+from comove.robots import Robot
 from comove.robots.proposal import examine, propose, scene_of
 from comove.robots.proposal.homes import HomeSettings
 from comove.robots.proposal.proposal import ProposalSettings
+from tests.commands import invoke
 from tests.robots.test_proposal import arm, link, urdf, written
 
 QUICK = ProposalSettings(n_samples=20, home=HomeSettings(n_drawn=400, n_tried=40))
@@ -49,3 +53,27 @@ def test_a_home_in_the_middle_of_a_hollow_mesh_touches_none_of_its_triangles_and
     crate = {"shape": "mesh", "name": "crate", "file": "crate.obj", "center": place.tolist()}
     found = examine(robot, around=scene_of([crate], tmp_path))
     assert any("is inside crate" in fault for fault in found.faults)
+
+
+@pytest.mark.slow
+def test_commands_take_obstacles_and_keep_the_pairs_of_two_models_of_one_name_apart(tmp_path):
+    """`new` among obstacles, `check` among them and on a scene that is too heavy."""
+    for side, where in (("one", 0.1), ("two", 0.2)):
+        (tmp_path / side).mkdir()
+        text = urdf(link("base"), arm("", "base", (0, 0, where))).replace(
+            link("link2"), link("link2", (1.0, 1.0, 1.0))
+        )
+        (tmp_path / side / "robot.urdf").write_text(text, encoding="utf-8")
+    around, out = tmp_path / "around.yaml", tmp_path / "both.yaml"
+    around.write_text(yaml.safe_dump({"obstacles": about(np.array([[0.0, 0.0, 1.0]]))}), encoding="utf-8")
+    urdfs = [tmp_path / side / "robot.urdf" for side in ("one", "two")]
+    made = invoke("robot", "new", *urdfs, "--out", out, "--obstacles", around)
+    assert made.exit_code in (0, 1), made.output
+    data = yaml.safe_load(out.read_text())
+    assert len({model["srdf"] for model in data["models"]}) == 2
+    assert all((tmp_path / model["srdf"]).is_file() for model in data["models"])
+    hands = [Robot.load(out).tool_pose(Robot.load(out).home, each)[:3, 3] for each in Robot.load(out).arms]
+    around.write_text(yaml.safe_dump({"obstacles": about(hands)}), encoding="utf-8")
+    checked = invoke("robot", "check", out, "--scene", around)
+    assert checked.exit_code == 1
+    assert "move 'shelf_0" in checked.output

@@ -283,6 +283,19 @@ def test_all_that_no_urdf_has_and_that_changes_the_robot_is_named_once(tmp_path)
     assert not any("left out" in note or "pass through" in note or "gravity" in note for note in plain)
 
 
+def test_meshes_whose_names_differ_by_a_slash_are_two_files(tmp_path):
+    other = "".join(
+        f'<mesh name="{name}" vertex="0 0 0  {x} 0 0  0 .1 0  0 0 .1"/>'
+        for name, x in (("a-b", 0.1), ("a/b", 0.2))
+    )
+    text = ARM.replace("<asset>", f"<asset>{other}").replace(
+        '<geom type="mesh"', '<geom type="mesh" mesh="a/b"/><geom type="mesh" mesh="a-b"/><geom type="mesh"'
+    )
+    found = urdf_of(written(tmp_path, text))
+    files = {mesh.get("filename") for mesh in ET.fromstring(found.urdf).iter("mesh")}
+    assert len(files) == len(found.meshes) == len(set(found.meshes.values())) == 3
+
+
 def test_a_coupling_that_is_off_couples_nothing(tmp_path):
     off = ARM.replace('polycoef="0 1 0 0 0"', 'polycoef="0 1 0 0 0" active="false"')
     joints = {

@@ -89,12 +89,15 @@ def new(
     require_target(out, RobotError)
     around = None if obstacles is None else _around(obstacles)
     proposal = propose(urdfs, out, apart=apart, around=around)
-    for model in proposal.data["models"]:
-        if model["urdf"] in proposal.srdf:
-            pairs = out.with_name(f"{out.stem}-{Path(model['urdf']).stem}.srdf")
-            with whole_file(pairs, error=RobotError) as draft:
-                draft.write(proposal.srdf[model["urdf"]].encode())
-            model["srdf"] = pairs.name
+    stems = [Path(urdf).stem for urdf in proposal.srdf]
+    for k, (urdf, text) in enumerate(proposal.srdf.items()):
+        again = f"-{k + 1}" * (stems.count(stems[k]) > 1)  # models of one name in several folders
+        pairs = out.with_name(f"{out.stem}-{stems[k]}{again}.srdf")
+        with whole_file(pairs, error=RobotError) as draft:
+            draft.write(text.encode())
+        for model in proposal.data["models"]:
+            if model["urdf"] == urdf:
+                model["srdf"] = pairs.name
     with whole_file(out, error=RobotError, replace=False) as draft:
         draft.write(proposal.text().encode())
     print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")

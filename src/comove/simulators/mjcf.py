@@ -92,6 +92,7 @@ class _Writer:
         self.mj, self.model, self.file = mj, model, file
         self.robot = ET.Element("robot", {"name": file.stem, "xmlns:comove": NAMESPACE})
         self.meshes: dict[str, bytes] = {}
+        self.named: dict[int, str] = {}  # files of meshes, by their numbers
         self.drives = drives_of(mj, model)
         self.roles = Roles.of(mj, model, self.drives)
         self.told: dict[str, list[str]] = {}
@@ -343,7 +344,12 @@ class _Writer:
 
     def _mesh(self, number: int) -> str:
         """Return the file name of a mesh, whose triangles are kept."""
-        model, name = self.model, f"{self.model.mesh(number).name or number}.stl".replace("/", "-")
+        model = self.model
+        if number in self.named:
+            return self.named[number]
+        stem = str(self.model.mesh(number).name or number).replace("/", "-")
+        name = f"{stem}.stl" if f"{stem}.stl" not in self.meshes else f"{stem}-{number}.stl"
+        self.named[number] = name
         first, faces = int(model.mesh_vertadr[number]), int(model.mesh_faceadr[number])
         vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[number])]
         corners = model.mesh_face[faces : faces + int(model.mesh_facenum[number])]

@@ -1,8 +1,8 @@
 """The tree of links of a URDF: where its arms begin and end, and which joints are fingers.
 
 Links that fixed joints connect form one body. A body that at least two long chains leave is a trunk: the joints above
-it belong to no arm, nor do those that drive a mobile base, as simulators add them. An arm ends at a palm, whose joints
-are fingers, or at a body that no joint leaves.
+it belong to no arm, nor do those that drive a mobile base, as simulators add them. An arm ends at a palm, whose
+joints are fingers, or at a body that no joint leaves.
 """
 
 from __future__ import annotations
