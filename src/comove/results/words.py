@@ -34,6 +34,7 @@ _JOINTS: tuple[_Described, ...] = (
     ("share of joint accelerations", "acceleration_ratio_max", "{:.3g} at most", 1.0),
     ("share of joint jerks", "jerk_ratio_max", "{:.3g} at most", 1.0),
     ("share of torques", "torque_ratio_max", "{:.3g} at most", 1.0),
+    ("share of payloads", "payload_ratio_max", "{:.3g} at most", 1.0),
     ("hands on the load", "hand_error_max", "off by {:.2g} m at most", 1.0),
     ("hands' turn on the load", "hand_turn_max", "off by {:.2g} rad at most", 1.0),
     ("links from obstacles", "clearance_scene", "{:.4g} mm at least", 1e3),

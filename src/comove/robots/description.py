@@ -7,7 +7,7 @@ models:                        # one or several, each on its own base; prefix: b
   - {urdf: arm.urdf, srdf: arm.srdf, prefix: right_, base: {position: [0, -0.4, 0]}, round_right_angles: true}
 arms:                          # by the name of the manipulator in a scene
   left: {tip: left_hand, tool: {position: [0, 0, 0.1]}, home: [0, -0.8, 0, -2.4, 0, 1.6, 0.8]}
-  right: {tip: right_hand, home_state: ready, fingers: [right_finger]}
+  right: {tip: right_hand, home_state: ready, fingers: [right_finger], payload: 3.0}
 posture: {right_finger: 0.02}  # rad or m, of joints that do not move; nearest to 0 where not named
 states: [open]                 # group states of the SRDF, for joints that neither move nor are in `posture`
 poses: {right_cart: {position: [0, -0.1, 0]}}       # of floating and planar joints, which do not move
@@ -23,7 +23,8 @@ placed at the hand's pose in the scene: z is the direction of approach, and fing
 base and tip move, except those in `posture`. `home` has one value for each joint that moves, from the base to the
 tip (the middle of its limits unless given); redundant joints are drawn towards it. `limits` replace those of the
 URDF, key by key; `soft_lower`, `soft_upper` and `k_position` those of its ``<safety_controller>``
-(`comove.robots.joint_limits`). Paths are relative to the description, or ``package://NAME/...``.
+(`comove.robots.joint_limits`). `payload` [kg] is what the maker rates an arm for
+beyond its last joint, hand included. Paths are relative to the description, or ``package://NAME/...``.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ class ArmDescription(Sparse):
     or m].
     """
 
-    LATER = ("home_state",)
+    LATER = ("home_state", "payload")
 
     tip: str
     tool: Placement = Placement()
@@ -109,6 +110,8 @@ class ArmDescription(Sparse):
     """Group state of the SRDF that has the values of the joints at home, unless `home` is given."""
     fingers: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
     """Joints that close on the load; `posture` holds their values while it is carried."""
+    payload: Positive | None = None
+    """Mass that its maker rates it for at the flange: that of its hand and its share of the load [kg]."""
 
 
 class JointLimits(Sparse):

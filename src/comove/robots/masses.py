@@ -1,6 +1,6 @@
-"""Masses of links whose model states none, guessed from their collision bodies.
+"""Masses of links: of hands, and those that a model does not state, guessed from collision bodies.
 
-Only where nothing that a joint moves has a mass: models often give a link's mass to its neighbour.
+They are guessed only where nothing that a joint moves has a mass: models often give a link's mass to its neighbour.
 """
 
 from __future__ import annotations
@@ -28,6 +28,29 @@ def moved_masses(model: Any) -> NDArray[np.float64]:
     for joint in range(model.njoints - 1, 0, -1):
         masses[model.parents[joint]] += masses[joint]
     return masses
+
+
+def mass_beyond(joint: str, sources: Iterable[Source]) -> float:
+    """Return the mass of all links beyond the one that a joint moves [kg]: of the hand, if it is an arm's last."""
+    tree = next(tree for tree in (ET.fromstring(source.urdf) for source in sources) if _has(tree, joint))
+    below, link = dict[str, list[str]](), ""
+    for each in tree.findall("joint"):
+        parent, child = (end.get("link", "") for tag in ("parent", "child") for end in each.findall(tag))
+        below.setdefault(parent, []).append(child)
+        link = child if each.get("name") == joint else link
+    beyond = list(below.get(link, []))
+    for name in beyond:
+        beyond += below.get(name, [])
+    masses = {
+        each.get("name", ""): float(mass.get("value", "0"))
+        for each in tree.findall("link")
+        for mass in each.findall("inertial/mass")
+    }
+    return sum(masses.get(name, 0.0) for name in beyond)
+
+
+def _has(tree: ET.Element, joint: str) -> bool:
+    return any(each.get("name") == joint for each in tree.findall("joint"))
 
 
 def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Source, str | None]:

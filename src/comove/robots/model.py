@@ -7,7 +7,7 @@ import sysconfig
 import tempfile
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -31,7 +31,7 @@ from comove.robots.description import (
     load_description,
 )
 from comove.robots.joint_limits import FurtherLimits, in_radians_or_metres
-from comove.robots.masses import with_guessed_masses
+from comove.robots.masses import mass_beyond, with_guessed_masses
 from comove.robots.srdf import GroupState, Srdf
 from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
@@ -55,6 +55,8 @@ class Arm:
     tool : array, shape (4, 4), the grasp frame in the tip frame
     home : array, shape (n_joints,), joint positions at home [rad, m for prismatic joints]
     fingers : names of joints that close on the load
+    payload : mass that it is rated for, infinite where none is stated [kg]
+    hand : mass of the links beyond that of its last joint, which counts as payload [kg]
     """
 
     name: str
@@ -63,6 +65,8 @@ class Arm:
     tool: Array
     home: Array
     fingers: tuple[str, ...]
+    payload: float = np.inf
+    hand: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -537,7 +541,11 @@ def _reduced(
     names = list(reduced.names)[1:]
     limits = _limits(description, reduced, names, further)
     arms = tuple(
-        _arm(name, arm, chains[name], np.array([names.index(j) for j in chains[name]]), states, limits)
+        replace(
+            _arm(name, arm, chains[name], np.array([names.index(j) for j in chains[name]]), states, limits),
+            payload=arm.payload or np.inf,
+            hand=mass_beyond(chains[name][-1], sources),
+        )
         for name, arm in description.arms.items()
     )
     relief = np.array([description.springs.get(name, 0.0) for name in names])

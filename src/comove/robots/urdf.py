@@ -79,9 +79,11 @@ class Source:
 
 
 def package_folders(file: Path) -> list[str]:
-    """Return the folders in which packages may be: beside the file, in ROS's path, in installed data."""
+    """Return the folders in which packages may be: beside the file, in ROS's paths, in installed data."""
     folders = [str(file.parent)]
-    folders += [part for part in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if part]
+    for variable, below in (("ROS_PACKAGE_PATH", ""), ("AMENT_PREFIX_PATH", "share")):
+        found = os.environ.get(variable, "").split(os.pathsep)
+        folders += [str(Path(part) / below) for part in found if part]
     try:
         import cmeel_pth
     except ImportError:

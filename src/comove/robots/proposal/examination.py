@@ -11,10 +11,13 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.robots.effort import overburdened
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import link_of, pairs_of, touching
 from comove.robots.proposal.homes import base_of, tilt_of
 from comove.robots.proposal.rules import near_limits, near_links
+from comove.robots.proposal.surroundings import among, buried, names_of
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -92,10 +95,25 @@ class Examination:
 
 
 def examine(
-    robot: Robot, seed: int = 0, settings: ExaminationSettings = ExaminationSettings()
+    robot: Robot,
+    seed: int = 0,
+    settings: ExaminationSettings = ExaminationSettings(),
+    around: Scene | None = None,
 ) -> Examination:
-    """Examine a robot in random configurations and at home."""
+    """Examine a robot in random configurations and at home.
+
+    Parameters
+    ----------
+    around : scene whose obstacles stand around it, and whose load, if it has one, its arms have to be rated for
+
+    Raises
+    ------
+    RobotError
+        If the robot has no arm that the load's scene names.
+    """
     rng = np.random.default_rng(seed)
+    robot, alone = among(robot, around), robot
+    standing = [] if around is None else names_of(around)
     arms = tuple(findings_of(robot, arm, rng, settings.n_drawn) for arm in robot.arms)
     shared = {
         (a.name, b.name): _shared(a.places, b.places, settings.shared) for a, b in combinations(arms, 2)
@@ -104,10 +122,22 @@ def examine(
     free, often = _contacts(robot, rng, settings)
     faults, doubts = [], []
     faults += [
-        f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or name the pair in an SRDF if "
-        "they are always so near"
+        f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or "
+        + (f"move '{b}'" if b in standing else "name the pair in an SRDF if they are always so near")
         for a, b, distance, needed in near_links(robot)
     ]
+    faults += [
+        f"{told.replace('begins', 'is')} at home: give another home, or move that"
+        for told in buried(alone, around, robot.home)
+    ]
+    faults += [
+        f"the arm '{arm.name}' is rated for {arm.payload:g} kg, and its hand weighs {arm.hand:.3g} kg: correct "
+        "`payload`, or the masses in the URDF"
+        for arm in robot.arms
+        if not arm.hand < arm.payload
+    ]
+    if around is not None and around.file.load is not None:
+        faults += overburdened(around, tuple(robot.arm(name) for name in around.manipulators))
     faults += [
         f"at home '{joint}' is {away:.3g} from its limit, and the search keeps joints off it: give a home between "
         f"{lower:.6g} and {upper:.6g}"
@@ -132,6 +162,7 @@ def examine(
     doubts += [
         f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, name them in an SRDF"
         for (a, b), share in often.items()
+        if not {a, b} & set(standing)
     ]
     for arm in arms:
         if arm.n_joints < FEW_JOINTS:

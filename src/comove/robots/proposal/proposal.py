@@ -31,6 +31,7 @@ from comove.robots.proposal.tree import GUESSED, ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.reach import joint_axes
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
@@ -125,6 +126,7 @@ def propose(
     file: Path,
     *,
     apart: float = 0.8,
+    around: Scene | None = None,
     seed: int = 0,
     settings: ProposalSettings = ProposalSettings(),
 ) -> Proposal:
@@ -136,6 +138,7 @@ def propose(
         two robots of a kind
     file : path of the description to be written, to which paths are relative
     apart : distance between the bases [m]
+    around : scene whose obstacles stand around the robot, from which homes keep away
     seed : seed of the random configurations, from which home and pairs that always touch are found
 
     Raises
@@ -161,7 +164,7 @@ def propose(
     pairs = [pair for part in parts for pair in _named(part, left_out)]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
     robot = _without(robot, pairs)
-    homes: Homes = homes_of(robot, seed, settings.home)
+    homes: Homes = homes_of(robot, seed, settings.home, around)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
         data["arms"][arm.name]["home"] = home.tolist()
     notes += homes.notes
@@ -197,7 +200,9 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
                 )
             trunk = {prefix + joint: joints[joint].nearest_to_0 for joint in chain.trunk}
             if trunk.keys() - posture.keys():
-                notes.append(f"all arms hang on {', '.join(trunk)}: `posture` says where that stays")
+                notes.append(
+                    f"{', '.join(trunk)} move several arms or a base: `posture` says where they stay"
+                )
             posture |= trunk
         guessed = _limits_of(part, settings.endless)
         limits |= guessed
@@ -238,11 +243,19 @@ def _name_of(file: Path) -> str:
 
 
 def _srdf_beside(urdf: Path) -> Path | None:
-    """Return the SRDF of a URDF: of its name in its folder, or alike in the folder `srdf` next to that; or None."""
+    """Return the SRDF of a URDF: of its name in its folder, or alike in the folder `srdf` next to that, the one that
+    shares most with it; or None. That of a ur5e is not alike that of a ur5.
+    """
     if (same := urdf.with_suffix(".srdf")).is_file():
         return same
     own = sorted((urdf.parent.parent / "srdf").glob("*.srdf"))
-    return next((p for p in own if p.stem.startswith(urdf.stem) or urdf.stem.startswith(p.stem)), None)
+    alike = [path for path in own if _begins(path.stem, urdf.stem) or _begins(urdf.stem, path.stem)]
+    return max(alike, key=lambda path: (min(len(path.stem), len(urdf.stem)), -len(path.stem)), default=None)
+
+
+def _begins(name: str, stem: str) -> bool:
+    """Return whether a name begins with a stem, of which it leaves no word or number cut."""
+    return re.match(rf"{re.escape(stem)}(?![^\W_])", name) is not None
 
 
 def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.errors import RobotError
-from comove.robots.effort import largest_torque, still_torque
+from comove.robots.effort import largest_torque, overburdened, payloads, still_torque
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
@@ -181,6 +181,18 @@ def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) ->
             )
     finding = _found(robot, {"torque_ratio_max": worst}, reasons)
     return finding._replace(measures=finding.measures | {"load_mass": float(masses.sum())})
+
+
+def payload(scene: Scene, arms: tuple[Arm, ...]) -> JointFinding:
+    """Check that arms are rated for what they carry."""
+    if scene.file.load is None or np.isinf([arm.payload for arm in arms]).all():
+        return JointFinding({}, {}, [])
+    ratios = payloads(scene, arms)
+    most = first_largest(ratios)
+    measure = "payload_ratio_max"
+    return JointFinding(
+        {measure: float(ratios[most])}, {measure: (arms[most].name, 0.0)}, [*overburdened(scene, arms)]
+    )
 
 
 def _found(robot: Robot, extremes: dict[str, Extreme], reasons: list[str]) -> JointFinding:

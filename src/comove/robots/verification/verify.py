@@ -7,6 +7,7 @@ what                   how it is known
 ====================== =================================================================================
 limits of joints       exact at every instant: extremes of the cubics between samples
 torques                sampled at 200 Hz, with a margin for between (see `effort`)
+payloads               what each arm holds up in balance, and its hand, against what its maker rates it for
 hands hold the load    bound at every instant (see `holding`)
 clearance              bound at every instant (see `certificate`)
 hands, load and scene  bound at every instant by `comove.verification`
@@ -52,6 +53,7 @@ class JointReport:
         soft limits, exact
     acceleration_ratio_max, jerk_ratio_max : likewise of its other limits; of jerk only where some are stated
     torque_ratio_max : likewise of an effort limit; sampled, with a margin
+    payload_ratio_max : largest share of what an arm is rated for that it carries; only where a payload is stated
     hand_error_sampled, hand_turn_sampled : largest error of a hand on the load at samples [m, rad]
     hand_error_max, hand_turn_max : upper bounds of these at every instant
     distance_error_max : upper bound of the error of the hands' distances [m]
@@ -72,6 +74,7 @@ class JointReport:
     acceleration_ratio_max: float = math.nan
     jerk_ratio_max: float = math.nan
     torque_ratio_max: float = math.nan
+    payload_ratio_max: float = math.nan
     hand_error_sampled: float = math.nan
     hand_turn_sampled: float = math.nan
     hand_error_max: float = math.nan
@@ -204,6 +207,7 @@ def verify_joints(
     for check in (
         lambda: checks.rest(robot, curve),
         lambda: checks.limits(robot, curve),
+        lambda: checks.payload(scene, arms),
         lambda: checks.torques(robot, curve, arms, carried_masses(scene)),
         lambda: checks.hands(errors(), motion),
         lambda: checks.calibration(bases, arms, errors(), motion),
