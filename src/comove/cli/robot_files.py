@@ -68,6 +68,12 @@ def new(
         "robot.yaml"
     ),
     apart: Annotated[float, typer.Option(help="Distance between the bases of several models [m].")] = 0.8,
+    gripper: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URDF", help="Gripper for every arm without fingers: a file, or package://NAME/..."
+        ),
+    ] = None,
 ) -> int:
     """Propose a robot's description from its URDF: arms, tools, homes, pairs that always touch; check and draw it."""
     from comove.io.files import require_target, whole_file
@@ -79,7 +85,7 @@ def new(
         raise OptionError(f"apart = {apart:g}", key="--apart", way_out="give metres above 0")
     _require_new(out)
     require_target(out, RobotError)
-    proposal = propose(urdfs, out, apart=apart)
+    proposal = propose(urdfs, out, apart=apart, gripper=gripper)
     for model in proposal.data["models"]:
         if model["urdf"] in proposal.srdf:
             pairs = out.with_name(f"{out.stem}-{Path(model['urdf']).stem}.srdf")

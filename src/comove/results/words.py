@@ -91,7 +91,7 @@ def joint_rows(report: Mapping[str, Any]) -> list[Row]:
     ----------
     report : measures by their names in `comove.robots.JointReport`; those that are not numbers are left out
     """
-    return _rows(_JOINTS, report)
+    return [*_rows(_JOINTS, report), *_gripper_rows(report)]
 
 
 def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
@@ -99,12 +99,18 @@ def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
     rows = _rows(_SIMULATION, summary)
     if simulator := summary.get("simulator"):
         rows.insert(0, ("simulated by", str(simulator), ""))
-    return rows
+    return [*rows, *_gripper_rows(summary)]
 
 
 def run_rows(measures: Mapping[str, Any]) -> list[Row]:
     """Return the measures of a robot's online run, as `motion_rows`; distances are sampled."""
-    return _rows(_ROBOT_RUN, measures)
+    return [*_rows(_ROBOT_RUN, measures), *_gripper_rows(measures)]
+
+
+def _gripper_rows(measures: Mapping[str, Any]) -> list[Row]:
+    """Return in words which arms have no gripper in their description; nothing where all have one."""
+    arms = ", ".join(f"'{arm}'" for arm in measures.get("without_gripper") or ())
+    return [("grippers", f"none in the description at {arms}: not verified", "")] if arms else []
 
 
 def beyond_rounding(value: float) -> float:

@@ -25,7 +25,7 @@ tip (the middle of its limits unless given); redundant joints are drawn towards 
 URDF, key by key; `soft_lower`, `soft_upper` and `k_position` those of its ``<safety_controller>``
 (`comove.robots.joint_limits`). Paths are relative to the description, or ``package://NAME/...``.
 
-`gripper` is what a URDF of the arm alone lacks: a URDF of its own, or shapes, fixed to the tip (`GripperDescription`).
+`gripper` is what the URDF of an arm lacks: a URDF of its own, or shapes, fixed to the tip (`GripperDescription`).
 """
 
 from __future__ import annotations

@@ -68,9 +68,7 @@ def with_grippers(
     return sources
 
 
-def _read(
-    name: str, gripper: GripperDescription, description: RobotFile, file: Path, digest: Any
-) -> Source:
+def _read(name: str, gripper: GripperDescription, description: RobotFile, file: Path, digest: Any) -> Source:
     """Read the gripper of an arm as a model of its own."""
     prefix = _prefix_of(name, gripper)
     try:
@@ -144,8 +142,9 @@ def _geometry(shape: GripperShape) -> Iterator[tuple[ET.Element, Any]]:
         yield ET.Element("sphere", radius=radius), place
     else:
         yield ET.Element("cylinder", radius=radius, length=length), place
-    for end in (-0.5, 0.5) if shape.length is not None else ():
-        yield ET.Element("sphere", radius=radius), place * pin.SE3(np.eye(3), np.array([0, 0, end * shape.length]))
+    if shape.length is not None:
+        for end in (-0.5 * shape.length, 0.5 * shape.length):
+            yield ET.Element("sphere", radius=radius), place * pin.SE3(np.eye(3), np.array([0.0, 0.0, end]))
 
 
 def _se3(placement: Placement) -> Any:
@@ -155,7 +154,8 @@ def _se3(placement: Placement) -> Any:
 def _write_place(element: ET.Element, place: Any) -> None:
     """Add where a joint or a body is to its element of a URDF."""
     xyz, rpy = (
-        " ".join(map(repr, values.tolist())) for values in (place.translation, pin.rpy.matrixToRpy(place.rotation))
+        " ".join(map(repr, values.tolist()))
+        for values in (place.translation, pin.rpy.matrixToRpy(place.rotation))
     )
     ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
 
@@ -197,11 +197,15 @@ def _attached(
     touching = {frozenset((hand, touched)) for hand in hands for touched in given.touch_links}
     disabled = source.srdf.disabled | gripper.srdf.disabled | touching
     # The last joint's neighbours are kept apart from it too: only by mistake does a gripper touch them.
-    enabled = {frozenset((hand, other)) for hand in hands for other in links if other not in source.gripper_links}
+    enabled = {
+        frozenset((hand, other)) for hand in hands for other in links if other not in source.gripper_links
+    }
     whole = replace(
         source,
         urdf=ET.tostring(tree, encoding="unicode"),
-        srdf=Srdf(disabled, source.srdf.enabled | (enabled - disabled), (*source.srdf.states, *gripper.srdf.states)),
+        srdf=Srdf(
+            disabled, source.srdf.enabled | (enabled - disabled), (*source.srdf.states, *gripper.srdf.states)
+        ),
         mimics={**source.mimics, **gripper.mimics},
         limits={**source.limits, **gripper.limits},
         meshes={**source.meshes, **gripper.meshes},
@@ -305,7 +309,9 @@ def require_apart(robot: Robot) -> None:
     pin.computeCollisions(model, model.createData(), geometry, placed, robot.home, False)
     for (arm, pair), result in zip(found, placed.collisionResults, strict=True):
         if result.isCollision():
-            hand, other = sorted((names[one] for one in pair), key=lambda link: link not in gripper_links(robot, arm))
+            hand, other = sorted(
+                (names[one] for one in pair), key=lambda link: link not in gripper_links(robot, arm)
+            )
             raise RobotError(
                 f"at home the gripper's link '{hand}' touches '{other}' of its own arm",
                 key=f"arms.{arm.name}.gripper",

@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.robots.grippers import gripper_links, without_gripper
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import link_of, pairs_of, touching
 from comove.robots.proposal.homes import base_of, tilt_of
@@ -104,7 +105,7 @@ def examine(
     free, often = _contacts(robot, rng, settings)
     faults, doubts = [], []
     faults += [
-        f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or name the pair in an SRDF if "
+        f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or {_leave_out(robot, a, b)} if "
         "they are always so near"
         for a, b, distance, needed in near_links(robot)
     ]
@@ -130,7 +131,8 @@ def examine(
         for joint, share in overloaded(robot).items()
     ]
     doubts += [
-        f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, name them in an SRDF"
+        f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, "
+        f"{_leave_out(robot, a, b)}"
         for (a, b), share in often.items()
     ]
     for arm in arms:
@@ -139,6 +141,12 @@ def examine(
                 f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that "
                 "it shares must leave it the turns that it lacks"
             )
+    if bare := without_gripper(robot):
+        doubts.append(
+            f"{', '.join(map(repr, bare))}: the description has no gripper where the payload is held, so that none "
+            "is verified; give one: gripper: {urdf: FILE}, or gripper: {mass: KILOGRAMS, shapes: [{shape: box, "
+            "center: [0, 0, 0.06], size: [0.1, 0.1, 0.12]}]}"
+        )
     most = settings.most_named
     if unseen := _without_bodies(robot):
         doubts.append(
@@ -177,6 +185,15 @@ def _how_near(distance: float, needed: float) -> str:
         if distance <= 0.0
         else f"are {1e3 * distance:.3g} mm apart, and have to keep {1e3 * needed:.3g} mm"
     )
+
+
+def _leave_out(robot: Robot, a: str, b: str) -> str:
+    """Return how two links are left out of the pairs that are kept apart, in words."""
+    for arm in robot.arms:
+        for hand, other in ((a, b), (b, a)):
+            if hand in gripper_links(robot, arm) and robot.model.existFrame(other):
+                return f"name it where the gripper is: arms.{arm.name}.gripper.touch_links: ['{other}']"
+    return "name the pair in an SRDF"
 
 
 def _neighbours(robot: Robot) -> list[tuple[str, str]]:
