@@ -1,7 +1,10 @@
 """Grippers of a description: part of the arm's model in geometry, mass and pairs; told where there is none."""
 
+import html
+import json
 import math
 import re
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -21,6 +24,7 @@ from comove.scenes import Scene
 from comove.simulators import simulate
 from comove.simulators.urdf import for_mujoco
 from tests.brute_force import obstacle_distance
+from tests.commands import invoke
 from tests.robots.small_robots import BUNDLED, EXAMPLES, robot, written
 from tests.robots.test_model import LIMIT, MASS, TETRAHEDRON, joint, link, load, two_joints
 
@@ -279,6 +283,18 @@ def test_a_check_advises_a_gripper_that_works(tmp_path):
     assert not any("gripper" in doubt for doubt in examine(machine).doubts)
 
 
+def test_a_check_tells_a_gripper_away_from_the_grasp_and_a_tool_that_lacks(tmp_path):
+    box = {"shape": "box", "center": [0, 0, 0.05], "size": [0.02, 0.02, 0.1]}
+    arms = {"left": {"tip": "hand", "gripper": {"shapes": [box], "mass": 1.0}}}
+    told = [doubt for doubt in examine(load(tmp_path, arms=arms)).doubts if "tool" in doubt]
+    arms["left"] |= yaml.safe_load(re.search(r"such as (tool: .*)$", told[0])[1])
+    advised = load(tmp_path, arms=arms)
+    assert advised.arms[0].tool[2, 3] == pytest.approx(0.1)
+    assert not any("tool" in doubt for doubt in examine(advised).doubts)
+    arms["left"]["tool"] = {"position": [0, 0, 0.3]}
+    assert any("correct `mount` or `tool`" in doubt for doubt in examine(load(tmp_path, arms=arms)).doubts)
+
+
 # --- Bad input ---
 
 
@@ -451,3 +467,31 @@ def test_two_arms_with_grippers_pass_between_walls_and_not_where_only_bare_arms_
     assert found.report.without_gripper == ()
     done = simulate(found.joints, found.motion.scene, machine)
     assert done.delivered and not done.contacts
+
+
+@pytest.mark.slow
+def test_commands_carry_a_gripper_into_the_result_and_say_where_there_is_none(tmp_path):
+    description = yaml.safe_load(UR10_PAIR)
+    description["arms"]["left"]["gripper"] = {"urdf": "hand.urdf"}
+    palm = MASS.replace('<sphere radius="0.05"/>', '<box size="0.06 0.06 0.16"/>').replace(
+        "<collision>", '<collision><origin xyz="0 0 0.08"/>'
+    )
+    (tmp_path / "made").mkdir()
+    (tmp_path / "made" / "hand.urdf").write_text(gripper_urdf(link("palm", palm)), encoding="utf-8")
+    written(tmp_path / "made", {}, description)
+    scene = yaml.safe_load((EXAMPLES / "robots" / "two_ur10.yaml").read_text()) | {"robot": "robot.yaml"}
+    (tmp_path / "made" / "scene.yaml").write_text(yaml.safe_dump(scene), encoding="utf-8")
+    out, line = tmp_path / "made" / "out", "none in the description at 'right': not verified"
+    done = invoke("solve", str(tmp_path / "made" / "scene.yaml"), "--out", str(out), "--budget", "5")
+    assert done.exit_code == 0, done.stderr
+    assert line in done.stdout
+    out.rename(tmp_path / "moved")
+    shutil.rmtree(tmp_path / "made")
+    for command in ("verify", "show", "robot simulate"):
+        done = invoke(*command.split(), str(tmp_path / "moved"))
+        assert done.exit_code == 0, done.stderr
+        assert line in done.stdout, command
+    assert json.loads((tmp_path / "moved" / "robot.json").read_text())["without_gripper"] == ["right"]
+    done = invoke("report", str(tmp_path / "moved"), "--html", str(tmp_path / "page.html"))
+    assert done.exit_code == 0, done.stderr
+    assert html.escape(line) in (tmp_path / "page.html").read_text(encoding="utf-8")
