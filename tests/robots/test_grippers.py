@@ -391,7 +391,7 @@ def test_masses_and_bodies_of_a_gripper_do_not_stand_for_those_of_the_arm(tmp_pa
 @pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
 @pytest.mark.slow
 def test_a_proposal_turns_the_gripper_along_the_approach_with_the_tool_between_its_fingers(tmp_path, forward):
-    place, limit = f'<origin xyz="{forward}"/>', '<limit lower="0" upper="0.04" effort="9" velocity="1"/>'
+    place, limit = f'<origin xyz="{forward}"/>', '<limit lower="0" upper="0.04"/>'
     inertial = MASS.split("<collision>")[0]
     pad = f'{inertial}<collision>{place}<geometry><sphere radius="0.01"/></geometry></collision>'
     sides = "".join(
@@ -401,6 +401,7 @@ def test_a_proposal_turns_the_gripper_along_the_approach_with_the_tool_between_i
     (tmp_path / "hand.urdf").write_text(gripper_urdf(link("palm") + sides), encoding="utf-8")
     proposal = propose([UR10], tmp_path / "new.yaml", gripper=str(tmp_path / "hand.urdf"))
     (arm,) = proposal.robot.arms
+    assert any("velocity and effort of arm_gripper_a, arm_gripper_b" in note for note in proposal.notes)
     assert arm.fingers == ("arm_gripper_a", "arm_gripper_b")
     assert without_gripper(proposal.robot) == ()
     pads = [item for item in bodies_of(proposal.robot) if "pad" in item.name]
@@ -412,11 +413,15 @@ def test_a_proposal_turns_the_gripper_along_the_approach_with_the_tool_between_i
     assert (tip.placement.actInv(pads[0].placement)).translation[2] == pytest.approx(0.2, abs=1e-6)
 
 
-def test_a_gripper_for_arms_that_have_fingers_is_refused(tmp_path):
+def test_a_gripper_for_arms_that_have_fingers_or_with_an_arm_of_its_own_is_refused(tmp_path):
     (tmp_path / "hand.urdf").write_text(gripper_urdf(), encoding="utf-8")
     panda = "package://example-robot-data/robots/panda_description/urdf/panda.urdf"
     with pytest.raises(RobotError, match="every arm has fingers already"):
         propose([panda], tmp_path / "new.yaml", gripper=str(tmp_path / "hand.urdf"))
+    with pytest.raises(
+        RobotError, match="has an arm of its own, from 'shoulder_pan_joint' to 'wrist_3_joint'"
+    ):
+        propose([UR10], tmp_path / "new.yaml", gripper=UR10)
 
 
 UR10_PAIR = f"""

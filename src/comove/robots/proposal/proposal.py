@@ -6,7 +6,7 @@ import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -211,13 +211,7 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
             posture |= trunk
         guessed = _limits_of(part, settings.endless)
         limits |= guessed
-        keys = {joint: " and ".join(given) for joint, given in guessed.items()}
-        for told in dict.fromkeys(keys.values()):
-            names = [joint for joint, lacks in keys.items() if lacks == told]
-            notes.append(
-                f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
-                "put the maker's there"
-            )
+        notes += _told_guesses(guessed)
         own = {joint for chain in part.chains for joint in chain.joints}
         held = {prefix + joint: joints[joint].springs for joint in own if joints[joint].springs > 0.0}
         springs |= {joint: held[joint] for joint in sorted(held)}
@@ -243,16 +237,34 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
     return data, notes
 
 
+def _told_guesses(guessed: dict[str, dict[str, float]]) -> Iterator[str]:
+    """Yield in words which limits of joints are guesses."""
+    keys = {joint: " and ".join(given) for joint, given in guessed.items()}
+    for told in dict.fromkeys(keys.values()):
+        names = [joint for joint, lacks in keys.items() if lacks == told]
+        yield (
+            f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
+            "put the maker's there"
+        )
+
+
 def _name_of(file: Path) -> str:
     return re.sub(r"\W+", "_", file.stem) or "robot"
 
 
-def _srdf_beside(urdf: Path) -> Path | None:
-    """Return the SRDF of a URDF: of its name in its folder, or alike in the folder `srdf` next to that; or None."""
-    if (same := urdf.with_suffix(".srdf")).is_file():
-        return same
-    own = sorted((urdf.parent.parent / "srdf").glob("*.srdf"))
-    return next((p for p in own if p.stem.startswith(urdf.stem) or urdf.stem.startswith(p.stem)), None)
+def _srdf_beside(urdf: Path, named: str) -> str | None:
+    """Return the SRDF of a URDF, named as that is, or None: of its name in its folder, or alike in the folder `srdf`
+    next to that.
+    """
+    pairs, shared = urdf.with_suffix(".srdf"), urdf.parent
+    if not pairs.is_file():
+        shared = urdf.parent.parent
+        own = sorted((shared / "srdf").glob("*.srdf"))
+        alike = (p for p in own if p.stem.startswith(urdf.stem) or urdf.stem.startswith(p.stem))
+        pairs = next(alike, pairs)
+    if not pairs.is_file():
+        return None
+    return named.removesuffix(urdf.relative_to(shared).as_posix()) + pairs.relative_to(shared).as_posix()
 
 
 def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
@@ -264,12 +276,10 @@ def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) 
     tree = Tree.of(top, shape)
     entry: dict[str, Any] = {"urdf": named}
     notes: list[str] = []
-    if (pairs := _srdf_beside(path)) is not None:
-        shared = pairs.parent if pairs.parent == path.parent else pairs.parent.parent
-        folder = str(entry["urdf"]).removesuffix(path.relative_to(shared).as_posix())
-        entry["srdf"] = folder + pairs.relative_to(shared).as_posix()
+    if (pairs := _srdf_beside(path, named)) is not None:
+        entry["srdf"] = pairs
         notes.append(
-            f"pairs that need not be kept apart are those of {pairs.name}, which lay beside the URDF"
+            f"pairs that need not be kept apart are those of {Path(pairs).name}, which lay beside the URDF"
         )
     if n > 1:
         entry["prefix"] = f"{SIDES[i]}_" if n == len(SIDES) else f"robot{i + 1}_"
@@ -388,13 +398,19 @@ def _with_gripper(
     with errors_in(path):
         require_tree(top)
     tree = Tree.of(top, how.arm)
+    if chain := next((chain for chain in tree.chains() if len(chain.joints) > how.arm.longest_finger), None):
+        raise RobotError(
+            f"it has an arm of its own, from '{chain.joints[0]}' to '{chain.joints[-1]}'",
+            file=path,
+            way_out="name the URDF of the gripper alone",
+        )
     moving = [joint.name for joint in tree.joints if joint.kind in MOVING]
     entry = {"urdf": named}
-    if (pairs := _srdf_beside(path)) is not None:
-        entry["srdf"] = _place_of(str(pairs), file)[1]
+    if (pairs := _srdf_beside(path, named)) is not None:
+        entry["srdf"] = pairs
     bare = _robot(data, file)
     data = data | {"arms": dict(data["arms"]), "limits": dict(data.get("limits", {}))}
-    arms = [arm for arm in bare.arms if not arm.fingers]
+    arms, notes = [arm for arm in bare.arms if not arm.fingers], list[str]()
     if not arms:
         raise RobotError(
             "every arm has fingers already",
@@ -406,10 +422,12 @@ def _with_gripper(
         fingers = {"fingers": [prefix + name for name in moving]} if moving else {}
         data["arms"][arm.name] = data["arms"][arm.name] | fingers | {"gripper": dict(entry)}
         chain = Chain((), (), (), (), tuple(moving), ())
-        data["limits"] |= _limits_of(_Part({"prefix": prefix}, tree, (chain,), ()), how.endless)
+        guessed = _limits_of(_Part({"prefix": prefix}, tree, (chain,), ()), how.endless)
+        data["limits"] |= guessed
+        notes += _told_guesses(guessed)
     if not data["limits"]:
         del data["limits"]
-    robot, notes = _robot(data, file), []
+    robot = _robot(data, file)
     bodies = list(placed_bodies(robot, robot.home))
     for arm in arms:
         own, tip = gripper_links(robot, arm), robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
