@@ -18,11 +18,12 @@ from scipy.spatial.transform import Rotation
 from comove.errors import ComoveWarning, RobotError
 from comove.results.words import joint_rows, run_rows, simulation_rows
 from comove.robots import Robot, carry, verify_joints
-from comove.robots.grippers import gripper_links, without_gripper
+from comove.robots.grippers import COLOUR, gripper_links, without_gripper
 from comove.robots.proposal import examine, propose
 from comove.scenes import Scene
 from comove.simulators import simulate
 from comove.simulators.urdf import for_mujoco
+from comove.workbench.bodies import bodies_of as drawn_bodies
 from tests.brute_force import obstacle_distance
 from tests.commands import invoke
 from tests.robots.small_robots import BUNDLED, EXAMPLES, robot, written
@@ -238,6 +239,18 @@ def test_mujoco_has_its_bodies_and_its_mass(tmp_path):
         expected = np.array([place.oMg[k].translation for k in numbers])
         away = np.linalg.norm(data.geom_xpos[of_gripper][:, None] - expected, axis=-1)
         assert away.min(axis=1).max() < 1e-9 and away.min(axis=0).max() < 1e-9
+
+
+def test_pages_draw_it_where_it_is(tmp_path):
+    machine = held(tmp_path, {"shapes": SHAPES, "mass": 0.8, "mount": MOUNT})
+    grey = tuple(round(255 * float(part)) for part in COLOUR.split()[:3])
+    (drawn,) = [part.surface.vertices for part in drawn_bodies(machine) if part.colour == grey]
+    frame = machine.model.frames[machine.model.getFrameId("left_gripper_body", pin.FrameType.BODY)]
+    local = (drawn - frame.placement.translation) @ frame.placement.rotation
+    shapes = [SimpleNamespace(**{"quaternion_wxyz": (1.0, 0.0, 0.0, 0.0)} | shape) for shape in SHAPES]
+    away = np.array([obstacle_distance(shape, local) for shape in shapes])
+    assert away.min(axis=0).max() < 0.005  # of the lattice on which surfaces are drawn
+    assert (np.abs(away).min(axis=1) < 0.005).all()
 
 
 # --- Where there is none ---
