@@ -150,7 +150,7 @@ def solve_joints(
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
         return exit_code(solution)
     print(summary_text(summary, out))
-    print(joints_text(carrier.name, found.report.asdict()))
+    print(joints_text(carrier.name, vars(found.report)))
     rows = [] if source is None else [("demonstration", f"{source} of {wanted.library}")]
     rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
     print(*in_rows(rows), sep="\n")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from comove.scenes.scene import Scene
@@ -12,6 +12,8 @@ Row = tuple[str, str, str]
 """A measure: of what, by how much, and what was asked for."""
 _Described = tuple[str, str, str, float]  # of what, its name, its words, and the factor to their unit
 
+NO_GRIPPER = "without_gripper"
+"""Name of the measure that lists arms whose description has no gripper."""
 ROUNDING = 1e-12
 """Deviations below this many metres or radians are rounding, and said to be 0."""
 
@@ -92,7 +94,7 @@ def joint_rows(report: Mapping[str, Any]) -> list[Row]:
     ----------
     report : measures by their names in `comove.robots.JointReport`; those that are not numbers are left out
     """
-    return _rows(_JOINTS, report)
+    return [*_rows(_JOINTS, report), *gripper_rows(report.get(NO_GRIPPER))]
 
 
 def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
@@ -100,12 +102,18 @@ def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
     rows = _rows(_SIMULATION, summary)
     if simulator := summary.get("simulator"):
         rows.insert(0, ("simulated by", str(simulator), ""))
-    return rows
+    return [*rows, *gripper_rows(summary.get(NO_GRIPPER))]
 
 
 def run_rows(measures: Mapping[str, Any]) -> list[Row]:
     """Return the measures of a robot's online run, as `motion_rows`; distances are sampled."""
-    return _rows(_ROBOT_RUN, measures)
+    return [*_rows(_ROBOT_RUN, measures), *gripper_rows(measures.get(NO_GRIPPER))]
+
+
+def gripper_rows(arms: Iterable[str] | None) -> list[Row]:
+    """Return in words which arms have no gripper in their description; nothing where all have one."""
+    named = ", ".join(f"'{arm}'" for arm in arms or ())
+    return [("grippers", f"none in the description at {named}: not verified", "")] if named else []
 
 
 def beyond_rounding(value: float) -> float:

@@ -45,7 +45,7 @@ def as_html(thing: Any) -> str:
     solution = getattr(thing, "solution", None)  # a robot's, which is an extra
     if isinstance(solution, Solution):
         scene = solution.attempt.scene
-        rows = [*_measures(scene, solution.report), *joint_rows(thing.report.asdict())]
+        rows = [*_measures(scene, solution.report), *joint_rows(vars(thing.report))]
         title = f"{_verdict(scene, thing.verified)} ({thing.robot.name})"
         return _page(title, solution.reasons, draw_motion(solution.attempt), rows)
     raise TypeError(f"{type(thing).__name__} has no picture; give a scene, a solution or a verified motion")
