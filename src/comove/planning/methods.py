@@ -16,14 +16,21 @@ from comove.coordination.coordinates import Coordinates, load_coordinates, proje
 from comove.coordination.dmp import CoordinatedDMP
 from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
-from comove.planning.configurations import Space, SpaceSettings, configuration_space, span, way_length
+from comove.planning.configurations import (
+    Space,
+    SpaceSettings,
+    configuration_space,
+    lifted,
+    span,
+    way_length,
+)
 from comove.planning.custom import SETTINGS as CUSTOM
 from comove.planning.custom import CustomSettings, improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
 from comove.planning.planner import SETTINGS as PLANNER
-from comove.planning.planner import PlannerSettings, plan
+from comove.planning.planner import PlannerSettings, continuous, plan
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
 from comove.planning.smooth import SETTINGS as SMOOTHING
@@ -477,18 +484,28 @@ def _unsampled(scene: Scene) -> Scene:
 
 
 def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targets:
-    """Return a planner in space, whose paths are run with several time profiles; `ends` is a boundary at rest."""
-    start, goal = ends[0], ends[2]
-    margins = method.settings.margins[search.scene.n_dims - 2]
+    """Return a planner in space, whose paths are run with several time profiles; `ends` is a boundary at rest.
+
+    A load is lifted off its supports and set down on them, and paths are planned in between.
+    """
+    scene, at_start, at_goal = search.scene, ends[0], ends[2]
+    margins = method.settings.margins[scene.n_dims - 2]
+    start = lifted(scene, space, at_start, "start", 2 * max(margins))
+    goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
     grow = search.carrier.plan if search.carrier else partial(plan, settings=method.settings.planner)
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
         search.wind()
         path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
+        if path is None:
+            return None
+        if scene.rests:
+            before, after = at_start[None][: start is not at_start], at_goal[None][: goal is not at_goal]
+            path = continuous(space, np.concatenate([before, path, after]))
         # To arrive early pays by equation (4) alone; arms may need it too.
         gentle = search.carrier is None and not isinstance(search.aim, PaperCost)
-        return None if path is None else (targets_along(space, path, gentle=gentle), path[-1])
+        return targets_along(space, path, gentle=gentle), path[-1]
 
     return targets
 

@@ -35,6 +35,7 @@ from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
+from comove.scenes.resting import TOLERANCE, Rest, provable, recessions, rests_of
 from comove.scenes.rigid import ENDS, HEADING, LoadBodies
 from comove.scenes.shapes import (
     FAR,
@@ -52,7 +53,6 @@ from comove.ties import first_largest
 Array = NDArray[np.float64]
 
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
-PROVABLE_END = 1e-9  # of the workspace, and of a metre, that an end keeps beyond the clearance asked for
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 
 
@@ -80,6 +80,7 @@ class Scene:
     surfaces : triangles of the obstacles that are meshes, for certified distances
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
+    kept_rests : resting contacts of the movement that this scene goes on from, None where it begins at its start
     """
 
     __repr__ = brief
@@ -102,6 +103,7 @@ class Scene:
     surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
     excess: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
+    kept_rests: tuple[Rest, ...] | None = None
 
     @classmethod
     def load(
@@ -147,14 +149,19 @@ class Scene:
         Raises
         ------
         SceneError
-            If they do, or are nearer than the scene's clearance.
+            If they do, or are nearer than the scene's clearance, other than where a support holds them.
+
+        Warns
+        -----
+        ComoveWarning
+            Names the supports that neither start nor goal is near.
         """
         for end in ENDS:
             # What moves may have left the goal, or not come there yet, when the load does.
             there = [i for i in range(len(self.file.obstacles)) if end == "start" or not self.moving[i]]
             clearance, obstacle = self.nearest_at(self.nodes_at(end), 0.0, there)
             nearest = self.name_of(obstacle)
-            rounding = PROVABLE_END * max(1.0, float((self.upper - self.lower).max()))
+            rounding = provable(self)
             if clearance < self.clearance + rounding:  # nothing could be proved of a motion that begins there
                 need = f"; {self.clearance:g} m of clearance are asked for" if self.clearance else ""
                 where = (
@@ -162,12 +169,23 @@ class Scene:
                 )
                 where = "touches" if abs(clearance) < rounding else where
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
+                way_out = f"move the {end} or the obstacle"
+                if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
+                    way_out += f"; if it holds the load at the {end}, write support: true in obstacles[{obstacle}]"
                 raise SceneError(
                     f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
                     file=self.path,
                     key=f"manipulators.{end}",
-                    way_out=f"move the {end} or the obstacle",
+                    way_out=way_out,
                 )
+        held = {rest.obstacle for rest in self.rests}
+        idle = [i for i, obstacle in enumerate(self.file.obstacles) if obstacle.support and i not in held]
+        if idle:
+            warnings.warn(
+                f"{', '.join(map(self.name_of, idle))} holds the load at neither start nor goal: support has no effect",
+                ComoveWarning,
+                stacklevel=3,
+            )
         return self
 
     def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
@@ -185,7 +203,8 @@ class Scene:
             replace(group, start=start, start_twist=twist * duration)
             for group, start, twist in zip(self.groups, starts, twists, strict=True)
         )
-        later = replace(self.timed(duration), groups=groups, begins=self.begins + time)
+        timed = self.timed(duration)
+        later = replace(timed, groups=groups, begins=self.begins + time, kept_rests=self.rests)
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
@@ -212,6 +231,9 @@ class Scene:
             owners=owners,
             surfaces=self.surfaces.among(kept, rows),
             motions=(None,) * len(obstacles),
+            kept_rests=tuple(
+                rest._replace(obstacle=int(np.searchsorted(kept, rest.obstacle))) for rest in self.rests
+            ),
         )
         return stands._changed(obstacles=tuple(obstacles))
 
@@ -225,7 +247,7 @@ class Scene:
             manipulator |= {"start": (factor * start).tolist(), "goal": (factor * goal).tolist()}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
-            return Scene.from_dict(data, folder=self.folder)
+            return Scene.from_dict(data, folder=self.folder, check_ends=not self.rests)
 
     def timed(self, duration: float | None) -> Scene:
         """Return the scene with another duration [s]; None leaves it open."""
@@ -304,6 +326,17 @@ class Scene:
     def moving(self) -> NDArray[np.bool_]:
         """Return which obstacles move; array of bool, shape (n_obstacles,)."""
         return np.array([motion is not None for motion in self.motions], dtype=bool)
+
+    @cached_property
+    def rests(self) -> tuple[Rest, ...]:
+        """Return the contacts in which supports hold the load at start and goal.
+
+        Raises
+        ------
+        SceneError
+            If the load is too deep in a support, or could not leave its supports.
+        """
+        return rests_of(self) if self.kept_rests is None else self.kept_rests
 
     @cached_property
     def centers(self) -> Array:
@@ -472,6 +505,8 @@ class Scene:
     def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
         """Return the clearance [m] of one configuration at an instant and the name of the nearest obstacle.
 
+        Supports recede from a load that rests on them; see `comove.scenes.resting`.
+
         Parameters
         ----------
         nodes : array, shape (n_nodes, 3), [m]
@@ -496,14 +531,29 @@ class Scene:
     ) -> tuple[float, int]:
         """Return the clearance [m] of one configuration at an instant, of some obstacles or all, and the nearest one.
 
-        The nearest is -1 where it is the border of the workspace.
+        The nearest is -1 where it is the border of the workspace. Supports recede as in `clearance_at`.
         """
+        offsets = self.offsets(np.array([time]))[0]
+        if self.rests:
+            offsets = offsets + recessions(self, nodes)
+        return self._nearest(nodes, offsets, among, *self.workspace)
+
+    def distance_from(self, obstacle: int, nodes: Array, offset: Array | float = 0.0) -> float:
+        """Return the distance of one configuration from an obstacle that is displaced by `offset` [m]."""
+        offsets = np.zeros((len(self.motions), 3)) + offset
+        return self._nearest(nodes, offsets, [obstacle], np.full(3, -np.inf), np.full(3, np.inf))[0]
+
+    def _nearest(
+        self, nodes: Array, offsets: Array, among: Collection[int] | None, lower: Array, upper: Array
+    ) -> tuple[float, int]:
+        """Return what `nearest_at` returns for obstacles displaced by `offsets`, (n_obstacles, 3), in a workspace [m]."""
         body, own = self.body, self.convex_rows
         rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
-        table = self.obstacles_at(time)[rows]
-        found = sd.configuration_distance(nodes, body.edges, body.radii, table, *self.workspace)
+        table = self.obstacles[rows]
+        table[:, sd.CENTER : sd.CENTER + 3] += offsets[self.owners[rows]]
+        found = sd.configuration_distance(nodes, body.edges, body.radii, table, lower, upper)
         if len(body.solids):
-            found = min(found, solids_clearance(nodes, body.solids, table, *self.workspace))
+            found = min(found, solids_clearance(nodes, body.solids, table, lower, upper))
         if body.filled:
             for j in np.flatnonzero(inside_polygon(nodes[body.border], table[:, 1:4])):
                 found = min(found, (-float(table[j, sd.REACH]), int(j)))
@@ -512,7 +562,7 @@ class Scene:
         hulls += [(solid, 0.0) for solid in body.solids]
         for mesh, obstacle in enumerate(self.surfaces.owner):
             if among is None or obstacle in among:
-                seen = nodes - self.offsets(np.array([time]))[0, obstacle]
+                seen = nodes - offsets[obstacle]
                 for own, radius in hulls:
                     points, cutoff = np.ascontiguousarray(seen[own]), clearance + radius
                     distance = signed_distance(self.surfaces, mesh, points, cutoff) - radius
