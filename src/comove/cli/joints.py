@@ -149,7 +149,7 @@ def solve_joints(
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
         return exit_code(solution)
-    print(summary_text(summary, out))
+    print(summary_text(summary, out, scene=solution.scene))
     print(joints_text(carrier.name, found.report.asdict()))
     rows = [] if source is None else [("demonstration", f"{source} of {wanted.library}")]
     rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
