@@ -30,6 +30,7 @@ Array = NDArray[np.float64]
 SLOPE = 0.5  # by which the required distance grows per displacement: a body leaves at 30 degrees or more
 TOLERANCE = 1e-4  # m, of drawings, by which a body may be in its support, and its distance may shrink
 SPARE = 0.05  # by which a direction must be steeper than `SLOPE`, so that a motion along it can be certified
+PASSABLE = 0.01  # m, beyond twice the clearance, by which a slot is wide enough to be left
 PROVABLE_END = 1e-9  # of the workspace, and of a metre, that an end keeps beyond the clearance asked for
 REFINED, PROBE = 4, 1e-4  # rounds in which a direction is improved, by differences of distances over this step [m]
 
@@ -213,19 +214,17 @@ def _require_way(scene: Scene, end: str, rests: list[Rest]) -> None:
     steepest = min(float(rest.normal @ lift_direction(rests)) for rest in rests)
     if steepest >= SLOPE + SPARE:
         return
-    nearest = min(rest.distance for rest in rests)
     names = [scene.name_of(rest.obstacle) for rest in rests]
-    last = max(rests, key=lambda rest: rest.distance)
-    moved = _written(scene, -(scene.clearance - last.distance + TOLERANCE) * last.normal)
-    way_out = f"move {scene.name_of(last.obstacle)} by {moved} m"
-    if nearest > 2 * TOLERANCE:
-        way_out += f", or ask for less by limits: {{clearance: {0.9 * nearest:.2g}}}"
+    opposed = min(combinations(rests, 2), key=lambda pair: float(pair[0].normal @ pair[1].normal))
+    last = max(opposed, key=lambda rest: rest.distance)
+    wide = 2 * scene.clearance + PASSABLE - sum(rest.distance for rest in opposed)
+    moved = _written(scene, -wide * last.normal)
     raise SceneError(
         f"at the {end} the load or a hand is within {scene.clearance:g} m of {', '.join(names[:-1])} and {names[-1]}, "
         "and no direction leaves all of them",
         file=scene.path,
         key=f"manipulators.{end}",
-        way_out=way_out,
+        way_out=f"move {scene.name_of(last.obstacle)} by {moved} m",
     )
 
 
