@@ -83,8 +83,12 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
             "jerk": _limit(limits.jerk, "m/s^3"),
         }
     rows = [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
-    if report.get("support_distance_min") is not None:  # they recede: the bound is none of the distance from them
-        rows = [(n, f"{said}, off its supports" if n == "clearance" else said, want) for n, said, want in rows]
+    if (
+        report.get("support_distance_min") is not None
+    ):  # they recede: the bound is none of the distance from them
+        rows = [
+            (n, f"{said}, off its supports" if n == "clearance" else said, want) for n, said, want in rows
+        ]
     rows += [("rests on", words, "") for words in supports]
     if asked.get("jerk") and not any(name == "jerk" for name, *_ in rows):
         rows.append(("jerk", "not measured: executions are not bound by it", asked["jerk"]))

@@ -32,7 +32,10 @@ TOLERANCE = 1e-4  # m, of drawings, by which a body may be in its support, and i
 SPARE = 0.05  # by which a direction must be steeper than `SLOPE`, so that a motion along it can be certified
 PASSABLE = 0.01  # m, beyond twice the clearance, by which a slot is wide enough to be left
 PROVABLE_END = 1e-9  # of the workspace, and of a metre, that an end keeps beyond the clearance asked for
-REFINED, PROBE = 4, 1e-4  # rounds in which a direction is improved, by differences of distances over this step [m]
+REFINED, PROBE = (
+    4,
+    1e-4,
+)  # rounds in which a direction is improved, by differences of distances over this step [m]
 
 
 class Rest(NamedTuple):
@@ -154,7 +157,7 @@ def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
     where, name = f"manipulators.{end}", scene.name_of(obstacle)
     apart = scene.distance_from(obstacle, nodes, -far * normal)
     is_single = apart >= scene.clearance + 0.5 * TOLERANCE
-    if distance < -TOLERANCE:
+    if distance < -TOLERANCE - provable(scene):
         by = f"by {_written(scene, -distance * normal)} m" if is_single else f"out of {name}"
         raise SceneError(
             f"at the {end} the load or a hand is {-distance:.3g} m deep in {name}, which supports it "
@@ -185,7 +188,9 @@ def _normal(scene: Scene, obstacle: int, nodes: Array, far: float) -> Array:
         return scene.distance_from(obstacle, nodes, -far * way)
 
     row = scene.obstacles[scene.first_rows[obstacle]]
-    turn = matrices(np.array(getattr(scene.file.obstacles[obstacle], "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
+    turn = matrices(
+        np.array(getattr(scene.file.obstacles[obstacle], "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)))
+    )
     axes = [np.eye(3), turn.T, row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3).T]
     axes += [nodes[own[[1, 2, 4]]] - nodes[own[0]] for own in scene.body.solids[:, :5]]
     axes += [nodes[scene.body.edges[:, 1]] - nodes[scene.body.edges[:, 0]]]
@@ -198,7 +203,8 @@ def _normal(scene: Scene, obstacle: int, nodes: Array, far: float) -> Array:
     steps = PROBE * np.eye(3)[: scene.n_dims]
     for _ in range(REFINED):
         ahead, back = (
-            [scene.distance_from(obstacle, nodes, -far * best - sign * step) for step in steps] for sign in (1, -1)
+            [scene.distance_from(obstacle, nodes, -far * best - sign * step) for step in steps]
+            for sign in (1, -1)
         )
         slope = np.zeros(3)
         slope[: scene.n_dims] = np.subtract(ahead, back)

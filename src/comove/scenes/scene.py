@@ -171,7 +171,9 @@ class Scene:
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
                 way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
-                    way_out += f"; if it holds the load at the {end}, write support: true in obstacles[{obstacle}]"
+                    way_out += (
+                        f"; if it holds the load at the {end}, write support: true in obstacles[{obstacle}]"
+                    )
                 raise SceneError(
                     f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
                     file=self.path,

@@ -270,7 +270,9 @@ class ConvexProgramme:
         least = np.empty(self.load.n_owners + 2)
         offsets = self.offsets
         if self.scene.rests:
-            receded = recessions(self.scene, nodes, float(need[0]) - self.scene.clearance)[:, self.scene.owners]
+            receded = recessions(self.scene, nodes, float(need[0]) - self.scene.clearance)[
+                :, self.scene.owners
+            ]
             offsets = receded + (offsets if len(offsets) else 0.0)
             offsets.setflags(write=False)
         n = find_contacts(self.load, nodes, offsets, cutoff, self._found, least)
