@@ -1,4 +1,4 @@
-"""The certificate of motions that begin and end in contact, against distances that are sampled from the file alone."""
+"""The certificate of motions that begin and end in contact, against distances sampled from the file alone."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ FINE = np.linspace(0.0, 1.0, 4001)
 
 
 def sampled(scene, motion, parts=0):
-    """Distances of the box from every obstacle [m], and its displacements from start and goal [m]: from the file alone.
+    """Distances of the box from every obstacle, and its displacements from start and goal [m], from the file alone.
 
     Over a table the corners of a box are nearest; beside other boxes, one of the `parts` of its edges.
     """

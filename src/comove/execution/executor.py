@@ -421,8 +421,13 @@ class Executor:
         if now >= plan.ends:
             return "" if self.arrived else "its end is past"
         expected, scene = self.observer.predict(now), plan.motion.scene
-        known = {"motions": expected.motions, "kept_rests": scene.rests}
-        scene = replace(scene, obstacles=expected.obstacles, owners=expected.owners, **known)
+        scene = replace(
+            scene,
+            obstacles=expected.obstacles,
+            owners=expected.owners,
+            motions=expected.motions,
+            kept_rests=scene.rests,
+        )
         ahead = certify(replace(plan.motion, scene=scene), since=(now - plan.begins) / scene.duration)
         if ahead.lower < scene.clearance:
             return f"{scene.name_of(ahead.nearest)} would come too near at {plan.begins + ahead.time:.2f} s"

@@ -111,7 +111,7 @@ def configuration_space(
 
 
 def lifted(scene: Scene, space: Space, q: Array, end: str, margin: float) -> Array:
-    """Return the configuration of an end, moved off its supports until the body keeps `margin` beyond the clearance [m].
+    """Return the configuration of an end, lifted off its supports to a `margin` [m] beyond the clearance.
 
     Where other obstacles are nearer, it is the one with most clearance on the way; the end itself where it rests on
     nothing. Paths are planned from there, as the clearance is kept throughout a path.

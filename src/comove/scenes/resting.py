@@ -1,12 +1,15 @@
 """Resting contacts: a payload that lies on an obstacle, or within the clearance of it, at its start or its goal.
 
 An obstacle with `support: true` may be nearer at an end than the clearance c, down to contact. Let d be its distance
-there, n the direction in which the body leaves it, and u the largest displacement of any node from that end. At every
-instant the body must then keep c from the obstacle *receded* by ``r = max(0, c - d + TOLERANCE - SLOPE u)`` against n.
-As that moves no point by more than r, the true distance is at least ``min(c, d - TOLERANCE + SLOPE u)``: it never falls
-below what it was at the end, grows with every millimetre that the body moves, and is the full clearance from
-``u = (c - d + TOLERANCE) / SLOPE`` on. The rule depends on poses alone, not on time, so pauses, retiming and pushes do
-not change it. All other pairs keep the full clearance.
+there, n the direction in which the body leaves it, and u the largest displacement of any node from that end. At
+every instant the body must then keep c from the obstacle *receded* against n by
+
+    r = max(0, c - d + TOLERANCE - SLOPE u).
+
+As that moves no point of the obstacle by more than r, the true distance is at least ``min(c, d - TOLERANCE + SLOPE
+u)``: never below what it was at the end, growing with every millimetre that the body moves, and the full clearance
+from ``u = (c - d + TOLERANCE) / SLOPE`` on. The rule depends on poses alone, not on time, so pauses, retiming and
+pushes do not change it. All other pairs keep the full clearance.
 """
 
 from __future__ import annotations
@@ -226,8 +229,8 @@ def _require_way(scene: Scene, end: str, rests: list[Rest]) -> None:
     wide = 2 * scene.clearance + PASSABLE - sum(rest.distance for rest in opposed)
     moved = _written(scene, -wide * last.normal)
     raise SceneError(
-        f"at the {end} the load or a hand is within {scene.clearance:g} m of {', '.join(names[:-1])} and {names[-1]}, "
-        "and no direction leaves all of them",
+        f"at the {end} the load or a hand is within {scene.clearance:g} m of {', '.join(names[:-1])} and "
+        f"{names[-1]}, and no direction leaves all of them",
         file=scene.path,
         key=f"manipulators.{end}",
         way_out=f"move {scene.name_of(last.obstacle)} by {moved} m",

@@ -184,7 +184,8 @@ class Scene:
         idle = [i for i, obstacle in enumerate(self.file.obstacles) if obstacle.support and i not in held]
         if idle:
             warnings.warn(
-                f"{', '.join(map(self.name_of, idle))} holds the load at neither start nor goal: support has no effect",
+                f"{', '.join(map(self.name_of, idle))} holds the load at neither start nor goal: support has no "
+                "effect",
                 ComoveWarning,
                 stacklevel=3,
             )
@@ -548,7 +549,7 @@ class Scene:
     def _nearest(
         self, nodes: Array, offsets: Array, among: Collection[int] | None, lower: Array, upper: Array
     ) -> tuple[float, int]:
-        """Return what `nearest_at` returns for obstacles displaced by `offsets`, (n_obstacles, 3), in a workspace [m]."""
+        """Return the result of `nearest_at` for obstacles displaced by `offsets`, (n_obstacles, 3) [m]."""
         body, own = self.body, self.convex_rows
         rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
         table = self.obstacles[rows]

@@ -197,8 +197,8 @@ def note_contacts(
     for i in touching:
         pair = (int(pairs[i].min()), int(pairs[i].max()))
         if under and depths[i] <= SETTLED:
-            first, second = world.names_of(pair)
-            if first.startswith(THE_LOAD) and second.split(" part ")[0] in under:
+            body, support = world.names_of(pair)
+            if body.startswith(THE_LOAD) and support.split(" part ")[0] in under:
                 continue
         first, deepest = found.get(pair, (float(time), 0.0))
         found[pair] = first, max(deepest, float(depths[i]))

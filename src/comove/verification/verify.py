@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import InitVar, asdict, dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -213,9 +213,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
     return Verdict(verified, report, tuple(reasons))
 
 
-def support_measures(
-    scene: Scene, nodes: Array, lower: float, time: Array | None = None
-) -> dict[str, float | None]:
+def support_measures(scene: Scene, nodes: Array, lower: float, time: Array | None = None) -> dict[str, Any]:
     """Return the measures of a `Report` that tell of supports; empty where the scene has no resting contact.
 
     Parameters
@@ -228,7 +226,7 @@ def support_measures(
         return {}
     time = np.linspace(0.0, scene.duration, len(nodes)) if time is None else time
     least = min(rest.distance for rest in scene.rests) - TOLERANCE + min(0.0, lower - scene.clearance)
-    found: dict[str, float | None] = {"support_distance_min": least}
+    found: dict[str, Any] = {"support_distance_min": least}
     travel = np.linalg.norm(np.diff(nodes, axis=0), axis=-1).max(axis=1)
     step = np.maximum(np.append(travel, 0.0), np.append(0.0, travel))
     for rest in scene.rests:
@@ -237,10 +235,10 @@ def support_measures(
             continue
         if rest.end == "start":
             last = float(time[min(int(near[-1]) + 1, len(time) - 1)])
-            found["support_left"] = max(last, found.get("support_left") or 0.0)
+            found["support_left"] = max(last, found.get("support_left", 0.0))
         else:
             first = float(time[max(int(near[0]) - 1, 0)])
-            found["support_met"] = min(first, found.get("support_met") or np.inf)
+            found["support_met"] = min(first, found.get("support_met", np.inf))
     return found
 
 
