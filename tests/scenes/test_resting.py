@@ -64,7 +64,7 @@ def test_a_payload_rests_on_its_support_at_both_ends(above):
 
 
 def test_what_is_clear_of_its_support_rests_on_nothing():
-    with pytest.warns(ComoveWarning, match="table .box. holds the load at neither start nor goal"):
+    with pytest.warns(ComoveWarning, match="table .box. supports the payload at neither start nor goal"):
         assert Scene.from_dict(tray(0.0651)).rests == ()
     assert [rest.end for rest in Scene.from_dict(tray(goal=0.2)).rests] == ["start"]
 
@@ -88,7 +88,7 @@ def test_scenes_without_supports_keep_their_checksum():
 
 
 def test_a_moving_support_is_refused():
-    with pytest.raises(SceneError, match="it moves, and so it cannot support the load"):
+    with pytest.raises(SceneError, match="it moves, so no payload can rest on it"):
         Scene.from_dict(tray(motion={"velocity": [0, 0, 0.1]}))
 
 
@@ -132,7 +132,7 @@ def test_a_corner_can_be_left_and_a_slot_cannot():
     name, by = re.fullmatch(r"move (\w+) \(box\) by \[(.*)\] m", caught.value.way_out).groups()
     moved = next(obstacle for obstacle in data["obstacles"] if obstacle["name"] == name)
     moved["center"] = (np.array(moved["center"]) + [float(x) for x in by.split(",")]).tolist()
-    with pytest.warns(ComoveWarning, match="support has no effect"):
+    with pytest.warns(ComoveWarning, match="the key has no effect"):
         assert {rest.obstacle for rest in Scene.from_dict(data).rests} == {0, 1}
 
 

@@ -220,8 +220,7 @@ def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
     first = np.unique(owners, return_index=True)[1]
     moves = np.linalg.norm(seen.velocity, axis=1) > STILL
     motions = tuple(Turning(seen.velocity[i], turn[i], time) if moves[i] else None for i in first)
-    rests = scene.rests  # as they are known, not as they are seen
-    return replace(scene, obstacles=seen.table, owners=owners, motions=motions, kept_rests=rests)
+    return replace(scene, obstacles=seen.table, owners=owners, motions=motions)
 
 
 def _place(motion: ObstacleMotion, center: Array, n_dims: int, time: float) -> Array:

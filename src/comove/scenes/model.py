@@ -106,14 +106,14 @@ class _Obstacle(Sparse):
     name: Name | None = None
     motion: Motion | None = None
     support: bool | None = None
-    """Whether the load may rest on it at start and goal; see `comove.scenes.resting`."""
+    """Whether the payload may rest on it at start and goal; see `comove.scenes.resting`."""
 
     @model_validator(mode="after")
     def _supports_at_rest(self) -> _Obstacle:
         if self.support is False:
             object.__setattr__(self, "support", None)
         if self.support and self.motion is not None:
-            raise Wrong("it moves, and so it cannot support the load", "leave out one of support and motion")
+            raise Wrong("it moves, so no payload can rest on it", "leave out one of support and motion")
         return self
 
 

@@ -150,6 +150,31 @@ def lift_direction(rests: list[Rest]) -> Array:
     return best
 
 
+def require_no_rest(scene: Scene) -> None:
+    """Refuse resting contacts for motions that are made step by step.
+
+    Raises
+    ------
+    SceneError
+        If the scene has any; it says where start and goal would have to be.
+    """
+    told = []
+    for end in ENDS:
+        rests = [rest for rest in scene.rests if rest.end == end]
+        if rests:
+            way = lift_direction(rests)
+            high = max(rest.relief(scene.clearance) / float(rest.normal @ way) for rest in rests)
+            told.append(f"the {end} of every manipulator by {_written(scene, high * way)} m")
+    if told:
+        raise SceneError(
+            f"the payload rests on {scene.name_of(scene.rests[0].obstacle)}, and a motion that is made step by step "
+            f"keeps {scene.clearance:g} m of clearance from the start on",
+            file=scene.path,
+            key=f"obstacles[{scene.rests[0].obstacle}].support",
+            way_out=f"move {' and '.join(told)}, or plan all of it: comove solve",
+        )
+
+
 def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
     """Return the contact of one end with a support, None where the support is clear of it."""
     distance = scene.distance_from(obstacle, nodes)
@@ -163,7 +188,7 @@ def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
     if distance < -TOLERANCE - provable(scene):
         by = f"by {_written(scene, -distance * normal)} m" if is_single else f"out of {name}"
         raise SceneError(
-            f"at the {end} the load or a hand is {-distance:.3g} m deep in {name}, which supports it "
+            f"at the {end} the payload or an end effector is {-distance:.3g} m deep in {name}, which supports it "
             f"({TOLERANCE:g} m is allowed)",
             file=scene.path,
             key=where,
@@ -171,8 +196,8 @@ def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
         )
     if not is_single:
         raise SceneError(
-            f"at the {end} the load or a hand is within {scene.clearance:g} m of {name} on several sides, so that no "
-            "straight way leaves it",
+            f"at the {end} the payload or an end effector is within {scene.clearance:g} m of {name} on several sides, "
+            "so that no straight way leaves it",
             file=scene.path,
             key=where,
             way_out=f"move the {end}, or divide {name} into convex obstacles",
@@ -229,7 +254,7 @@ def _require_way(scene: Scene, end: str, rests: list[Rest]) -> None:
     wide = 2 * scene.clearance + PASSABLE - sum(rest.distance for rest in opposed)
     moved = _written(scene, -wide * last.normal)
     raise SceneError(
-        f"at the {end} the load or a hand is within {scene.clearance:g} m of {', '.join(names[:-1])} and "
+        f"at the {end} the payload or an end effector is within {scene.clearance:g} m of {', '.join(names[:-1])} and "
         f"{names[-1]}, and no direction leaves all of them",
         file=scene.path,
         key=f"manipulators.{end}",

@@ -80,7 +80,6 @@ class Scene:
     surfaces : triangles of the obstacles that are meshes, for certified distances
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
-    kept_rests : resting contacts of the movement that this scene goes on from, None where it begins at its start
     """
 
     __repr__ = brief
@@ -103,7 +102,6 @@ class Scene:
     surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
     excess: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
-    kept_rests: tuple[Rest, ...] | None = None
 
     @classmethod
     def load(
@@ -171,9 +169,7 @@ class Scene:
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
                 way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
-                    way_out += (
-                        f"; if it holds the load at the {end}, write support: true in obstacles[{obstacle}]"
-                    )
+                    way_out += f"; if the payload rests on it, write support: true in obstacles[{obstacle}]"
                 raise SceneError(
                     f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
                     file=self.path,
@@ -184,8 +180,8 @@ class Scene:
         idle = [i for i, obstacle in enumerate(self.file.obstacles) if obstacle.support and i not in held]
         if idle:
             warnings.warn(
-                f"{', '.join(map(self.name_of, idle))} holds the load at neither start nor goal: support has no "
-                "effect",
+                f"{', '.join(map(self.name_of, idle))} supports the payload at neither start nor goal: the key has "
+                "no effect",
                 ComoveWarning,
                 stacklevel=3,
             )
@@ -206,8 +202,7 @@ class Scene:
             replace(group, start=start, start_twist=twist * duration)
             for group, start, twist in zip(self.groups, starts, twists, strict=True)
         )
-        timed = self.timed(duration)
-        later = replace(timed, groups=groups, begins=self.begins + time, kept_rests=self.rests)
+        later = replace(self.timed(duration), groups=groups, begins=self.begins + time)
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
@@ -234,9 +229,6 @@ class Scene:
             owners=owners,
             surfaces=self.surfaces.among(kept, rows),
             motions=(None,) * len(obstacles),
-            kept_rests=tuple(
-                rest._replace(obstacle=int(np.searchsorted(kept, rest.obstacle))) for rest in self.rests
-            ),
         )
         return stands._changed(obstacles=tuple(obstacles))
 
@@ -332,14 +324,14 @@ class Scene:
 
     @cached_property
     def rests(self) -> tuple[Rest, ...]:
-        """Return the contacts in which supports hold the load at start and goal.
+        """Return the contacts in which supports hold the payload at start and goal.
 
         Raises
         ------
         SceneError
-            If the load is too deep in a support, or could not leave its supports.
+            If the payload is too deep in a support, or could not leave its supports.
         """
-        return rests_of(self) if self.kept_rests is None else self.kept_rests
+        return rests_of(self)
 
     @cached_property
     def centers(self) -> Array:
@@ -508,7 +500,7 @@ class Scene:
     def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
         """Return the clearance [m] of one configuration at an instant and the name of the nearest obstacle.
 
-        Supports recede from a load that rests on them; see `comove.scenes.resting`.
+        Supports recede from a payload that rests on them; see `comove.scenes.resting`.
 
         Parameters
         ----------

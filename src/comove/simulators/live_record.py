@@ -25,7 +25,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion, approach_shares
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, distances
-from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of, supports_under
+from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of
 from comove.simulators.playback import work_geometry
 from comove.ties import first_least
 
@@ -276,9 +276,6 @@ def _clearances(
             distance = np.array(
                 [pin.computeDistance(geometry, placed, k).min_distance for k in range(len(pairs))]
             )
-            under = supports_under(record.scene, load, poses[step])
-            if under:  # it may touch what it rests on
-                distance[[k for k, (a, b) in enumerate(pairs) if a in parts and names[b] in under]] = np.inf
             for kind in range(3):
                 numbers = np.flatnonzero(kinds == kind)
                 if len(numbers) and distance[numbers].min() < least[kind]:

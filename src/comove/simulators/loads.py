@@ -26,7 +26,7 @@ from comove.ties import first_largest
 Array = NDArray[np.float64]
 
 THINNEST = 0.004  # m, radius of rods that state none
-SETTLED = 1e-3  # m, by which a load may be in what it rests on: servos give way, and so do contacts
+SETTLED = 1e-3  # m, by which a payload may be in its support: servos give way, and so do contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,7 +222,7 @@ def points_of(poses: Array, points: Array) -> Array:
 
 
 def supports_under(scene: Scene, load: Load | None, pose: Array) -> set[str]:
-    """Return the names of the obstacles on which a load in some pose, array of shape (4, 4), may rest.
+    """Return the names of the supports on which a payload in some pose, array of shape (4, 4), may rest.
 
     It may within the displacement from start or goal for which the scene requires less than the full clearance.
     """

@@ -104,7 +104,7 @@ def _contacts(
 ) -> tuple[Contact, ...]:
     """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands.
 
-    A load that rests on a support touches it, up to `SETTLED` deep.
+    A payload that rests on a support touches it, up to `SETTLED` deep.
     """
     geometry, names, moved = work_geometry(robot, scene, load)
     data, state = robot.model.createData(), geometry.createData()

@@ -189,7 +189,7 @@ def note_contacts(
 ) -> None:
     """Update the time of the first contact and the largest depth of every watched pair that touches.
 
-    A load that rests on a support touches it, up to `SETTLED` deep.
+    A payload that rests on a support touches it, up to `SETTLED` deep.
     """
     pairs, depths = data.contact.geom, -data.contact.dist
     touching = np.flatnonzero(world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0))

@@ -22,8 +22,8 @@ obstacle, ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.geometry.solids
 are not clear enough are halved. The same holds for a hull: its reach along n is the largest of functions linear in
 time, and so convex in time.
 
-A support recedes from a load that rests on it (`comove.scenes.resting`): it is an obstacle that moves, whose sagitta
-bounds how far it is ahead of where it may be.
+A support recedes from a payload that rests on it (`comove.scenes.resting`): it is an obstacle that moves, whose
+sagitta bounds how far it is ahead of where it may be.
 
 An obstacle that is a mesh is represented by its triangles (`comove.geometry.surfaces`). Every part of the body is a
 convex hull of nodes, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes skips
@@ -178,7 +178,7 @@ def certify_curve(
 
 
 def _receded(scene: Scene, curve: CurveArrays, paths: Paths) -> Paths:
-    """Return the paths of obstacles where supports recede from a load that rests on them."""
+    """Return the paths of obstacles where supports recede from a payload that rests on them."""
     moved = recessions(scene, curve.nodes)
     sagitta = scene.by_row(recession_sagittas(scene, curve.nodes, curve.deviation, moved))
     if not len(paths.offset):

@@ -227,7 +227,7 @@ def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: Ver
     clearance, near, reasons = motion.report.clearance_min, motion.report.support_distance_min, []
     if off > 0 and near is not None and not near - off >= -2 * TOLERANCE:
         reasons.append(
-            f"the load comes within {max(near, 0.0):.3g} m of what it rests on, and hands may be off by {off:.3g} m "
+            f"the payload comes within {max(near, 0.0):.3g} m of its support, and hands may be off by {off:.3g} m "
             "because of where the bases stand; raise start and goal by that, or measure the bases more exactly"
         )
     if off > 0 and not clearance - off >= 0:
