@@ -196,8 +196,8 @@ def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
         )
     if not is_single:
         raise SceneError(
-            f"at the {end} the payload or an end effector is within {scene.clearance:g} m of {name} on several sides, "
-            "so that no straight way leaves it",
+            f"at the {end} the payload or an end effector is within {scene.clearance:g} m of {name} on several "
+            "sides, so that no straight way leaves it",
             file=scene.path,
             key=where,
             way_out=f"move the {end}, or divide {name} into convex obstacles",
