@@ -19,6 +19,9 @@ ROUNDING = 1e-12
 
 _MOTION: tuple[_Described, ...] = (
     ("clearance", "clearance_min", "{:.4g} mm at least, at every instant", 1e3),
+    ("distance from supports", "support_distance_min", "{:.3g} mm at least, near start and goal", 1e3),
+    ("supports of the start", "support_left", "full clearance from {:.3g} s on", 1.0),
+    ("supports of the goal", "support_met", "full clearance until {:.3g} s", 1.0),
     ("speed", "speed_max", "{:.4g} m/s at most", 1.0),
     ("acceleration", "acceleration_max", "{:.4g} m/s^2 at most", 1.0),
     ("jerk", "jerk_max", "{:.4g} m/s^3 at most", 1.0),
@@ -72,6 +75,7 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
     ----------
     report : measures by their names in `comove.verification.verify.Report`, and `duration` [s]
     """
+    supports = [] if scene is None else support_words(scene)
     asked: dict[str, str] = {}
     if scene is not None:
         limits = scene.file.limits
@@ -82,9 +86,28 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
             "jerk": _limit(limits.jerk, "m/s^3"),
         }
     rows = [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+    if (
+        report.get("support_distance_min") is not None
+    ):  # they recede: the bound is none of the distance from them
+        rows = [
+            (n, f"{said}, off its supports" if n == "clearance" else said, want) for n, said, want in rows
+        ]
+    rows += [("rests on", words, "") for words in supports]
     if asked.get("jerk") and not any(name == "jerk" for name, *_ in rows):
         rows.append(("jerk", "not measured: executions are not bound by it", asked["jerk"]))
     return rows
+
+
+def support_words(scene: Scene) -> list[str]:
+    """Return the resting contacts of a scene, and where they end, in words."""
+    told = []
+    for rest in scene.rests:
+        along = ", ".join(f"{x:.3g}" for x in rest.normal[: scene.n_dims] + 0.0)
+        told.append(
+            f"{scene.name_of(rest.obstacle)} at the {rest.end}, {1e3 * beyond_rounding(rest.distance):.3g} mm apart; "
+            f"full clearance beyond {1e3 * rest.reach(scene.clearance):.3g} mm of displacement, along [{along}]"
+        )
+    return told
 
 
 def joint_rows(report: Mapping[str, Any]) -> list[Row]:
