@@ -11,6 +11,7 @@ from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words
 from comove.cli.texts import say
 from comove.errors import ComoveError, InputError, OptionError, RobotError
+from comove.methods import OF_ROBOTS
 
 if TYPE_CHECKING:
     from comove.robots import Robot
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from comove.simulators.live_record import OnlineRecord
 
 RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
-METHODS = ("comove", "paper", "task-priority")
 LEAST_RATE, USUAL_RATE, LARGEST_RATE = 50.0, 250.0, 500.0  # Hz, of control steps
 
 
@@ -102,7 +102,7 @@ def solve_joints(
     from comove.robots import carry
     from comove.robots.kernels import load_robot_kernels
 
-    chosen = o.method_named(wanted.method, METHODS)
+    chosen = o.method_named(wanted.method, OF_ROBOTS)
     smooth = wanted.method == "comove"
     o.check_budget(budget)
     check_target(out, RESULT)

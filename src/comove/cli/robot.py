@@ -10,9 +10,9 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
-from comove.cli.joints import METHODS
 from comove.cli.texts import say
 from comove.errors import ComoveError, OptionError, ResultError, RobotError
+from comove.methods import OF_ROBOTS
 
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
@@ -32,7 +32,7 @@ def solve(
     out: o.ResultFolder,
     robot: RobotName = None,
     seed: o.Seed = 0,
-    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join(OF_ROBOTS)}.")] = "comove",
     budget: o.Budget = 30.0,
     objective: Annotated[
         str | None,

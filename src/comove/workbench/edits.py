@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_of_rotation, quaternion_product
+from comove.methods import OWN
+from comove.planning.objectives import OBJECTIVES as AIMS
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Contents = dict[str, Any]
 
 DIGITS = 6  # of metres that are written: a micrometre
-METHODS = ("comove", "projection", "paper", "printed")
-OBJECTIVES = ("as the scene says", "least_jerk", "least_time", "paper")
+OBJECTIVES = ("as the scene says", *AIMS)
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,14 @@ class Draft:
     Attributes
     ----------
     contents : contents of the scene file; never changed in place
-    method, objective : names from `METHODS` and `OBJECTIVES`
+    method, objective : names from `comove.methods.OWN` and `OBJECTIVES`
     resemblance : how near to the demonstration, from 0 to 1; None leaves it to the scene
     seed : seed of all random numbers
     taught : movement that was shown in the page, rows of time [s] and position [m]; None leaves it to the scene
     """
 
     contents: Contents
-    method: str = METHODS[0]
+    method: str = OWN[0]
     objective: str = OBJECTIVES[0]
     resemblance: float | None = None
     seed: int = 0
@@ -48,7 +49,7 @@ class Draft:
 
     def __post_init__(self) -> None:
         for value, known, key in (
-            (self.method, METHODS, "method"),
+            (self.method, OWN, "method"),
             (self.objective, OBJECTIVES, "objective"),
         ):
             if value not in known:

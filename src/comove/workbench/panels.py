@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.methods import OWN
 from comove.scenes.scene import Scene
 from comove.views.style import COLOURS
-from comove.workbench.edits import METHODS, OBJECTIVES, Draft
+from comove.workbench.edits import OBJECTIVES, Draft
 from comove.workbench.playback import RecordedMotion
 
 Array = NDArray[np.float64]
@@ -102,7 +103,7 @@ class Panels:
             ("bar", "length of the bar [m]", 100.0, 0.005),
         ):
             self._add(name, gui.add_number(label, 0.0, min=0.0, max=most, step=step))
-        self._add("method", gui.add_dropdown("method", METHODS, initial_value=METHODS[0]))
+        self._add("method", gui.add_dropdown("method", OWN, initial_value=OWN[0]))
         self._add("objective", gui.add_dropdown("objective", OBJECTIVES, initial_value=OBJECTIVES[0]))
         self._add("resemblance", gui.add_slider("resemblance", 0.0, 1.0, 0.05, 0.7))
         self._button("undo", "Undo")
