@@ -103,7 +103,7 @@ def solve(
     from comove.results import RESULT
     from comove.scenes import Scene
 
-    o.require_one_of(method, METHODS, "method")
+    o.require_one_of(method, tuple(METHODS), "method")
     o.check_budget(budget)
     smooth = method == "comove" and not no_planner and obstacles is ObstacleMode.constraint
     if limits.duration is not None and objective == "least-time":
