@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from comove.primitives import Primitive
 
 HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
-PICTURES = ("motion.png", "progress.png")
+DRAWN = (".png", ".gif", ".mp4")
 RAN_OUT = "ran out while the motion was improved: a larger --budget may find a better one"
 
 
@@ -48,6 +48,17 @@ def listed(reasons: Iterable[str]) -> list[str]:
 def events_of(summary: Mapping[str, Any]) -> list[str]:
     """Return a line for each event of a run."""
     return [f"  {event['time']:6.2f} s  {printable(str(event['what']))}" for event in summary["events"]]
+
+
+def pictures_in(folder: Path) -> list[Path]:
+    """Return the pictures and films in a folder."""
+    return sorted(path for path in folder.glob("*") if path.suffix in DRAWN)
+
+
+def pictures_row(folder: Path, *names: str) -> list[tuple[str, str]]:
+    """Return a row of the pictures and films of these names that are in a folder; none where there are none."""
+    found = ", ".join(str(path) for path in pictures_in(folder) if path.stem in names)
+    return [("pictures", found)] if found else []
 
 
 def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
@@ -88,7 +99,7 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
             f"{wall} s in total",
         ),
         *([("time budget", RAN_OUT)] if summary.get("timed_out") and summary.get("verified") is True else []),
-        ("pictures", ", ".join(str(folder / name) for name in PICTURES)),
+        *pictures_row(folder, "motion", "progress"),
     ]
     head = printable(f"{summary.get('scene')}: {verdict}")
     return "\n".join([head, *listed(summary.get("reasons") or []), *in_rows(rows)])
@@ -116,10 +127,12 @@ def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "")
 
     verdict = verdict or ("delivered" if summary["delivered"] else "NOT DELIVERED")
     head = f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"
-    series = ("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}")
-    return "\n".join(
-        [printable(head), *listed(summary["reasons"]), *in_rows([*simulation_rows(summary), series])]
-    )
+    rows: list[Sequence[str]] = [
+        *simulation_rows(summary),
+        ("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}"),
+        *pictures_row(folder, "simulation"),
+    ]
+    return "\n".join([printable(head), *listed(summary["reasons"]), *in_rows(rows)])
 
 
 def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
@@ -133,6 +146,7 @@ def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") 
         ("control step", f"{median:.2f} ms, 99.9 % within {slowest:.2f} ms"),
         ("plans", str(summary["plans"])),
         ("record", f"{folder / 'robot_run.npz'}, {folder / 'robot_run.json'}"),
+        *pictures_row(folder, "robot_run", "joints"),
     ]
     head = f"{summary['scene']}, {summary['robot']}: {verdict}"
     return "\n".join([printable(head), *listed(summary["reasons"]), *events_of(summary), *in_rows(rows)])
@@ -156,7 +170,8 @@ def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str
             f"{summary['speed_max']:.4g} m/s, {summary['acceleration_max']:.4g} m/s^2 at most",
         ),
         ("control step", f"{median:.3g} ms, 99.9 % within {1e3 * summary['control_s_p999']:.3g} ms"),
-        ("record", f"{folder / 'run.npz'}, drawn in {folder / 'run.png'} and {folder / 'run.gif'}"),
+        ("record", str(folder / "run.npz")),
+        *pictures_row(folder, "run"),
     ]
     return "\n".join(
         [
