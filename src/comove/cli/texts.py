@@ -80,8 +80,9 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
         *motion_rows(summary),
     ]
     if smoothness := summary.get("smoothness"):
-        ratio = number(smoothness.get("jerk_ratio"))
-        rows.append(("integrated squared jerk", f"{ratio} times that of a straight minimum-jerk motion"))
+        if isinstance(ratio := smoothness.get("jerk_ratio"), (int, float)):
+            words = f"{number(math.sqrt(ratio))} times that of a straight minimum-jerk motion"
+            rows.append(("root mean square jerk", words))
         half, nearly = number(smoothness.get("halfway"), 100), number(smoothness.get("nearly_there"), 100)
         rows.append(("half, 95 % of the way", f"after {half} and {nearly} % of the time"))
     if near := summary.get("demonstration"):

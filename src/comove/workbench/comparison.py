@@ -60,6 +60,7 @@ class Comparison:
         self.close()
         self.chosen, self.stage, self._asked = choice, None, -1
         first.api.remove_by_name(BESIDE)
+        first.name("")
         self.panels.beside.content = ""
         if choice in OWN:
             self._ask_method(first, draft, folder)
@@ -94,6 +95,8 @@ class Comparison:
             self.stage.draw_robot(*drawn.robot)
         if drawn.recording is not None:
             self.stage.draw_motion(drawn.recording, pale=drawn.pale)
+        first.name("shown now")
+        self.stage.name("held" if self.chosen == HELD else self.chosen)
 
     def _ask(self, draft: Draft, folder: Path, item: Item | None = None) -> None:
         if self._link is None or self._link.folder != folder:

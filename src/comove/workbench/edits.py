@@ -273,3 +273,64 @@ def _with_bar(contents: Contents, length: float) -> Contents:
         for hand, place in zip(pair, grown, strict=True):
             hand[end] = _written(place, 12)
     return contents
+
+
+SIZES = ("first size", "second size", "third size")
+"""Names of the controls of an obstacle's sizes; no shape has more."""
+_SIZES = {"size": "size", "radii": "semi-axis"}  # a list, with a value for each axis
+_LENGTHS = {"radius": "radius [m]", "length": "length [m]", "height": "height [m]", "scale": "scale"}
+
+
+def sizes_of(contents: Contents, obstacle: int) -> tuple[tuple[str, str, int | None, float], ...]:
+    """Return the sizes of an obstacle: label, key in the scene file, place in the list there, and value."""
+    entry = contents["obstacles"][obstacle]
+    found: list[tuple[str, str, int | None, float]] = []
+    for key, words in _SIZES.items():
+        values = enumerate(entry.get(key) or ())
+        found += [(f"{words} along {'xyz'[axis]} [m]", key, axis, value) for axis, value in values]
+    found += [(words, key, None, entry[key]) for key, words in _LENGTHS.items() if key in entry]
+    return tuple(found)
+
+
+def with_size(contents: Contents, obstacle: int, number: int, value: float) -> Contents:
+    """Return the contents with another size of an obstacle, by its number among `sizes_of`.
+
+    Raises
+    ------
+    OptionError
+        If there is no such size, or the value is not positive.
+    """
+    sizes = sizes_of(contents, obstacle)
+    positive = isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < math.inf
+    if not positive or number >= len(sizes):
+        raise OptionError(f"size = {value!r}", key="size", way_out="give a number above 0")
+    _, key, axis, _ = sizes[number]
+    contents = copy.deepcopy(contents)
+    entry = contents["obstacles"][obstacle]
+    if axis is None:
+        entry[key] = value
+    else:
+        entry[key][axis] = value
+    return contents
+
+
+def with_box(contents: Contents, share: float = 0.1) -> Contents:
+    """Return the contents with one more box, in the middle of the workspace.
+
+    Parameters
+    ----------
+    share : its edges, as a share of the longest side of the workspace
+    """
+    low, high = (np.array(contents["workspace"][end], dtype=float) for end in ("lower", "upper"))
+    names = {obstacle.get("name") for obstacle in contents["obstacles"]}
+    name = next(name for i in range(1, len(names) + 2) if (name := f"box_{i}") not in names)
+    edge = round(share * float((high - low).max()), DIGITS)
+    box = {"shape": "box", "name": name, "center": _written(0.5 * (low + high)), "size": [edge] * len(low)}
+    turn = {"rotation_deg": 0.0} if len(low) == 2 else {"quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    return contents | {"obstacles": [*contents["obstacles"], box | turn]}
+
+
+def without_obstacle(contents: Contents, obstacle: int) -> Contents:
+    """Return the contents without an obstacle."""
+    kept = [entry for i, entry in enumerate(contents["obstacles"]) if i != obstacle]
+    return contents | {"obstacles": kept}

@@ -141,6 +141,14 @@ class Stage:
             for i, surface in enumerate(obstacle_surfaces(self.scene, self.sizes))
         ]
 
+    def name(self, text: str) -> None:
+        """Write a name above the scene, or take it away where it is empty."""
+        self.api.remove_by_name(f"{self.prefix}/name")
+        if text:
+            top, upwards = _middle(self.scene), self.scene.n_dims - 1
+            top[upwards] += 0.55 * float(_size(self.scene)[upwards])
+            self.api.add_label(f"{self.prefix}/name", text, position=tuple(top), anchor="bottom-center")
+
     def draw_robot(self, bodies: Sequence[LinkSurface], home: Array) -> None:
         """Draw a robot.
 
