@@ -135,7 +135,8 @@ def run(
             animate_run(record, draft / "run.gif")
         if compared:
             save(draw_comparison(compared), draft / "comparison.png")
-            animate_comparison(compared, draft / "comparison.gif")
+            if film is not False:
+                animate_comparison(compared, draft / "comparison.gif")
             table = write_comparison(draft, compared, seed=seed)
         summary = write_run(
             draft,

@@ -195,8 +195,7 @@ def comparison_text(table: Mapping[str, Any], folder: Path) -> str:
             f"  {row['method']:24s}{1e3 * row['distance_error_max']:11.3f} mm{clearance:>14s}"
             f"{1e3 * row['end_error']:15.3f} mm{row['duration_s']:8.2f} s"
         )
-    pictures = f"{folder / 'comparison.png'} and {folder / 'comparison.gif'}"
-    return "\n".join([*lines, "", *in_rows([("side by side", pictures)])])
+    return "\n".join([*lines, "", *in_rows(pictures_row(folder, "comparison"))])
 
 
 def learned_text(primitive: Primitive) -> str:
