@@ -96,11 +96,15 @@ class Stage:
 
     @property
     def heading(self) -> float:
-        """Return the angle about the vertical axis at which the camera stands [rad]."""
+        """Return the angle about the vertical axis at which the camera stands, opposite to a robot [rad]."""
         if self.scene.n_dims == 2:
             return float(-0.5 * np.pi)
         way = (self.scene.goal - self.scene.start).mean(axis=0)
-        return float(np.arctan2(way[1], way[0]) - np.radians(62.0))
+        sides = float(np.arctan2(way[1], way[0])) + np.radians([-62.0, 62.0])
+        if self.robot is None:
+            return float(sides[0])
+        away = (_middle(self.scene) - self.robot[1][:, :3].mean(axis=0))[:2]
+        return float(sides[np.argmax(away @ [np.cos(sides), np.sin(sides)])])
 
     def draw_scene(self, demonstration: Array | None = None) -> None:
         """Draw workspace, obstacles, starts and goals.
