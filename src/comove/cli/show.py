@@ -26,7 +26,7 @@ def show(
 ) -> int:
     """Print the summary of a result, verified anew, and of its simulation, and name its pictures."""
     from comove.cli.progress import progress_bar
-    from comove.cli.texts import PICTURES, in_rows
+    from comove.cli.texts import in_rows, pictures_in
     from comove.results.inputs import command_again
     from comove.stored import Part, Verification, parts_of, verify_folder
 
@@ -55,8 +55,8 @@ def show(
     if again := command_again(folder):
         say(*in_rows([("made again, in the folder", again)]))
     if open_pictures:
-        for name in PICTURES:
-            typer.launch(str(folder / name))
+        for path in pictures_in(folder):
+            typer.launch(str(path))
     return code
 
 

@@ -450,6 +450,7 @@ class Executor:
                     seed=self.seed + 7 * self.n_steps + k,
                     method=method,
                     budget=budget,
+                    progress=False,
                 )
             left -= found.work
             self.log.evaluations += found.evaluations

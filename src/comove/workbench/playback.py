@@ -206,6 +206,11 @@ class Playback:
     proved: bool = True
     against: tuple[str, ...] = ()
 
+    @property
+    def told(self) -> str:
+        """Return the verdict, in capitals where it is no good one."""
+        return self.verdict if self.holds else self.verdict.upper()
+
 
 def playback_of_scene(scene: Scene) -> Playback:
     """Return a scene alone, with its robot at home where robots are installed."""

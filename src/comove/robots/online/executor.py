@@ -390,7 +390,8 @@ class JointExecutor:
 
     def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
         begun = clock.perf_counter()
-        found = carry(standing, self.robot, seed=self.seed, budget=Budget(work=self.settings.leisure))
+        budget = Budget(work=self.settings.leisure)
+        found = carry(standing, self.robot, seed=self.seed, budget=budget, progress=False)
         self.log.planning.append(clock.perf_counter() - begun)
         if found.motion is None:
             raise RobotError(
