@@ -92,8 +92,8 @@ def generate(
         print(_text(report))
         if running.dask is None:  # whoever asks others to run may lack what robots need
             for robot, arms in loaded.without_gripper.items():
-                for title, words, _ in gripper_rows(arms):
-                    print(f"  {title:14s} {robot}: {words}")
+                for title, said, _ in gripper_rows(arms):
+                    print(f"  {title:14s} {robot}: {said}")
         print(f"report: {path}")
         if sheet is not None:
             print(f"first episodes: {sheet}")
