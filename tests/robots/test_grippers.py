@@ -513,3 +513,13 @@ def test_commands_carry_a_gripper_into_the_result_and_say_where_there_is_none(tm
     done = invoke("report", str(tmp_path / "moved"), "--html", str(tmp_path / "page.html"))
     assert done.exit_code == 0, done.stderr
     assert html.escape(line) in (tmp_path / "page.html").read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_datasets_say_which_robots_have_none(tmp_path):
+    scene = yaml.safe_load((EXAMPLES / "robots" / "two_ur10.yaml").read_text())
+    study = {"name": "few", "scene": scene, "episodes": 1, "draws": []}
+    (tmp_path / "study.yaml").write_text(yaml.safe_dump(study), encoding="utf-8")
+    done = invoke("generate", str(tmp_path / "study.yaml"), "--out", str(tmp_path / "out"))
+    assert done.exit_code == 0, done.stderr
+    assert "two_ur10: none in the description at 'left', 'right': not verified" in done.stdout

@@ -424,10 +424,31 @@ def test_a_description_that_does_not_fit_its_model_is_told_in_one_sentence(more,
     refused(tmp_path, told, **more)
 
 
+SHAPES = [
+    {
+        "shape": "capsule",
+        "center": [0, 0, 0.3],
+        "quaternion_wxyz": [1, 0, 0, 0],
+        "radius": 0.02,
+        "length": 0.1,
+    },
+    {"shape": "mesh", "file": "part.obj", "scale": 0.01, "center": [0, 0, 0.2]},
+    {"shape": "box", "size": [0.1, 0.1, 0.1]},
+]
+GRIPPER = {
+    "shapes": SHAPES,
+    "mass": 1,
+    "prefix": "g_",
+    "mount": {"position": [0, 0, 0.1]},
+    "touch_links": ["upper"],
+}
+HELD = {"urdf": "held.urdf", "srdf": "held.srdf", "prefix": "h_", "mount": {"quaternion_wxyz": [1, 0, 0, 0]}}
 FULL = {
     "name": "full",
-    "models": [{"urdf": "r.urdf", "prefix": "", "base": {"position": [0, 0, 1], "quaternion_wxyz": [1, 0, 0, 0]}}],
-    "arms": {"left": {"tip": "hand", "tool": {"position": [0, 0, 0.1]}, "home": [0, 0], "fingers": ["grip"]}},
+    "models": [{"urdf": "r.urdf", "prefix": "", "base": {"position": [0, 0, 1], "quaternion_wxyz": [1, 0, 0, 0]}},
+               {"urdf": "two.urdf", "prefix": "r_"}],
+    "arms": {"left": {"tip": "hand", "tool": {"position": [0, 0, 0.1]}, "home": [0, 0], "fingers": ["grip"],
+        "gripper": GRIPPER}, "right": {"tip": "r_hand", "gripper": HELD}},
     "posture": {"grip": 0.1},
     "limits": {"elbow": {"lower": -1, "upper": 1, "velocity": 2, "acceleration": 3, "effort": 4}},
     "acceleration": 5,
@@ -452,6 +473,10 @@ def places(part, path=()):
 def test_every_place_of_a_description_may_hold_junk(path, tmp_path):
     text = two_joints(more=link("finger") + joint("grip", "hand", "finger"))
     (tmp_path / "r.urdf").write_text(text, encoding="utf-8")
+    (tmp_path / "two.urdf").write_text(two_joints(), encoding="utf-8")
+    (tmp_path / "held.urdf").write_text(f'<robot name="held">{link("palm")}</robot>', encoding="utf-8")
+    (tmp_path / "held.srdf").write_text('<robot name="held"/>', encoding="utf-8")
+    (tmp_path / "part.obj").write_text(TETRAHEDRON, encoding="utf-8")
     for value in JUNK:
         data = copy.deepcopy(FULL)
         inner = data

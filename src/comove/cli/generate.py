@@ -55,6 +55,7 @@ def generate(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
+    from comove.results.words import gripper_rows
     from comove.studies import Study, report_of, write_report
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
@@ -88,7 +89,12 @@ def generate(
     if json:
         print(path.read_text(encoding="utf-8"), end="")
     else:
-        print(_text(report), f"report: {path}", sep="\n")
+        print(_text(report))
+        if running.dask is None:  # whoever asks others to run may lack what robots need
+            for robot, arms in loaded.without_gripper.items():
+                for title, said, _ in gripper_rows(arms):
+                    print(f"  {title:14s} {robot}: {said}")
+        print(f"report: {path}")
         if sheet is not None:
             print(f"first episodes: {sheet}")
     for name in wanted if report.verified else ():

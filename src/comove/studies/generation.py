@@ -206,6 +206,16 @@ class Study:
         """Return whether the episodes are motions of a robot."""
         return bool(self._robots)
 
+    @property
+    def without_gripper(self) -> dict[str, tuple[str, ...]]:
+        """Return the arms whose description has no gripper, by robot; as of `comove.robots.JointReport`."""
+        if not self.on_robot:
+            return {}
+        from comove.robots.grippers import without_gripper
+        from comove.studies.carried import robot_named
+
+        return {name: without_gripper(robot_named(name, self.folder)) for name in self._robots}
+
     @cached_property
     def _robots(self) -> tuple[str, ...]:
         """Return the names of the robots that episodes may have."""
