@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,7 +12,11 @@ from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
 from comove.cli.joints import METHODS
 from comove.cli.texts import say
-from comove.errors import ComoveError, OptionError, ResultError, RobotError
+from comove.errors import ComoveError, OptionError, ResultError
+
+if TYPE_CHECKING:
+    from comove.robots import VerifiedJointMotion
+    from comove.robots.present import Joints
 
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
@@ -24,6 +28,7 @@ RobotName = Annotated[
 GraspName = Annotated[str, typer.Option(help="How the hands hold the load: weld, connect, friction.")]
 FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
 PARTS = ("carry", "approach", "release")
+CARRY = PARTS[0]
 
 
 @verb_of(group)
@@ -53,6 +58,7 @@ def solve(
         ),
     ] = None,
     *,
+    around: o.ApproachOptions,
     limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
@@ -64,7 +70,7 @@ def solve(
     o.check_budget(budget)
     with progress_bar():
         loaded = Scene.load(scene, limits.changes, check_ends=False)
-    wanted = Wanted(method, objective, resemblance, weights, library)
+    wanted = Wanted(method, objective, resemblance, weights, library, around=around)
     return solve_joints(loaded, scene, out, robot, wanted, seed=seed, budget=budget, json=json)
 
 
@@ -130,34 +136,56 @@ def export(
     transfers: Annotated[
         bool | None,
         typer.Option(
-            help="Also the motions from home to the grasp and from there home; unless said, where there are any."
+            help="Also the motions to the grasp and from there home, both or neither; unless said, each that there is."
         ),
     ] = None,
+    approach: Annotated[bool, typer.Option("--approach", help="Also the motion to the grasp.")] = False,
+    release: Annotated[bool, typer.Option("--release", help="Also the motion from the grasp home.")] = False,
+    present: o.PresentFile = None,
     *,
     trusted: o.Trusted,
 ) -> int:
     """Judge the motion in DIR anew and write it there in a format that robots play."""
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
-    from comove.robots import plan_transfers
+    from comove.robots.transfers import possible_transfers
 
     if format is not None:
         o.require_one_of(format, FORMATS, "format")
+    if transfers is not None and (approach or release):
+        key = "--approach" if approach else "--release"
+        raise OptionError(
+            "--transfers is both, --no-transfers neither", key=key, way_out="leave one of the options out"
+        )
+    if transfers or (transfers is None and not (approach or release)):
+        wanted = {"approach": True, "release": True}
+    else:
+        wanted = {"approach": approach, "release": release}
     motion = trusted.verified(folder)
     kind = usual_format(motion) if format is None else KINDS[format]
-    check_export(motion, folder, kind, rate=rate, transfers=transfers is not False)
-    planned = None
-    try:
-        planned = None if transfers is False else plan_transfers(motion)
-    except RobotError as error:
-        if transfers:
-            raise
-        say(f"warning: the carry alone is exported: {error}", file=sys.stderr)
+    parts = [CARRY, *(name for name, asked in wanted.items() if asked)]
+    check_export(motion, folder, kind, rate=rate, parts=parts)
+    planned, errors = None, {}
+    if len(parts) > 1:
+        planned, errors = possible_transfers(motion, **wanted, present=_present(folder, motion, present))
+    for error in errors.values():
+        if transfers or approach or release:
+            raise error
+        what = "the carry alone is exported" if planned is None else "the carry and one of both are exported"
+        say(f"warning: {what}: {error}", file=sys.stderr)
     written = export(motion, folder, kind, rate=rate, transfers=planned)
     say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
     for path in written:
         say(f"  {path}")
     return 0
+
+
+def _present(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
+    """Return the joints at which the approach begins: those of a file, or else those of the result folder."""
+    from comove.robots.files import stored_present
+    from comove.robots.present import read_present
+
+    return stored_present(folder, motion.robot) if file is None else read_present(file, motion.robot)
 
 
 @verb_of(group)
@@ -171,6 +199,7 @@ def send(
         float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
     ] = 0.2,
     timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
+    present: o.PresentFile = None,
     *,
     trusted: o.Trusted,
 ) -> int:
@@ -185,7 +214,14 @@ def send(
             raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
     motion = trusted.verified(folder)
-    transfers = None if part == "carry" else plan_transfers(motion)
+    transfers = None
+    if part != CARRY:
+        transfers = plan_transfers(
+            motion,
+            approach=part == "approach",
+            release=part == "release",
+            present=_present(folder, motion, present),
+        )
     try:
         with Ros1Client() as client:
             outcome = send(client, motion, part=part, transfers=transfers, tolerances=tolerances)
