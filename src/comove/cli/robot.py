@@ -17,6 +17,7 @@ from comove.errors import ComoveError, OptionError, ResultError
 if TYPE_CHECKING:
     from comove.robots import VerifiedJointMotion
     from comove.robots.present import Joints
+    from comove.robots.transfers import Transfers
 
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
@@ -136,7 +137,7 @@ def export(
     transfers: Annotated[
         bool | None,
         typer.Option(
-            help="Also the motions to the grasp and from there home, both or neither; unless said, each that there is."
+            help="Also the motions to the grasp and from there home, both or neither; unless said, those found."
         ),
     ] = None,
     approach: Annotated[bool, typer.Option("--approach", help="Also the motion to the grasp.")] = False,
@@ -157,27 +158,38 @@ def export(
         raise OptionError(
             "--transfers is both, --no-transfers neither", key=key, way_out="leave one of the options out"
         )
-    if transfers or (transfers is None and not (approach or release)):
-        wanted = {"approach": True, "release": True}
-    else:
-        wanted = {"approach": approach, "release": release}
+    strict = bool(transfers or approach or release)
+    both = transfers or (transfers is None and not strict)
+    approach, release = both or approach, both or release
+    _require_approach(present, approach)
     motion = trusted.verified(folder)
     kind = usual_format(motion) if format is None else KINDS[format]
-    parts = [CARRY, *(name for name, asked in wanted.items() if asked)]
+    parts = [CARRY, *(["approach"] if approach else []), *(["release"] if release else [])]
     check_export(motion, folder, kind, rate=rate, parts=parts)
-    planned, errors = None, {}
+    planned: Transfers | None = None
     if len(parts) > 1:
-        planned, errors = possible_transfers(motion, **wanted, present=_present(folder, motion, present))
-    for error in errors.values():
-        if transfers or approach or release:
-            raise error
-        what = "the carry alone is exported" if planned is None else "the carry and one of both are exported"
-        say(f"warning: {what}: {error}", file=sys.stderr)
+        begin = _present(folder, motion, present)
+        planned, errors = possible_transfers(motion, approach=approach, release=release, present=begin)
+        for error in errors.values():
+            if strict:
+                raise error
+            what = (
+                "the carry alone is exported" if planned is None else "one of approach and release is missing"
+            )
+            say(f"warning: {what}: {error}", file=sys.stderr)
     written = export(motion, folder, kind, rate=rate, transfers=planned)
     say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
     for path in written:
         say(f"  {path}")
     return 0
+
+
+def _require_approach(present: Path | None, approach: bool) -> None:
+    """Refuse present joints where no approach begins at them."""
+    if present is not None and not approach:
+        raise OptionError(
+            "no approach is asked for, which would begin there", key="--present", way_out="leave it out"
+        )
 
 
 def _present(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
@@ -212,6 +224,7 @@ def send(
     for option, value in given.items():
         if not 0 < value < float("inf"):
             raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
+    _require_approach(present, part == "approach")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
     motion = trusted.verified(folder)
     transfers = None

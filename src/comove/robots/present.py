@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, near_name
@@ -129,7 +130,7 @@ def _require_locked_ones(given: Mapping[str, Any], robot: Robot, key: str) -> No
         if name in robot.joint_names:
             continue
         frame = frame_of_joint(model, name)
-        if frame == len(model.frames):
+        if frame == len(model.frames) or model.frames[frame].type == pin.FrameType.BODY:
             way_out = near_name(name, robot.joint_names)
             raise RobotError(f"'{robot.name}' has no joint '{name}'", key=key, way_out=way_out)
         if name not in posture or model.frames[frame].parentJoint in in_grippers:
