@@ -163,6 +163,11 @@ def _slides(name: str, y: float) -> str:
     return "".join(parts)
 
 
+SHELF = {
+    "shape": "box",
+    "center": (0.03, 0.1, 0.592),
+    "size": (0.1, 0.1, 0.1),
+}  # above an elbow that points inwards
 CAMERA = np.array([0.1, 0.0, 0.1])  # m
 
 

@@ -20,7 +20,7 @@ from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.reach import Bases
 from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
-from tests.robots.small_robots import lifts_scene, robot
+from tests.robots.small_robots import SHELF, lifts_scene, robot
 
 KEEP = 0.005  # m, that everything keeps where the scene says nothing
 HEIGHT, GRIP_TIME = 0.08, 1.0  # m, s, where nothing else is asked for
@@ -228,13 +228,6 @@ def test_what_is_free_together_is_free_one_by_one():
     assert room.are_free(q[free]) and not room.are_free(q)
 
 
-SHELF = {
-    "shape": "box",
-    "center": [0.03, 0.1, 0.592],
-    "size": [0.1, 0.1, 0.1],
-}  # above an elbow that points inwards
-
-
 @lru_cache
 def on_lifts(*shelves, goal_is_home=False, **wanted):
     """A carry of the arms on lifts, below shelves; on demand their hands at home are in the payload at its goal."""
@@ -252,7 +245,7 @@ def elbow_of_left(found):
 
 
 def test_joints_without_an_approach_do_not_win_where_one_is_asked_for():
-    below = tuple((key, tuple(value) if isinstance(value, list) else value) for key, value in SHELF.items())
+    below = tuple(SHELF.items())
     alone, both = on_lifts(below), on_lifts(below, approach=True, release=True)
     with pytest.raises(
         RobotError, match=r"behind the grasp at the start, left_elbow and .*solve .* with --approach"
