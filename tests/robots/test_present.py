@@ -9,7 +9,7 @@ import pytest
 from comove.errors import OptionError, RobotError
 from comove.robots import RobotCarrier, carry
 from comove.robots.present import present_joints, read_present
-from tests.robots.small_robots import lifts_scene, robot, task
+from tests.robots.small_robots import lifts_scene, robot
 
 
 def named(name="lifts"):
@@ -94,30 +94,6 @@ def test_of_two_elbows_the_one_near_the_present_joints_is_taken():
         found = carry(scene, machine, present=shifted, budget=20.0)
         assert found.verified and np.abs(found.joints.position[0] - near).max() < 1e-6
         assert (found.present == shifted).all()
-
-
-@pytest.mark.parametrize("name", ["two_ur10", "two_pandas", "ur5_and_panda"])
-@pytest.mark.few(1)
-def test_of_equally_clear_pairs_the_first_has_the_least_turns(name):
-    """Against all products of branches, without the whole turns that pairs add."""
-    carrying = task(name)
-    ends, nodes = carrying.ends, [carrying.scene.nodes_at(end) for end in ("start", "goal")]
-    first, last = ends.pairs(carrying.starts, carrying.goals)[0]
-
-    def turns(p, q):
-        return ends.difference(ends.present, p) + ends.difference(p, q)
-
-    def tight(p, q):
-        return max(ends.tightness(p, nodes[0]), ends.tightness(q, nodes[1]))
-
-    best, least = tight(first, last), turns(first, last)
-    rng = np.random.default_rng(0)
-    for _ in range(200):
-        p, q = (
-            np.concatenate([branches[rng.integers(len(branches))] for branches in found])
-            for found in (carrying.starts, carrying.goals)
-        )
-        assert (best, round(least, 6)) <= (tight(p, q), round(turns(p, q), 6))
 
 
 def test_who_holds_the_payload_already_approaches_nothing():
