@@ -200,7 +200,13 @@ def test_joints_that_turn_least_are_tried_early_even_where_capsules_meet(name):
     """Of pairs of ends, the k that turn least are among the first 4 k; of those with room, among 3 k of every 4 k."""
     known = task(name)
     at = [known.scene.nodes_at(end) for end in ("start", "goal")]
-    turns = np.array([weighted(known, np.abs(first - last)).round(6) for first, last in known._pairs])
+    home = np.concatenate([arm.home for arm in known.holders])
+    turns = np.array(
+        [
+            (weighted(known, np.abs(first - home)) + weighted(known, np.abs(first - last))).round(6)
+            for first, last in known._pairs
+        ]
+    )
     room = np.array(
         [min(known.ends.clearance(q, nodes) for q, nodes in zip(p, at, strict=True)) for p in known._pairs]
     )

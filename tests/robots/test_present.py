@@ -8,6 +8,7 @@ import pytest
 
 from comove.errors import OptionError, RobotError
 from comove.robots import RobotCarrier, carry
+from comove.robots.files import stored_present
 from comove.robots.present import present_joints, read_present
 from tests.robots.small_robots import lifts_scene, robot
 
@@ -83,6 +84,17 @@ def test_names_without_positions_are_refused(tmp_path):
         RobotError, match=r"state.yaml: position: name and position are not two lists of one length"
     ):
         read_present(file, robot("lifts"))
+
+
+def test_a_stored_folder_tells_where_its_approach_begins(tmp_path):
+    machine, file = robot("lifts"), tmp_path / "robot.json"
+    for told, right in ((None, None), (named(), machine.home)):
+        file.write_text(json.dumps({"present": told}))
+        assert np.array_equal(stored_present(tmp_path, machine), right)
+    for wrong in ([0.1], named() | {"left_lift_joint": 7.0}, {}):
+        file.write_text(json.dumps({"present": wrong}))
+        with pytest.raises(RobotError, match=r"robot.json: present"):
+            stored_present(tmp_path, machine)
 
 
 def test_of_two_elbows_the_one_near_the_present_joints_is_taken():
