@@ -293,7 +293,7 @@ def test_a_carry_without_the_approach_that_is_asked_for_says_so(monkeypatch):
 def test_an_approach_needs_no_release():
     motion = on_lifts(goal_is_home=True).motion
     with pytest.raises(
-        RobotError, match=r"at home, \w+ and the load at its goal come too near .*--approach alone"
+        RobotError, match=r"at home, \w+ and the load at its goal come too near .*leave the release out"
     ):
         plan_transfers(motion)
     transfers = plan_transfers(motion, release=False)

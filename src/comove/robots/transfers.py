@@ -277,14 +277,13 @@ class Retreat:
         """
         room = self._room(self.other)
         if near := room.contact(self.other):
-            what, option = ("approach", "--release") if self.end == "start" else ("release", "--approach")
-            mend = "give another home in the robot's description"
+            what, mend = "release", "give another home in the robot's description"
             if self.end == "start":
-                mend += ", or present joints that are free (--present)"
+                what, mend = "approach", f"{mend}, or present joints that are free (--present)"
             raise RobotError(
                 f"at {self.named}, {near} come too near to each other",
                 key="home" if self.named == "home" else "present",
-                way_out=f"{mend}, or leave the {what} out ({option} alone)",
+                way_out=f"{mend}, or leave the {what} out",
             )
 
     def behind(self, grasp: Array) -> tuple[Array, Room]:
