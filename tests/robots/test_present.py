@@ -39,6 +39,7 @@ def test_joints_are_read_by_name_in_any_order():
         ({"left_lift_joint": "0.3"}, "it is '0.3'; give a finite number"),
         ({"left_lift_joint": True}, "it is True; give a finite number"),
         ({"left_lift_joint": None, "right_lift_joint": None}, None),
+        ({3: 0.3}, "'small' has no joint '3'"),
         ({"left_elbow": 0.3}, "'small' has no joint 'left_elbow'; did you mean 'left_elbow_joint'"),
     ],
 )
@@ -56,7 +57,7 @@ def test_degrees_become_what_is_advised():
     assert present_joints(named() | advised, robot("lifts"))[2] == pytest.approx(math.pi / 4, abs=1e-6)
 
 
-@pytest.mark.parametrize("array", [np.zeros(7), np.zeros((8, 1)), np.array(["0"] * 8)])
+@pytest.mark.parametrize("array", [np.zeros(7), np.zeros((8, 1)), ["0"] * 8, [[0], [0, 0]], "home", 3])
 def test_arrays_of_another_shape_are_refused(array):
     with pytest.raises(RobotError, match=r"present: it is an array of .*'small' has 8 joints"):
         present_joints(array, robot("lifts"))
@@ -77,12 +78,17 @@ def test_joints_of_grippers_may_be_there_and_locked_ones_where_they_are_locked(t
         read_present(file, machine)
 
 
-def test_names_without_positions_are_refused(tmp_path):
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("name: [a, b]\nposition: [1.0]\n", "position: name and position are not two lists of one length"),
+        ("name: [a, a]\nposition: [1.0, 2.0]\n", "name: 'a' is there twice"),
+    ],
+)
+def test_joint_states_that_are_none_are_refused(tmp_path, text, told):
     file = tmp_path / "state.yaml"
-    file.write_text("name: [a, b]\nposition: [1.0]\n")
-    with pytest.raises(
-        RobotError, match=r"state.yaml: position: name and position are not two lists of one length"
-    ):
+    file.write_text(text)
+    with pytest.raises(RobotError, match=f"state.yaml: {told}"):
         read_present(file, robot("lifts"))
 
 

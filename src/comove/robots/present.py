@@ -49,6 +49,8 @@ def read_present(file: Path, robot: Robot) -> dict[str, float]:
                     key="position",
                     way_out="give one value a joint, or {joint: value}",
                 )
+            if twice := sorted({str(name) for name in names if names.count(name) > 1}):
+                raise RobotError(f"'{twice[0]}' is there twice", key="name", way_out="give each joint once")
             data = dict(zip(map(str, names), values, strict=True))
         found = present_joints(data, robot)
     return dict(zip(robot.joint_names, found.tolist(), strict=True))
@@ -79,7 +81,10 @@ def present_joints(given: Joints | None, robot: Robot, key: str = "present") -> 
         return robot.home
     names = robot.joint_names
     if not isinstance(given, Mapping):
-        values = np.asarray(given)
+        try:
+            values = np.asarray(given)
+        except ValueError:  # of lists of several lengths
+            values = np.empty(0, dtype=object)
         if values.shape != (len(names),) or values.dtype.kind not in "iuf":
             raise RobotError(
                 f"it is an array of {values.dtype.name}, shape {values.shape}, and '{robot.name}' has "
@@ -129,9 +134,9 @@ def _require_locked_ones(given: Mapping[str, Any], robot: Robot, key: str) -> No
     for name, value in given.items():
         if name in robot.joint_names:
             continue
-        frame = frame_of_joint(model, name)
+        frame = frame_of_joint(model, str(name))
         if frame == len(model.frames) or model.frames[frame].type == pin.FrameType.BODY:
-            way_out = near_name(name, robot.joint_names)
+            way_out = near_name(str(name), robot.joint_names)
             raise RobotError(f"'{robot.name}' has no joint '{name}'", key=key, way_out=way_out)
         if name not in posture or model.frames[frame].parentJoint in in_grippers:
             continue
