@@ -16,7 +16,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import RobotError
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.seeds import targets_along
-from comove.robots.effort import carried_masses, shortest_duration
+from comove.robots.effort import carried_masses, overburdened, shortest_duration
 from comove.robots.ends import (
     DIGITS,
     N_THREADS,
@@ -129,8 +129,8 @@ class RobotCarrier:
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
-        for name in scene.manipulators:
-            self.robot.arm(name)
+        for reason in overburdened(scene, self.holders):
+            raise unfit(scene, "load.mass", *reason.rsplit("; ", 1))
 
     @property
     def grasp(self) -> Grasp:
@@ -322,13 +322,14 @@ class RobotCarrier:
             (refusal.message for refusal in refusals if refusal is not None), "no other joints are left"
         )
         return RobotError(
-            f"no joints that hold the load leave room for {' and '.join(self._wanted)}: {told}",
+            f"no joints that hold the load leave room for {' and '.join(self.transfers)}: {told}",
             key="grasp",
             way_out="give another grasp, move what is near, or do not ask for it",
         )
 
     @property
-    def _wanted(self) -> list[str]:
+    def transfers(self) -> list[str]:
+        """Return the names of those of approach and release that there must be."""
         return [name for name, asked in (("approach", self.approach), ("release", self.release)) if asked]
 
     @cached_property

@@ -14,6 +14,7 @@ import comove
 from comove.errors import OptionError, RobotError, SceneError
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
+from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
 from comove.planning.methods import Comove
@@ -95,7 +96,7 @@ def carry(
     method: Method | None = None,
     budget: float | Budget = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
     begin: Joints | None = None,
     present: Joints | None = None,
     approach: bool = False,
@@ -139,48 +140,56 @@ def carry(
     OptionError
         If the robot holds the load already (`begin`), and shall approach it.
     """
-    at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     if begin is not None and (approach or present is not None):
         raise OptionError(
             "the robot holds the load already, and would approach it",
             key="begin",
             way_out="give either begin, or present and approach",
         )
-    held_at = None if begin is None else present_joints(begin, robot, "begin")
-    now_at = None if present is None else present_joints(present, robot)
-    warn_of_buried_links(robot, scene)
-    load_robot_kernels(SceneKind.of(scene))
-    budget = Budget.of(budget)
-    wanted: dict[str, Any] = {
-        "demonstration": demonstration,
-        "seed": seed,
-        "objective": objective,
-        "progress": progress,
-        "stop": stop,
+    carriers: dict[str, Any] = {
+        "begin": None if begin is None else present_joints(begin, robot, "begin"),
+        "present": None if present is None else present_joints(present, robot),
+        "approach": approach,
+        "release": release,
+        "found": found,
     }
+    warn_of_buried_links(robot, scene)
+    with displayed(progress, budget) as tell:
+        load_robot_kernels(SceneKind.of(scene))
+        wanted: dict[str, Any] = {
+            "demonstration": demonstration,
+            "seed": seed,
+            "objective": objective,
+            "progress": tell,
+            "stop": stop,
+        }
+        return _carried(scene, robot, Budget.of(budget), wanted, method, carriers)
+
+
+def _carried(
+    scene: Scene,
+    robot: Robot,
+    budget: Budget,
+    wanted: dict[str, Any],
+    method: Method | None,
+    carriers: dict[str, Any],
+) -> RobotSolution:
+    """Carry; `wanted` are further arguments of `solve`, `carriers` those of `RobotCarrier`."""
+    at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     if len(scene.alternatives) > 1:
-        more = {"method": method, "found": found, "present": now_at, "approach": approach, "release": release}
-        return _by_some_grasp(scene, robot, budget, wanted | more)
+        return _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None})
     (scene,) = scene.alternatives
     begun = now()
-    wanted["objective"] = objective = objective or objective_of_scene(scene.file.objective)
-    if now_at is not None:
-        Retreat.on(scene.timed(at_leisure), robot, "start", now_at).require_apart()
+    wanted["objective"] = wanted["objective"] or objective_of_scene(scene.file.objective)
+    if (present := carriers["present"]) is not None:
+        Retreat.on(scene.timed(at_leisure), robot, "start", present).require_apart()
     with compiling() as compiled:
-        carrier = RobotCarrier(
-            robot,
-            scene.timed(at_leisure),
-            begin=held_at,
-            present=now_at,
-            approach=approach,
-            release=release,
-            found=found,
-        )
+        carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
         carrier.require_reach()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
-    search = partial(_carried, scene, method, wanted)
-    solution = _with_transfers(search, carrier, budget) if approach or release else search(carrier, budget)
-    return replace(solution, present=now_at)
+    search = partial(_in_time, scene, method, wanted)
+    solution = _with_transfers(search, carrier, budget) if carrier.transfers else search(carrier, budget)
+    return replace(solution, present=present)
 
 
 def _with_transfers(
@@ -218,7 +227,7 @@ def _with_transfers(
             return best
 
 
-def _carried(
+def _in_time(
     scene: Scene,
     method: Method | None,
     wanted: dict[str, Any],
@@ -264,7 +273,14 @@ def _carried(
     return replace(best, solution=solution)
 
 
-def _by_some_grasp(scene: Scene, robot: Robot, budget: Budget, wanted: dict[str, Any]) -> RobotSolution:
+def _by_some_grasp(
+    scene: Scene,
+    robot: Robot,
+    budget: Budget,
+    wanted: dict[str, Any],
+    method: Method | None,
+    carriers: dict[str, Any],
+) -> RobotSolution:
     """Carry by the first of the scene's grasps by which it can be done, those first that turn the joints least.
 
     Grasps that are out of reach, or by which bodies are too near at an end, are left out. Each of the others has half
@@ -272,10 +288,9 @@ def _by_some_grasp(scene: Scene, robot: Robot, budget: Budget, wanted: dict[str,
     """
     ranked, first = list[tuple[float, Scene]](), None
     begun, work = now(), 0.0
-    where = {key: wanted[key] for key in ("present", "approach", "release")}
     for choice in scene.alternatives:
         try:
-            carrier = RobotCarrier(robot, choice.timed(1.0), **where)
+            carrier = RobotCarrier(robot, choice.timed(1.0), **carriers)
             carrier.require_reach()
             carrier.require_clear_ends()
             ranked.append((round(carrier.turning, 6), choice))
@@ -291,7 +306,7 @@ def _by_some_grasp(scene: Scene, robot: Robot, budget: Budget, wanted: dict[str,
         if best is not None and left.is_spent:
             break
         part = left if k == len(ranked) - 1 else left.within(0.5 * left.size)
-        solution = carry(choice, robot, budget=part, **wanted)
+        solution = _carried(choice, robot, part, dict(wanted), method, carriers)
         work += solution.solution.work
         if (solution.verified and not solution.without) or solution.solution.interrupted:
             return solution
