@@ -19,6 +19,7 @@ from comove.robots import description as descriptions
 from comove.robots.kernels import TWO_ARMS
 from comove.scenes import Scene
 from tests.commands import invoke
+from tests.robots.small_robots import SHELF, lifts, lifts_scene
 from tests.simulators.test_mjcf import ARM
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -175,16 +176,93 @@ def test_export_writes_what_it_says_and_nothing_twice(copy):
 
 
 def test_without_motions_from_home_the_carry_alone_is_exported(copy, monkeypatch):
-    def none(motion):
-        raise RobotError("home and the load touch", way_out="move home")
-
-    monkeypatch.setattr("comove.robots.plan_transfers", none)
+    none = dict.fromkeys(("start", "goal"), RobotError("home and the load touch", way_out="move home"))
+    monkeypatch.setattr("comove.robots.transfers.possible_transfers", lambda *_, **__: (None, none))
     asked = invoke("robot", "export", copy, "--transfers")
     assert asked.exit_code == 2 and not (copy / "baxter.csv").exists()
     result = invoke("robot", "export", copy)
     assert result.exit_code == 0, text_of(result)
     assert "the carry alone" in result.stderr and "home and the load touch" in result.stderr
     assert (copy / "baxter.csv").is_file() and not (copy / "approach.csv").exists()
+
+
+@pytest.fixture
+def under_a_shelf(tmp_path):
+    """A scene in which the joints with the least turns cannot be approached, and where the robot is."""
+    lifts(tmp_path)
+    data = lifts_scene((SHELF,), robot="robot.yaml").file.model_dump(mode="json", exclude_none=True)
+    (tmp_path / "scene.yaml").write_text(json.dumps(data), encoding="utf-8")
+    machine = Robot.load(tmp_path / "robot.yaml")
+    present = dict(zip(machine.joint_names, (machine.home + 0.1).tolist(), strict=True))
+    (tmp_path / "joints.yaml").write_text(json.dumps(present), encoding="utf-8")
+    return tmp_path / "scene.yaml", tmp_path / "joints.yaml", present
+
+
+@pytest.mark.slow
+def test_what_export_advises_leads_to_approach_and_release(under_a_shelf, tmp_path):
+    scene, joints, present = under_a_shelf
+    assert invoke("solve", scene, "--out", tmp_path / "carry").exit_code == 0
+    refused = invoke("robot", "export", tmp_path / "carry", "--transfers")
+    assert refused.exit_code == 2 and "solve the scene with --approach" in text_of(refused)
+    assert not list((tmp_path / "carry").glob("motion*.csv"))
+    alone = invoke("robot", "export", tmp_path / "carry")
+    assert alone.exit_code == 0 and "one of approach and release is missing: " in alone.stderr
+    assert (tmp_path / "carry" / "motion_release.csv").is_file()
+
+    found = invoke("solve", scene, "--approach", "--present", joints, "--out", tmp_path / "both")
+    assert found.exit_code == 0 and re.search(r"approach +\S+ s, from the present joints", text_of(found))
+    assert json.loads((tmp_path / "both" / "robot.json").read_text())["present"] == present
+    words = json.loads((tmp_path / "both" / "inputs.json").read_text())["command"]
+    kept = tmp_path / "both" / words[words.index("--present") + 1]
+    assert json.loads(kept.read_text()) == present and "--approach" in words
+    written = invoke("robot", "export", tmp_path / "both", "--transfers")
+    assert written.exit_code == 0, text_of(written)
+    header, first, *_ = (tmp_path / "both" / "motion_approach.csv").read_text().splitlines()
+    values = dict(zip(header.split(","), map(float, first.split(",")), strict=True))
+    assert all(abs(values[f"{name}.position"] - value) < 1e-9 for name, value in present.items())
+    assert invoke("verify", scene, tmp_path / "both").exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"left_elbow_joint": 45}, r"joints.yaml: present.left_elbow_joint: it is 45 rad, .*degrees, it seems"),
+        ({"finger": 0.1}, r"joints.yaml: present: 'small' has no joint 'finger'"),
+        ({"left_shoulder_joint": -1.2, "left_elbow_joint": 0, "right_shoulder_joint": 1.2,
+          "right_elbow_joint": 0}, r"joints.yaml: present: at the present joints, .* are in each other"),
+    ],
+)  # fmt: skip
+def test_present_joints_that_cannot_be_are_refused_before_anything_is_written(
+    under_a_shelf, tmp_path, changes, told
+):
+    scene, joints, present = under_a_shelf
+    joints.write_text(json.dumps(present | changes))
+    result = invoke("robot", "solve", scene, "--present", joints, "--out", tmp_path / "out")
+    assert result.exit_code == 2 and re.search(told, " ".join(text_of(result).split()))
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (
+            ("solve", "{scene}", "--hands-alone", "--approach", "--out", "{out}"),
+            "--approach: no robot's joints",
+        ),
+        (("robot", "export", "{out}", "--no-transfers", "--approach"), "--approach: --transfers is both"),
+        (
+            ("robot", "export", "{out}", "--release", "--present", "{scene}"),
+            "--present: no approach is asked for",
+        ),
+        (("robot", "send", "{out}", "--present", "{scene}"), "--present: no approach is asked for"),
+    ],
+)
+def test_options_of_approaches_that_contradict_each_other_are_refused(
+    under_a_shelf, tmp_path, arguments, told
+):
+    named = {"scene": under_a_shelf[0], "out": tmp_path / "out"}
+    result = invoke(*(word.format(**named) for word in arguments))
+    assert result.exit_code == 2 and told in text_of(result)
 
 
 def test_the_formats_that_the_help_names_are_those_there_are():
@@ -196,7 +274,8 @@ def test_the_formats_that_the_help_names_are_those_there_are():
     [(["--rate", "5"], "20 Hz or more"), (["--format", "npz"], "motion_release.npz: it is there already")],
 )
 def test_what_cannot_be_exported_is_told_before_ways_are_planned(copy, monkeypatch, arguments, word):
-    monkeypatch.setattr("comove.robots.plan_transfers", lambda *args: pytest.fail("it was planned"))
+    planned = "comove.robots.transfers.possible_transfers"
+    monkeypatch.setattr(planned, lambda *_, **__: pytest.fail("it was planned"))
     (copy / "motion_release.npz").write_text("of somebody else")
     result = invoke("robot", "export", copy, *arguments)
     assert result.exit_code == 2 and word in text_of(result)

@@ -10,7 +10,7 @@ import pytest
 
 from comove.errors import ComoveError
 from comove.export import FORMATS, ExportError, check_export, export, parts_of, usual_format
-from comove.export.parts import sampling_errors
+from comove.export.parts import PARTS, sampling_errors
 from comove.robots import verify_joints, write_joints
 
 
@@ -94,14 +94,14 @@ def test_a_full_disk_is_told_whatever_tells_of_it(verified, tmp_path, monkeypatc
 
 
 def test_what_would_be_refused_is_told_before_transfers_are_planned(verified, tmp_path):
-    check_export(verified, tmp_path / "new", rate=20, transfers=True)
+    check_export(verified, tmp_path / "new", rate=20, parts=PARTS)
     assert not (tmp_path / "new").exists()
     with pytest.raises(ExportError, match="20 Hz or more"):
         check_export(verified, tmp_path, rate=5)
     (tmp_path / "release.csv").write_text("theirs")
     check_export(verified, tmp_path)
     with pytest.raises(ExportError, match=r"release.csv: it is there already"):
-        check_export(verified, tmp_path, transfers=True)
+        check_export(verified, tmp_path, parts=PARTS)
 
 
 def test_numbers_of_numpy_are_rates(verified, tmp_path):

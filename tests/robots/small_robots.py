@@ -43,6 +43,8 @@ def robot(name: str) -> Robot:
     with tempfile.TemporaryDirectory() as folder:
         if name == "gantry":
             return Robot.load(gantry(Path(folder)))
+        if name == "lifts":
+            return Robot.load(lifts(Path(folder)))
         return Robot.load(random_arms(Path(folder), int(name.split()[1])))
 
 
@@ -159,6 +161,68 @@ def _slides(name: str, y: float) -> str:
         )
         before = f"{name}_{axis}"
     return "".join(parts)
+
+
+SHELF = {
+    "shape": "box",
+    "center": (0.03, 0.1, 0.592),
+    "size": (0.1, 0.1, 0.1),
+}  # above an elbow that points inwards
+CAMERA = np.array([0.1, 0.0, 0.1])  # m
+
+
+def lifts(folder: Path) -> Path:
+    """Two arms of two links, on lifts, that turn about the vertical; hands point down, elbows go to either side.
+
+    A camera beside each wrist points along x of the hand, `CAMERA` from its grasp.
+    """
+    sides, parts = {"left": 0.5, "right": -0.5}, ""
+    body = '<inertial><mass value="2"/><inertia ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"/></inertial>'
+    rod = (
+        '<collision><origin xyz="{} 0 {}" rpy="0 {} 0"/><geometry><cylinder radius="0.03" length="{}"/></geometry>'
+        "</collision>"
+    )
+    along = rod.format(0.2, 0, np.pi / 2, 0.26)
+    hanging = rod.format(0, -0.11, 0, 0.14) + rod.format(CAMERA[0], CAMERA[2] - 0.2, np.pi / 2, 0.08)
+    for name, y in sides.items():
+        before = "base"
+        for joint, kind, (lower, upper), xyz, shape in (
+            ("lift", "prismatic", (0.0, 1.0), f"0 {y} 0", ""),
+            ("shoulder", "revolute", (-2.9, 2.9), "0 0 0", along),
+            ("elbow", "revolute", (-2.6, 2.6), "0.4 0 0", along),
+            ("wrist", "revolute", (-3.1, 3.1), "0.4 0 0", hanging),
+        ):
+            parts += (
+                f'<link name="{name}_{joint}">{body}{shape}</link><joint name="{name}_{joint}_joint" type="{kind}">'
+                f'<parent link="{before}"/><child link="{name}_{joint}"/><origin xyz="{xyz}"/><axis xyz="0 0 1"/>'
+                f'<limit lower="{lower}" upper="{upper}" velocity="1.5" effort="200"/></joint>'
+            )
+            before = f"{name}_{joint}"
+    tool = {"position": [0, 0, -0.2], "quaternion_wxyz": [0, 1, 0, 0]}
+    arms = {
+        name: {"tip": f"{name}_wrist", "tool": tool, "home": [0.7, 0.6 * y, 1.2 * y, 0.0]}
+        for name, y in sides.items()
+    }
+    return written(folder, {"lifts.urdf": urdf(parts)}, {"models": [{"urdf": "lifts.urdf"}], "arms": arms})
+
+
+def lifts_scene(obstacles: tuple[dict, ...] = (), **more: object) -> Scene:
+    """The arms on lifts move a bar level by 0.1 m, away from their bases; `more` replaces keys."""
+    hands = {"left": 0.25, "right": -0.25}
+    return Scene.from_dict(
+        {
+            "name": "lifts",
+            "duration": 4.0,
+            "workspace": {"lower": [-0.2, -1.2, 0.0], "upper": [1.2, 1.2, 1.5]},
+            "obstacles": list(obstacles),
+            "load": {"shape": "bar", "length": 0.5, "radius": 0.01, "mass": 1.0},
+            "manipulators": [
+                {"name": name, "start": [0.4, y, 0.3], "goal": [0.5, y, 0.3]} for name, y in hands.items()
+            ],
+            "grasp": {"orientation": "down", "offset_deg": -90},
+            **more,
+        }
+    )
 
 
 POST = {"shape": "cylinder", "center": [0.0, 0.0, 0.3], "radius": 0.04, "height": 0.6}

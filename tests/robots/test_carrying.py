@@ -85,18 +85,28 @@ def test_goals_beyond_half_a_turn_are_known():
 
 @pytest.mark.parametrize("name", ["gap_30", "ur5_and_panda"])
 def test_plans_are_made_between_the_nearest_joints_first_and_then_between_others(name, monkeypatch):
+    """Nearest from home to the start, and from there to the goal, of those that are as clear by their capsules."""
     known = task(name)
     carrying, drawn = RobotCarrier(known.robot, known.scene), []
+    home = np.concatenate([arm.home for arm in carrying.holders])
 
     def hopeless(space, arms, start, goal, *_, **__):
-        drawn.append(weighted(carrying, np.abs(goal[1] - start[1])))
+        turns = weighted(carrying, np.abs(start[1] - home)) + weighted(carrying, np.abs(goal[1] - start[1]))
+        drawn.append(turns)
 
     monkeypatch.setattr("comove.robots.carrying.plan_with_arms", hopeless)
     for seed in range(5):
         begun, rng = RobotCarrier(known.robot, known.scene), np.random.default_rng(seed)
         begun.plan(None, [], [], 0.0, rng)
-    pairs = product(*(product(*arms) for arms in (carrying.starts, carrying.goals)))
-    least = min(turns_apart(carrying, np.concatenate(p), np.concatenate(q)) for p, q in pairs)
+    pairs = product(*(map(np.concatenate, product(*arms)) for arms in (carrying.starts, carrying.goals)))
+    start, goal = (carrying.scene.nodes_at(end) for end in ("start", "goal"))
+    _, least = min(
+        (
+            max(carrying.ends.tightness(p, start), carrying.ends.tightness(q, goal)),
+            weighted(carrying, np.abs(p - home)) + turns_apart(carrying, p, q),
+        )
+        for p, q in pairs
+    )
     assert drawn == pytest.approx([least] * 5, abs=2e-6)  # some are equally far
     for _ in range(20):
         begun.plan(None, [], [], 0.0, rng)
@@ -190,7 +200,13 @@ def test_joints_that_turn_least_are_tried_early_even_where_capsules_meet(name):
     """Of pairs of ends, the k that turn least are among the first 4 k; of those with room, among 3 k of every 4 k."""
     known = task(name)
     at = [known.scene.nodes_at(end) for end in ("start", "goal")]
-    turns = np.array([weighted(known, np.abs(first - last)).round(6) for first, last in known._pairs])
+    home = np.concatenate([arm.home for arm in known.holders])
+    turns = np.array(
+        [
+            (weighted(known, np.abs(first - home)) + weighted(known, np.abs(first - last))).round(6)
+            for first, last in known._pairs
+        ]
+    )
     room = np.array(
         [min(known.ends.clearance(q, nodes) for q, nodes in zip(p, at, strict=True)) for p in known._pairs]
     )

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from comove.errors import SceneError
-from comove.robots import Robot, carry
+from comove.planning import Budget, solve
+from comove.robots import Robot, carry, solving
 from comove.robots.files import read_joints, write_joints
 from comove.scenes import Scene
+from tests.robots.small_robots import CAMERA, lifts_scene, robot
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "robots" / "from_the_side.yaml"
 
@@ -54,3 +56,36 @@ def test_the_mesh_of_a_scene_is_found_from_the_results_folder(tmp_path):
     assert (
         read_joints(tmp_path).scene.sha256 == found.motion.scene.sha256
     )  # the mesh is found, and it is the same one
+
+
+def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(monkeypatch):
+    """A ball is where the camera of the left hand is at the start, if the hands are turned the one way."""
+    grasps = [{"orientation": "down", "offset_deg": turn} for turn in (-90, 90)]
+    hands = [
+        {"name": name, "start": [0.4, y, 0.3], "goal": [0.43, y, 0.3]}
+        for name, y in (("left", 0.25), ("right", -0.25))
+    ]
+    wanted = {"manipulators": hands, "grasp": {"any_of": grasps}, "duration": 0.1}  # too short for any
+    searched = []
+
+    def counted(scene, **how):
+        searched.append(scene.file.grasp.offset_deg)
+        return solve(scene, **how)
+
+    monkeypatch.setattr(solving, "solve", counted)
+    balls = []
+    scene = lifts_scene(**wanted)
+    for choice in scene.alternatives:
+        turned = choice.grasp.hand_rotations(scene.start)[0]
+        place = scene.start[0] + CAMERA[0] * turned[:, 0] + [0.0, 0.0, CAMERA[2]]
+        balls.append({"shape": "sphere", "center": place.tolist(), "radius": 0.02})
+    for ball, other in zip(balls, reversed(grasps), strict=True):
+        searched.clear()
+        assert not carry(lifts_scene((ball,), **wanted), robot("lifts"), budget=Budget(work=0.2)).verified
+        assert set(searched) == {other["offset_deg"]}
+    searched.clear()
+    with pytest.raises(
+        SceneError, match=r"left_wrist and obstacles\[0\] \(sphere\) come too near .* at the start"
+    ):
+        carry(lifts_scene(tuple(balls), **wanted), robot("lifts"))
+    assert not searched

@@ -2,6 +2,8 @@
 
 import copy
 import pickle
+from dataclasses import replace
+from functools import lru_cache
 
 import coal
 import numpy as np
@@ -10,13 +12,15 @@ import pytest
 
 from comove import Scene
 from comove.errors import OptionError, RobotError
-from comove.robots import verify_joints
+from comove.export import parts_of
+from comove.robots import carry, verify_joints
 from comove.robots.free_space import Room
-from comove.robots.transfers import Transfers, plan_transfers
+from comove.robots.transfers import Transfers, plan_transfers, possible_transfers
 from comove.robots.verification.bodies import bodies_of
-from comove.robots.verification.carried import Carried, placements
+from comove.robots.verification.carried import Carried
 from comove.robots.verification.reach import Bases
 from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
+from tests.robots.small_robots import SHELF, lifts_scene, robot
 
 KEEP = 0.005  # m, that everything keeps where the scene says nothing
 HEIGHT, GRIP_TIME = 0.08, 1.0  # m, s, where nothing else is asked for
@@ -201,9 +205,7 @@ def room_to_home():
     carried_load = Carried(carry.motion.motion)
     where, _ = carried_load.hands(carried_load.time)
     bodies = bodies_of(Bases(robot, robot.description.uncertainty), robot.arms, carried_load, where, 0.0)
-    for rod, *spanned in bodies.rods:
-        (turn,), (middle,) = placements(carried_load.nodes(np.array([0.0])), tuple(spanned))
-        bodies.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
+    bodies = bodies.with_load_at(carried_load.nodes(np.array([0.0]))[0])
     nodes = carry.scene.nodes_at("start")
     return Room.for_ends(bodies, carry.scene, np.stack([held, robot.home]), nodes)
 
@@ -224,6 +226,113 @@ def test_what_is_free_together_is_free_one_by_one():
     free = np.array([room.is_free(one) for one in q])
     assert 0 < free.sum() < len(q)
     assert room.are_free(q[free]) and not room.are_free(q)
+
+
+@lru_cache
+def on_lifts(*shelves, goal_is_home=False, **wanted):
+    """A carry of the arms on lifts, below shelves; on demand their hands at home are in the payload at its goal."""
+    machine, scene = robot("lifts"), lifts_scene(tuple(map(dict, shelves)))
+    found = carry(scene, machine, budget=20.0, **wanted)
+    if not goal_is_home:
+        return found
+    last = found.joints.position[-1] - np.tile([0.03, 0.0, 0.0, 0.0], 2)
+    arms = tuple(replace(arm, home=last[arm.columns]) for arm in machine.arms)
+    return carry(scene, replace(machine, arms=arms), budget=20.0, **wanted)
+
+
+def elbow_of_left(found):
+    return np.sign(found.joints.position[0, found.robot.joint_names.index("left_elbow_joint")])
+
+
+def test_joints_without_an_approach_do_not_win_where_one_is_asked_for():
+    below = tuple(SHELF.items())
+    alone, both = on_lifts(below), on_lifts(below, approach=True, release=True)
+    with pytest.raises(
+        RobotError, match=r"behind the grasp at the start, left_elbow and .*solve .* with --approach"
+    ):
+        plan_transfers(alone.motion)
+    assert both.verified and not both.without
+    assert elbow_of_left(alone) == -elbow_of_left(both)
+    assert both.transfers.carry is both.motion
+    again = plan_transfers(both.motion)
+    for part in ("approach", "release"):
+        assert (getattr(again, part).position == getattr(both.transfers, part).position).all()
+
+
+def test_a_shelf_above_all_elbows_is_told_before_anything_is_searched(monkeypatch):
+    monkeypatch.setattr("comove.robots.solving.solve", lambda *_, **__: pytest.fail("it was searched"))
+    roof = {"shape": "box", "center": [0.2, 0.0, 0.557], "size": [0.9, 1.6, 0.03]}
+    with pytest.raises(
+        RobotError, match=r"no joints that hold the load leave room for approach: 0.02 m behind"
+    ):
+        carry(lifts_scene((roof,)), robot("lifts"), approach=True)
+
+
+def test_where_no_way_is_found_other_joints_are_tried(monkeypatch):
+    refused = []
+
+    def never_with_elbows_inwards(motion, **wanted):
+        if len(refused) < 1:
+            refused.append(motion.joints.position[0])
+            return None, {"start": RobotError("no way")}
+        return possible_transfers(motion, **wanted)
+
+    monkeypatch.setattr("comove.robots.solving.possible_transfers", never_with_elbows_inwards)
+    found = carry(lifts_scene(), robot("lifts"), approach=True, budget=20.0)
+    assert found.verified and not found.without and found.transfers.release is None
+    assert np.abs(found.transfers.approach.position[-1] - refused[0]).max() > 0.3
+
+
+def test_a_carry_without_the_approach_that_is_asked_for_says_so(monkeypatch):
+    none = {"start": RobotError("no way")}
+    monkeypatch.setattr("comove.robots.solving.possible_transfers", lambda *_, **__: (None, none))
+    found = carry(lifts_scene(), robot("lifts"), approach=True, budget=20.0)
+    assert found.verified and found.without == ("no way",) and found.transfers is None
+
+
+def test_an_approach_needs_no_release():
+    motion = on_lifts(goal_is_home=True).motion
+    with pytest.raises(
+        RobotError, match=r"at home, \w+ and the load at its goal come too near .*leave the release out"
+    ):
+        plan_transfers(motion)
+    transfers = plan_transfers(motion, release=False)
+    assert transfers.release is None and (transfers.approach.position[0] == motion.robot.home).all()
+    assert set(parts_of(motion, transfers)) == {"carry", "approach"}
+    found, errors = possible_transfers(motion)
+    assert list(errors) == ["goal"] and found.release is None
+    assert (found.approach.position == transfers.approach.position).all()
+
+
+def test_an_approach_begins_at_the_present_joints():
+    motion, robot_ = on_lifts().motion, robot("lifts")
+    there = robot_.home + 0.1
+    transfers = plan_transfers(motion, present=dict(zip(robot_.joint_names, there.tolist(), strict=True)))
+    assert (transfers.approach.position[0] == there).all()
+    assert (transfers.release.position[-1] == robot_.home).all()
+
+
+def test_present_joints_that_touch_are_told():
+    q = robot("lifts").home
+    q[[1, 2]], q[[5, 6]] = (-1.2, 0.0), (1.2, 0.0)  # forearm in forearm
+    scene, motion = lifts_scene(), on_lifts().motion
+    with pytest.raises(RobotError, match=r"present: at the present joints, .* are in each other"):
+        carry(scene, robot("lifts"), present=q)
+    with pytest.raises(RobotError, match=r"present: at the present joints, .* come too near .*--present"):
+        plan_transfers(motion, present=q)
+
+
+@pytest.mark.parametrize("nothing", [None, "carried", 3])
+def test_what_is_no_verified_motion_is_refused(nothing):
+    with pytest.raises(
+        OptionError, match=f"carry: the motion is a {type(nothing).__name__}, not a verified one"
+    ):
+        plan_transfers(nothing)
+
+
+def test_neither_approach_nor_release_is_refused():
+    with pytest.raises(OptionError, match="neither approach nor release"):
+        plan_transfers(on_lifts().motion, approach=False, release=False)
 
 
 def test_a_height_out_of_reach_is_told():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +14,7 @@ from comove.errors import ComoveError, InputError, OptionError, RobotError
 from comove.methods import OF_ROBOTS
 
 if TYPE_CHECKING:
-    from comove.robots import Robot
+    from comove.robots import Robot, RobotSolution
     from comove.scenes import Scene
     from comove.simulators.pictures import Filmed
 
@@ -29,6 +29,7 @@ class Wanted:
     Attributes
     ----------
     method, objective, resemblance, weights, library, demonstration : options of `comove solve`
+    around : present joints, and which of approach and release there must be
     """
 
     method: str = "comove"
@@ -37,6 +38,7 @@ class Wanted:
     weights: str | None = None
     library: Path | None = None
     demonstration: Path | None = None
+    around: o.ApproachOptions = field(default_factory=o.ApproachOptions)
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,7 @@ def solve_joints(
     from comove.results import RESULT
     from comove.robots import carry
     from comove.robots.kernels import load_robot_kernels
+    from comove.robots.present import read_present
 
     chosen = o.method_named(wanted.method, OF_ROBOTS)
     smooth = wanted.method == "comove"
@@ -107,6 +110,8 @@ def solve_joints(
     check_target(out, RESULT)
     objective = o.objective_of(wanted.objective, wanted.resemblance, wanted.weights, loaded, smooth)
     carrier, named = robot_named(robot, loaded, scene)
+    around = wanted.around
+    present = None if around.present is None else read_present(around.present, carrier)
     with progress_bar(budget) as progress:
         check_method(loaded, chosen, objective)
         _require_carried(carrier, loaded.alternatives[0], scene)
@@ -129,9 +134,13 @@ def solve_joints(
                 budget=budget,
                 progress=progress,
                 objective=objective,
+                present=present,
+                approach=around.approach or around.transfers,
+                release=around.release or around.transfers,
             )
         except InputError as error:
-            error.file = error.file or scene
+            at_fault = around.present if error.key == "present" else scene
+            error.file = error.file or at_fault or scene
             raise
     from comove.views import save_robot_result
 
@@ -147,13 +156,26 @@ def solve_joints(
         )
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
-        return exit_code(solution)
+        return exit_code(solution) or (NOT_VERIFIED if found.without else VERIFIED)
     print(summary_text(summary, out, scene=solution.scene))
     print(joints_text(carrier.name, vars(found.report)))
     rows = [] if source is None else [("demonstration", f"{source} of {wanted.library}")]
     rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
-    print(*in_rows(rows), sep="\n")
-    return exit_code(solution)
+    print(*in_rows([*rows, *_transfer_rows(found)]), sep="\n")
+    for reason in found.without:
+        say(f"  - {reason}")
+    return exit_code(solution) or (NOT_VERIFIED if found.without else VERIFIED)
+
+
+def _transfer_rows(found: RobotSolution) -> list[tuple[str, str]]:
+    """Return in words which of approach and release were found, and how long they take."""
+    planned, where = found.transfers, "home" if found.present is None else "the present joints"
+    rows = []
+    if planned is not None and planned.approach is not None:
+        rows.append(("approach", f"{planned.approach.duration:.2f} s, from {where}"))
+    if planned is not None and planned.release is not None:
+        rows.append(("release", f"{planned.release.duration:.2f} s, to home"))
+    return [*rows, *([("missing", "what was asked for and not found:")] if found.without else [])]
 
 
 def _require_carried(robot: Robot, choice: Scene, scene: Path) -> None:

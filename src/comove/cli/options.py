@@ -64,6 +64,43 @@ class SceneLimits(RunLimits):
     jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None
 
 
+PresentFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--present",
+        metavar="FILE",
+        help="Where the robot's joints are now, before it approaches (YAML or JSON: {joint: value}, or a JointState "
+        "of ROS) [rad, m]; home unless given.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class ApproachOptions:
+    """Options of how a robot comes to the payload, and leaves it."""
+
+    present: PresentFile = None
+    transfers: Annotated[
+        bool, typer.Option("--transfers", help="Both --approach and --release.", show_default=False)
+    ] = False
+    approach: Annotated[
+        bool,
+        typer.Option(
+            "--approach",
+            help="Hold the payload at the start with joints that can be approached from the present ones.",
+        ),
+    ] = False
+    release: Annotated[
+        bool,
+        typer.Option("--release", help="Hold it at the goal with joints from which there is a way home."),
+    ] = False
+
+    @property
+    def given(self) -> list[str]:
+        """Return the names of the options that were given."""
+        return [f"--{name}" for name, value in vars(self).items() if value]
+
+
 @dataclass(frozen=True)
 class Trusted:
     """Options of what a robot's motion in a folder is verified against."""

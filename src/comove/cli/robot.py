@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
 from comove.cli.texts import say
-from comove.errors import OptionError, ResultError, RobotError
+from comove.errors import OptionError, ResultError
 from comove.methods import OF_ROBOTS
+
+if TYPE_CHECKING:
+    from comove.robots import VerifiedJointMotion
+    from comove.robots.present import Joints
+    from comove.robots.transfers import Transfers
 
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
@@ -24,6 +29,7 @@ RobotName = Annotated[
 GraspName = Annotated[str, typer.Option(help="How the hands hold the load: weld, connect, friction.")]
 FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
 PARTS = ("carry", "approach", "release")
+CARRY = PARTS[0]
 
 
 @verb_of(group)
@@ -53,6 +59,7 @@ def solve(
         ),
     ] = None,
     *,
+    around: o.ApproachOptions,
     limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
@@ -64,7 +71,7 @@ def solve(
     o.check_budget(budget)
     with progress_bar():
         loaded = Scene.load(scene, limits.changes, check_ends=False)
-    wanted = Wanted(method, objective, resemblance, weights, library)
+    wanted = Wanted(method, objective, resemblance, weights, library, around=around)
     return solve_joints(loaded, scene, out, robot, wanted, seed=seed, budget=budget, json=json)
 
 
@@ -116,9 +123,12 @@ def export(
     transfers: Annotated[
         bool | None,
         typer.Option(
-            help="Also the motions from home to the grasp and from there home; unless said, where there are any."
+            help="Also the motions to the grasp and from there home, both or neither; unless said, those found."
         ),
     ] = None,
+    approach: Annotated[bool, typer.Option("--approach", help="Also the motion to the grasp.")] = False,
+    release: Annotated[bool, typer.Option("--release", help="Also the motion from the grasp home.")] = False,
+    present: o.PresentFile = None,
     *,
     trusted: o.Trusted,
 ) -> int:
@@ -127,20 +137,34 @@ def export(
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
     from comove.results.words import gripper_rows
-    from comove.robots import plan_transfers
+    from comove.robots.transfers import possible_transfers
 
     if format is not None:
         o.require_one_of(format, FORMATS, "format")
+    if transfers is not None and (approach or release):
+        key = "--approach" if approach else "--release"
+        raise OptionError(
+            "--transfers is both, --no-transfers neither", key=key, way_out="leave one of the options out"
+        )
+    strict = bool(transfers or approach or release)
+    both = transfers or (transfers is None and not strict)
+    approach, release = both or approach, both or release
+    _require_approach(present, approach)
     motion = trusted.verified(folder)
     kind = usual_format(motion) if format is None else KINDS[format]
-    check_export(motion, folder, kind, rate=rate, transfers=transfers is not False)
-    planned = None
-    try:
-        planned = None if transfers is False else plan_transfers(motion)
-    except RobotError as error:
-        if transfers:
-            raise
-        say(f"warning: the carry alone is exported: {error}", file=sys.stderr)
+    parts = [CARRY, *(["approach"] if approach else []), *(["release"] if release else [])]
+    check_export(motion, folder, kind, rate=rate, parts=parts)
+    planned: Transfers | None = None
+    if len(parts) > 1:
+        begin = _present(folder, motion, present)
+        planned, errors = possible_transfers(motion, approach=approach, release=release, present=begin)
+        for error in errors.values():
+            if strict:
+                raise error
+            what = (
+                "the carry alone is exported" if planned is None else "one of approach and release is missing"
+            )
+            say(f"warning: {what}: {error}", file=sys.stderr)
     written = export(motion, folder, kind, rate=rate, transfers=planned)
     say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
     for row in in_rows(gripper_rows(motion.report.without_gripper)):
@@ -148,6 +172,22 @@ def export(
     for path in written:
         say(f"  {path}")
     return 0
+
+
+def _require_approach(present: Path | None, approach: bool) -> None:
+    """Refuse present joints where no approach begins at them."""
+    if present is not None and not approach:
+        raise OptionError(
+            "no approach is asked for, which would begin there", key="--present", way_out="leave it out"
+        )
+
+
+def _present(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
+    """Return the joints at which the approach begins: those of a file, or else those of the result folder."""
+    from comove.robots.files import stored_present
+    from comove.robots.present import read_present
+
+    return stored_present(folder, motion.robot) if file is None else read_present(file, motion.robot)
 
 
 @verb_of(group)
@@ -161,6 +201,7 @@ def send(
         float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
     ] = 0.2,
     timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
+    present: o.PresentFile = None,
     *,
     trusted: o.Trusted,
 ) -> int:
@@ -173,9 +214,17 @@ def send(
     for option, value in given.items():
         if not 0 < value < float("inf"):
             raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
+    _require_approach(present, part == "approach")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
     motion = trusted.verified(folder)
-    transfers = None if part == "carry" else plan_transfers(motion)
+    transfers = None
+    if part != CARRY:
+        transfers = plan_transfers(
+            motion,
+            approach=part == "approach",
+            release=part == "release",
+            present=_present(folder, motion, present),
+        )
     try:
         with Ros1Client() as client:
             outcome = send(client, motion, part=part, transfers=transfers, tolerances=tolerances)

@@ -90,6 +90,7 @@ def solve(
         ),
     ] = False,
     *,
+    around: o.ApproachOptions,
     limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
@@ -121,8 +122,14 @@ def solve(
         loaded = Scene.load(scene, limits.changes, check_ends=False)
     if names_robot(loaded, robot, hands_alone):
         _require_joints(loaded, robot, method, no_planner, obstacles)
-        how = Wanted(method, objective, resemblance, weights, library, demonstration)
+        how = Wanted(method, objective, resemblance, weights, library, demonstration, around)
         return solve_joints(loaded, scene, out, robot, how, seed=seed, budget=budget, json=json)
+    if around.given:
+        raise OptionError(
+            "no robot's joints are looked at, which it needs",
+            key=around.given[0],
+            way_out="name a robot by --robot, without --hands-alone, or leave it out",
+        )
     chosen = o.method_named(method)
     wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
     hard = obstacles is ObstacleMode.constraint

@@ -14,7 +14,6 @@ from comove.errors import ExportError
 from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
 from comove.export.parts import (
     CARRY,
-    PARTS,
     SAMPLE_RATE,
     MotionPart,
     parts_of,
@@ -119,7 +118,7 @@ def export(
     """
     parts = parts_of(motion, transfers)
     format = format or usual_format(motion)
-    check_export(motion, folder, format, rate=rate, transfers=transfers is not None)
+    check_export(motion, folder, format, rate=rate, parts=parts)
     for part in parts.values():
         format.require(part)
     folder = Path(folder)
@@ -143,14 +142,14 @@ def check_export(
     format: ExportFormat | None = None,
     *,
     rate: float = SAMPLE_RATE,
-    transfers: bool = False,
+    parts: Iterable[str] = (CARRY,),
 ) -> None:
     """Refuse what `export` would refuse, before approach and release are planned.
 
     Parameters
     ----------
     motion, folder, format, rate : as for `export`
-    transfers : whether there will be approach and release
+    parts : names of the motions that there will be
 
     Raises
     ------
@@ -161,7 +160,7 @@ def check_export(
     format = format or usual_format(motion)
     require_rate(motion, rate)
     format.require(carry)
-    targets, sidecars = _paths(Path(folder), format, PARTS if transfers else (CARRY,))
+    targets, sidecars = _paths(Path(folder), format, parts)
     for path in (*targets.values(), *sidecars.values()):
         if path.exists() or path.is_symlink():
             raise ExportError(

@@ -1,7 +1,7 @@
 """Parts of a motion for a robot: up to three motions of its joints, with their provenance.
 
-The *carry* is the verified motion. The *approach* brings the hands from home to the grasp and grips, the *release*
-lets go and brings them home; both come from `comove.robots.transfers`.
+The *carry* is the verified motion. The *approach* brings the hands from home, or the present joints, to the grasp and
+grips, the *release* lets go and brings them home; both come from `comove.robots.transfers`.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class MotionPart:
 
 
 def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) -> dict[str, MotionPart]:
-    """Return the motions to play, by name: the carry, and approach and release where there are transfers.
+    """Return the motions to play, by name: the carry, and those of approach and release that there are.
 
     Raises
     ------
@@ -135,8 +135,9 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
             way_out="plan them for it: comove.robots.transfers.plan_transfers(motion)",
         )
     motions = {CARRY: (motion.joints, 0.0)}
-    if transfers is not None:
-        motions[APPROACH] = transfers.approach, transfers.approach.duration - transfers.grip_time
+    if transfers is not None and (approach := transfers.approach) is not None:
+        motions[APPROACH] = approach, approach.duration - transfers.grip_time
+    if transfers is not None and transfers.release is not None:
         motions[RELEASE] = transfers.release, np.inf
     scene, robot = motion.scene, motion.robot
     arms = {arm.name: tuple(robot.joint_names[column] for column in arm.columns) for arm in robot.arms}

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import cycle
+from itertools import cycle, islice
 from typing import Any
 
 import numpy as np
@@ -13,10 +13,22 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.errors import RobotError
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.seeds import targets_along
 from comove.robots.effort import carried_masses, overburdened, shortest_duration
-from comove.robots.ends import N_THREADS, THREADS, EndJoints, EndSettings, Pair, Tally, apart, of_robot, unfit
+from comove.robots.ends import (
+    DIGITS,
+    N_THREADS,
+    THREADS,
+    EndJoints,
+    EndSettings,
+    Pair,
+    Tally,
+    apart,
+    of_robot,
+    unfit,
+)
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
 from comove.robots.search.chains import turned_towards
@@ -25,6 +37,7 @@ from comove.robots.search.links import FAT, FATTEST, Links, LinkSurroundings, lo
 from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
+from comove.robots.transfers import Retreat
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.grasp import Grasp
 from comove.scenes.model import ROBOT_CLEARANCE
@@ -72,7 +85,11 @@ class RobotCarrier:
     ----------
     robot, scene : the robot, and the scene whose load it carries
     caution : number of times that the constraints were tightened
-    begin : array, shape (n_joints,), the robot's joints at the start, where they are known [rad]; None to find some
+    begin : array, shape (n_joints,), the robot's joints at the start, where it holds the load already [rad]; None to
+        find some
+    present : array, shape (n_joints,), the robot's joints before it approaches the start [rad]; None for home
+    approach, release : whether the joints at the start, and at the goal, must leave room for these
+    barred : joints of the arms at an end from which no such motion was found, each with "start" or "goal"
     found : function that is called with every joint motion that is verified
     recalled : the links as rejections have corrected them, if any have, for all copies
     kept : motions whose joints were verified, or given (`keep`), with what slack, and these, for all copies: what is
@@ -84,6 +101,10 @@ class RobotCarrier:
     scene: Scene
     caution: int = 0
     begin: Array | None = None
+    present: Array | None = None
+    approach: bool = False
+    release: bool = False
+    barred: tuple[tuple[str, Array], ...] = ()
     found: Callable[[VerifiedJointMotion], None] | None = None
     recalled: list[Links] = field(default_factory=list)
     kept: list[tuple[CoordinatedMotion, float, tuple[JointMotion, JointVerdict]]] = field(
@@ -162,10 +183,23 @@ class RobotCarrier:
         """Return a copy on a scene that differs only in its duration and limits."""
         return self._changed(scene=scene)
 
+    def without(self, ends: Mapping[str, Array]) -> RobotCarrier:
+        """Return a copy that does not use some joints of the robot at the ends, or any near them.
+
+        Parameters
+        ----------
+        ends : arrays, shape (n_joints,), by "start" or "goal" [rad]
+        """
+        barred = ((end, q[self.ends.columns]) for end, q in ends.items())
+        other = self._changed(barred=(*self.barred, *barred))
+        for name in ("_pairs", "_led"):
+            vars(other).pop(name, None)
+        return other
+
     def _changed(self, *kept: str, **changes: Any) -> RobotCarrier:
         """Return a changed copy that keeps the cached values which depend on neither caution nor pace."""
         other = replace(self, **changes)
-        for name in ("starts", "goals", "_pairs", "_led", *kept):
+        for name in ("starts", "goals", "_retreats", "_refused", "_pairs", "_led", *kept):
             if name in vars(self):
                 vars(other)[name] = vars(self)[name]
         return other
@@ -225,12 +259,78 @@ class RobotCarrier:
     @property
     def ends(self) -> EndJoints:
         """Return how the arms hold the load at both ends."""
-        return EndJoints(self.robot, self.scene, self.grasp, self.holders, self.arms, self.settings.ends)
+        columns = np.concatenate([arm.columns for arm in self.holders])
+        present = (self.robot.home if self.present is None else self.present)[columns]
+        return EndJoints(
+            self.robot, self.scene, self.grasp, self.holders, self.arms, present, self.settings.ends
+        )
 
     @cached_property
     def _pairs(self) -> tuple[Pair, ...]:
-        """Return pairs of joint positions at start and goal, as paths between them are likely."""
-        return self.ends.pairs(self.starts, self.goals)
+        """Return pairs of joint positions at start and goal, as paths between them are likely, of those that leave
+        room for approach and release.
+        """
+        pairs = self.ends.pairs(self.starts, self.goals)
+        admitted = tuple(islice((pair for pair in pairs if self._admits(*pair)), self.settings.ends.n_pairs))
+        if not admitted:
+            raise self._no_retreat(pairs[0])
+        return admitted
+
+    @cached_property
+    def _retreats(self) -> dict[str, Retreat]:
+        """Return the retreats that joints must leave room for, by the end."""
+        home = self.robot.home
+        present = home if self.present is None else self.present
+        wanted = (("start", self.approach, present), ("goal", self.release, home))
+        return {end: Retreat.on(self.scene, self.robot, end, other) for end, asked, other in wanted if asked}
+
+    @cached_property
+    def _refused(self) -> dict[tuple[str, bytes], RobotError | None]:
+        """Return what keeps hands from drawing back from joints of the arms at an end, as far as it was asked."""
+        return {}
+
+    def _admits(self, first: Array, last: Array) -> bool:
+        """Return whether hands can draw back from joints of the arms at start and goal, where that is wanted."""
+        return all(
+            self._refusal(end, q) is None
+            and not any(
+                at == end and np.abs(q - other).max() <= self.settings.ends.same_branch
+                for at, other in self.barred
+            )
+            for end, q in (("start", first), ("goal", last))
+        )
+
+    def _refusal(self, end: str, q: Array) -> RobotError | None:
+        """Return what keeps hands from drawing back from joints of the arms at an end."""
+        if end not in self._retreats:
+            return None
+        key = end, q.round(DIGITS).tobytes()
+        if key not in self._refused:
+            joints, error = self.robot.home, None
+            joints[self.ends.columns] = q
+            try:
+                self._retreats[end].behind(joints)
+            except RobotError as why:
+                error = why
+            self._refused[key] = error
+        return self._refused[key]
+
+    def _no_retreat(self, pair: Pair) -> RobotError:
+        """Return the error that no joints at the ends leave room for approach and release, by the likeliest pair."""
+        refusals = (self._refusal(end, q) for end, q in zip(("start", "goal"), pair, strict=True))
+        told = next(
+            (refusal.message for refusal in refusals if refusal is not None), "no other joints are left"
+        )
+        return RobotError(
+            f"no joints that hold the load leave room for {' and '.join(self.transfers)}: {told}",
+            key="grasp",
+            way_out="give another grasp, move what is near, or do not ask for it",
+        )
+
+    @property
+    def transfers(self) -> list[str]:
+        """Return the names of those of approach and release that there must be."""
+        return [name for name, asked in (("approach", self.approach), ("release", self.release)) if asked]
 
     @cached_property
     def _leniency(self) -> Iterator[float]:
@@ -340,16 +440,40 @@ class RobotCarrier:
         ------
         SceneError
             If an arm cannot reach its start or its goal.
+        RobotError
+            If no joints there leave room for an approach or a release that is wanted.
         """
+        for retreat in self._retreats.values():
+            retreat.require_free_rest()
         _ = self.starts, self.goals
+        if self._retreats:
+            _ = self._pairs
+
+    def require_clear_ends(self) -> None:
+        """Refuse a scene at whose ends bodies are too near whatever joints hold the load.
+
+        Raises
+        ------
+        SceneError
+            If they are, by the exact bodies; with their names.
+        """
+        for end, branches in (("start", self.starts), ("goal", self.goals)):
+            if near := self.ends.contact(end, branches):
+                raise unfit(
+                    self.scene,
+                    f"manipulators.{end}",
+                    f"{near} come too near to each other at the {end}, whatever joints hold the load",
+                    "move it, or hold it in another way",
+                )
 
     @property
     def turning(self) -> float:
-        """Return how far a joint has to turn from start to goal at least, far more where links touch there [rad]."""
+        """Return how far joints turn to the start and on to the goal at least, far more where links touch [rad]."""
         first, last = self._pairs[0]
         ends = ((first, "start"), (last, "goal"))
         free = all(self.ends.tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
-        return apart(first, last) + (0.0 if free else 2.0 * np.pi)
+        away = apart(self.ends.present, first) + apart(first, last)
+        return away + (0.0 if free else 2.0 * np.pi)
 
     def try_planning(self) -> None:
         """Plan from start to goal, and go along a path between them."""
@@ -388,6 +512,7 @@ class RobotCarrier:
         n_most = max(map(len, self.starts))
         nodes = np.ascontiguousarray(nodes[None, :: self.settings.coarser])
         led: Array | None = vars(self).get("_led")  # of the last path planned, along which most motions go
+        bound = self.approach or self.release
         cost = (2, np.inf)
         if led is not None:
             strain = self.strain(nodes, led)
@@ -401,11 +526,13 @@ class RobotCarrier:
             )
             for k in range(n_most)
         ]
-        if n_most == 1:
+        if n_most == 1 and not bound:
             return tried[0]
         penalties = np.array([self.strain(nodes, course).penalty[0] for course in tried])
         best, first = penalties.argmin(axis=0), self.arms.chains.first
         chosen = np.hstack([tried[k][:, first[i] : first[i + 1]] for i, k in enumerate(best)])
+        if bound and not self._admits(*chosen):
+            return np.stack(self._pairs[0]) if led is None else led
         return chosen if led is None or self._cost(self.strain(nodes, chosen)) < cost else led
 
     def _onward(self, i: int, start: Array) -> Array:

@@ -15,13 +15,16 @@ from scipy.spatial.transform import Rotation
 
 from comove.errors import SceneError
 from comove.processes import n_processors
+from comove.robots.free_space import Room
 from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import Chains, chains_of, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
 from comove.robots.search.following import MET, Arms, solutions
 from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearance_at, links_of
 from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
-from comove.robots.verification.bodies import obstacle_object
+from comove.robots.verification.bodies import bodies_of, obstacle_object
+from comove.robots.verification.carried import Carried
+from comove.robots.verification.reach import Bases
 from comove.scenes.grasp import Grasp
 from comove.scenes.scene import Scene
 
@@ -44,6 +47,7 @@ class EndSettings:
     last : weight of the turn of an arm's last joint, which no singularity hinders, where joints are compared
     whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
     unlikely : plans that led to nothing which every further pair of joints at start and goal is credited with
+    n_pairs : pairs that are looked at where joints must leave room for approach or release
     """
 
     n_seeds: int = 64
@@ -55,6 +59,7 @@ class EndSettings:
     last: float = 0.5
     whatever: int = 4
     unlikely: float = 0.5
+    n_pairs: int = 16
 
 
 DIGITS = 6  # of differences of joints, by which they are compared
@@ -118,6 +123,7 @@ class EndJoints:
     grasp : how the hands hold it
     holders : arms of the robot in the order of the scene's manipulators
     arms : these as arrays, for kernels
+    present : array, shape (n_joints of the arms,), joints from which the robot approaches the start
     settings : settings of the search for joints
     """
 
@@ -126,15 +132,17 @@ class EndJoints:
     grasp: Grasp
     holders: tuple[Arm, ...]
     arms: Arms
+    present: Array
     settings: EndSettings = EndSettings()
 
     def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> tuple[Pair, ...]:
-        """Return pairs of joint positions at start and goal, as paths between them are likely.
+        """Return pairs of joint positions at start and goal, first those with the least turns of joints.
 
-        Most are the next of those that keep the clearance, then of those that may keep it, and among them of those
-        that differ least; one of `whatever` is the next of those that differ least, whatever they keep, as capsules
-        may be much wider than links. Goals are there as they were found and, where joints can turn further than once,
-        as many turns away as is nearest to the start.
+        A pair's turns are the largest from the present joints to the start and the largest from there to the goal, as
+        one follows the other. Most pairs are the next of those that keep the clearance, then of those that may keep
+        it, and among them of those with the least turns; one of `whatever` is the next of those with the least turns,
+        whatever they keep, as capsules may be much wider than links. Goals are there as they were found and, where
+        joints can turn further than once, as many turns away as is nearest to the start.
 
         Parameters
         ----------
@@ -150,7 +158,7 @@ class EndJoints:
             np.stack([turned, goal], axis=1).reshape(-1, start.shape[1]),
         )
         tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
-        differ = self.difference(first, last).round(DIGITS)
+        differ = (self.difference(self.present, first) + self.difference(first, last)).round(DIGITS)
         rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
         _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
         once.sort()
@@ -213,21 +221,52 @@ class EndJoints:
         """
         nodes = self.scene.nodes_at(end)
         rotations, how = self.grasp.hand_rotations(nodes[: len(self.holders)]), self.settings
-        posture, found, n = self.arms.around.posture, list[Array](), len(self.holders)
+        posture, found, n = self._near(end), list[Array](), len(self.holders)
         solved = THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n, [how.n_seeds] * n)
         for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
             part = self.part(i)
             if missing.min() > MET:
                 raise self._out_of_reach(arm, end, joints[missing.argmin(), part], rotations[i], nodes[i])
-            homely = self._homely(joints[missing <= MET][:, part], posture[part])
+            solved_ones = turned_towards(
+                self.arms.chains, posture[part], joints[missing <= MET][:, part], part
+            )
+            homely = self._homely(solved_ones, posture[part])
             room = self._room(i, homely, nodes)
-            if not (room > self.scene.clearance).any():  # there may be more room further from home
-                found.append(self._roomy(i, homely, rotations[i], nodes)[: how.n_branches])
+            if not (room > self.scene.clearance).any():  # there may be more room further away
+                found.append(self._roomy(i, homely, rotations[i], nodes, posture)[: how.n_branches])
                 continue
             order = np.argsort(room <= 0.0, kind="stable")
             free = order[room[order] > self.scene.clearance - FATTEST]
             found.append(homely[free][: how.n_branches])
         return tuple(found)
+
+    def _near(self, end: str) -> Array:
+        """Return the joints near which those at an end are looked for; array, shape (n_joints,)."""
+        return self.present if end == "start" else self.arms.around.posture
+
+    def contact(self, end: str, branches: tuple[Array, ...]) -> str:
+        """Return the names of two bodies that are too near at an end whatever joints hold the load there; empty
+        where some are clear, by the exact bodies.
+
+        Parameters
+        ----------
+        branches : joints at the end, by arm; arrays, shape (n_branches, n_joints)
+        """
+        robot, nodes, q, first = self.robot, self.scene.nodes_at(end), self.robot.home, ""
+        bases, carried = Bases(robot, robot.description.uncertainty), Carried.straight(self.scene)
+        bodies = bodies_of(bases, self.holders, carried, nodes[None, : len(self.holders)], 0.0)
+        room = Room(bodies.with_load_at(nodes), robot.arms, np.zeros(len(bodies.kind)))
+        for joints in product(*branches):
+            q[self.columns] = np.concatenate(joints)
+            if not (near := room.contact(q)):
+                return ""
+            first = first or near
+        return first
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        """Return the columns of the arms' joints among those of the robot."""
+        return np.concatenate([arm.columns for arm in self.holders])
 
     def _room(self, i: int, branches: Array, nodes: Array) -> Array:
         """Return the clearance of arm i in some of its joints, wherever the other arms are; array, shape (n,) [m]."""
@@ -286,8 +325,8 @@ class EndJoints:
         return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
 
     def _homely(self, joints: Array, posture: Array) -> Array:
-        """Return the distinct solutions of one arm, nearest to home first; `joints` has the shape (n, n_joints of the
-        arm).
+        """Return the distinct solutions of one arm, nearest to a posture first; `joints` has the shape (n, n_joints
+        of the arm).
         """
         return self._distinct(sorted(joints, key=lambda q: apart(q, posture)))
 
@@ -299,24 +338,25 @@ class EndJoints:
                 kept.append(q)
         return np.array(kept)
 
-    def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array) -> Array:
-        """Return distinct solutions of arm i that may be clear by its capsules, near home or elsewhere;
+    def _roomy(self, i: int, homely: Array, rotation: Array, nodes: Array, near: Array) -> Array:
+        """Return distinct solutions of arm i that may be clear by its capsules, near some joints or elsewhere;
         those come first whose bodies keep the clearance from obstacles. If none may be clear, return all.
 
         Parameters
         ----------
-        homely : array, shape (n_solutions, n_joints of the arm), solutions near home
+        homely : array, shape (n_solutions, n_joints of the arm), solutions near `near`
+        near : array, shape (n_joints,)
 
         Returns
         -------
         array, shape (n, n_joints of the arm)
         """
-        chains, part, home, how = self.arms.chains, self.part(i), self.arms.around.posture, self.settings
+        chains, part, how = self.arms.chains, self.part(i), self.settings
         rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (how.n_postures, len(home)))
-        solved = [self._solutions(i, rotation, nodes[i], posture, 0) for posture in (home, *draws)]
+        draws = rng.uniform(chains.lower, chains.upper, (how.n_postures, len(near)))
+        solved = [self._solutions(i, rotation, nodes[i], posture, 0) for posture in (near, *draws)]
         joints = np.concatenate([q[missing <= MET][:, part] for q, missing in solved])
-        joints = turned_towards(chains, home[part], joints, part)
+        joints = turned_towards(chains, near[part], joints, part)
         room = self._room(i, joints, nodes).round(DIGITS)
         joints = self._distinct([*homely, *joints[np.argsort(-room, kind="stable")]])
         likely = np.flatnonzero(self._room(i, joints, nodes) > self.scene.clearance - FATTEST)

@@ -26,10 +26,11 @@ from comove.io.folders import listed_inputs, scene_folder
 from comove.results.reference import SCENE, Reference, own_scene, reference_of
 from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, checksum, finite, read_json
 from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
-from comove.robots.description import bundled_robots, find_description, is_file
+from comove.robots.description import bundled_robots, errors_in, find_description, is_file
 from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.present import present_joints
 from comove.robots.verification.checks import unfit_joints
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.model import canonical
@@ -91,6 +92,7 @@ def write_joints(
     motion: CoordinatedMotion,
     *,
     source: str | Path | None = None,
+    present: Array | None = None,
 ) -> Summary:
     """Write `joints.npz`, `robot.json` and `scene.json` into the folder of a result.
 
@@ -103,6 +105,8 @@ def write_joints(
     source
         The robot's description: the name of a bundled one or a path; found by the robot's name or from the scene
         unless given.
+    present
+        Array, shape (n_joints,), joints at which an approach begins; home unless given [rad, m].
 
     Returns
     -------
@@ -117,6 +121,7 @@ def write_joints(
         "robot": robot.name,
         "robot_file": source_of(robot, motion.scene, source),
         "version": __version__,
+        "present": None if present is None else dict(zip(robot.joint_names, present.tolist(), strict=True)),
         **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
@@ -126,6 +131,24 @@ def write_joints(
         "motion_sha256": checksum(motion_arrays(motion)),
     }
     return JOINTS.write(folder, summary, joint_arrays(joints))
+
+
+def stored_present(folder: str | Path, robot: Robot) -> Array | None:
+    """Return the joints at which an approach to a stored motion begins, as its summary says; None for home.
+
+    Raises
+    ------
+    ResultError, RobotError
+        If the summary cannot be read, or tells of joints that are not the robot's.
+    """
+    file = Path(folder) / JOINTS.summary
+    told = read_json(file, JOINTS.hint).get("present")
+    if told is None:
+        return None
+    with errors_in(file):
+        if not isinstance(told, dict):
+            raise RobotError("it is no mapping of joints", key="present", way_out="solve the scene again")
+        return present_joints(told, robot)
 
 
 def joint_arrays(joints: JointMotion) -> Arrays:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import comove
-from comove.errors import SceneError
+from comove.errors import OptionError, RobotError, SceneError
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
 from comove.planning.displays import displayed
@@ -28,10 +29,14 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
+from comove.robots.present import Joints, present_joints
+from comove.robots.transfers import Retreat, Transfers, possible_transfers
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.scenes.scene import Scene
 from comove.verification.verify import verify
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +49,18 @@ class RobotSolution:
     solution : the motion of the hands; its reasons include those of the robot
     joints : the verified joint motion, or the one that comes nearest to a verified one
     verdict : result of the verification of `joints`
+    transfers : approach and release, where they were asked for and found
+    without : reasons why one that was asked for was not found
+    present : array, shape (n_joints,), joints at which an approach begins; None for home
     """
 
     robot: Robot
     solution: Solution
     joints: JointMotion
     verdict: JointVerdict
+    transfers: Transfers | None = None
+    without: tuple[str, ...] = ()
+    present: Array | None = None
 
     @property
     def motion(self) -> VerifiedJointMotion | None:
@@ -86,7 +97,10 @@ def carry(
     budget: float | Budget = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
     progress: ProgressCallback | bool | None = None,
-    begin: NDArray[np.float64] | None = None,
+    begin: Joints | None = None,
+    present: Joints | None = None,
+    approach: bool = False,
+    release: bool = False,
     stop: Callable[[], bool] | None = None,
     found: Callable[[VerifiedJointMotion], None] | None = None,
 ) -> RobotSolution:
@@ -109,14 +123,36 @@ def carry(
     budget
         As for `comove.planning.solve`; threads that follow the arms count as well.
     begin
-        Array, shape (n_joints,), the robot's joints at the start, where it holds the load already [rad]; some that
-        suit are found unless given, and wherever the scene leaves the grasp open.
+        The robot's joints at the start, where it holds the load already: the motion begins there. Some that suit are
+        found unless given, and wherever the scene leaves the grasp open. As `present`, by name or an array.
+    present
+        The robot's joints now, from which it will approach the load: by name, or an array, shape (n_joints,)
+        [rad, m]; home unless given. Of the joints that hold the load at the start, those nearer to them come first.
+    approach, release
+        Whether there must be an approach from the present joints to the joints at the start, and a release from those
+        at the goal home. Joints that leave no room for it are not used, and `RobotSolution.transfers` holds both.
 
     Raises
     ------
     SceneError, RobotError
-        If the robot cannot hold the load at its start or goal, or has no such arms.
+        If the robot cannot hold the load at its start or goal, leaves no room there for an approach or a release that
+        is asked for, or has no such arms; or if present joints are not the robot's, or touch something.
+    OptionError
+        If the robot holds the load already (`begin`), and shall approach it.
     """
+    if begin is not None and (approach or present is not None):
+        raise OptionError(
+            "the robot holds the load already, and would approach it",
+            key="begin",
+            way_out="give either begin, or present and approach",
+        )
+    carriers: dict[str, Any] = {
+        "begin": None if begin is None else present_joints(begin, robot, "begin"),
+        "present": None if present is None else present_joints(present, robot),
+        "approach": approach,
+        "release": release,
+        "found": found,
+    }
     warn_of_buried_links(robot, scene)
     with displayed(progress, budget) as tell:
         load_robot_kernels(SceneKind.of(scene))
@@ -127,7 +163,7 @@ def carry(
             "progress": tell,
             "stop": stop,
         }
-        return _carried(scene, robot, Budget.of(budget), wanted, method, begin, found)
+        return _carried(scene, robot, Budget.of(budget), wanted, method, carriers)
 
 
 def _carried(
@@ -136,22 +172,71 @@ def _carried(
     budget: Budget,
     wanted: dict[str, Any],
     method: Method | None,
-    begin: NDArray[np.float64] | None,
-    found: Callable[[VerifiedJointMotion], None] | None,
+    carriers: dict[str, Any],
 ) -> RobotSolution:
-    """Carry; `wanted` are further arguments of `solve`, the others as of `carry`."""
+    """Carry; `wanted` are further arguments of `solve`, `carriers` those of `RobotCarrier`."""
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
-    timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
-    objective = wanted["objective"]
     if len(scene.alternatives) > 1:
-        return _by_some_grasp(scene, robot, budget, wanted, method, found)
+        return _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None})
     (scene,) = scene.alternatives
     begun = now()
-    wanted["objective"] = objective = objective or objective_of_scene(scene.file.objective)
+    wanted["objective"] = wanted["objective"] or objective_of_scene(scene.file.objective)
+    if (present := carriers["present"]) is not None:
+        Retreat.on(scene.timed(at_leisure), robot, "start", present).require_apart()
     with compiling() as compiled:
-        carrier = RobotCarrier(robot, scene.timed(at_leisure), begin=begin, found=found)
+        carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
         carrier.require_reach()
-    budget, whole = budget.after(now() - begun - compiled.seconds, 0.0), budget.size
+    budget = budget.after(now() - begun - compiled.seconds, 0.0)
+    search = partial(_in_time, scene, method, wanted)
+    solution = _with_transfers(search, carrier, budget) if carrier.transfers else search(carrier, budget)
+    return replace(solution, present=present)
+
+
+def _with_transfers(
+    search: Callable[[RobotCarrier, Budget], RobotSolution], carrier: RobotCarrier, budget: Budget
+) -> RobotSolution:
+    """Carry, and plan approach and release as the carrier says.
+
+    Where there is none, other joints at that end are tried as long as the budget lasts. Of carries without one the
+    first is returned.
+    """
+    best: RobotSolution | None = None
+    before: Solution | None = None
+    while True:
+        found = search(carrier, budget)
+        budget = budget.after(found.solution.solve_time_s, found.solution.work)
+        if before is not None:
+            found = replace(found, solution=found.solution.after(before))
+        before = found.solution
+        if found.motion is None:
+            return best or found
+        transfers, errors = possible_transfers(
+            found.motion, approach=carrier.approach, release=carrier.release, present=carrier.present
+        )
+        found = replace(found, transfers=transfers, without=tuple(map(str, errors.values())))
+        if not errors:
+            return found
+        best = best or found
+        ends = {"start": found.joints.position[0], "goal": found.joints.position[-1]}
+        carrier = carrier.without({end: ends[end] for end in errors})
+        try:
+            carrier.require_reach()
+        except RobotError:  # no other joints are left
+            return best
+        if budget.is_spent or found.solution.interrupted:
+            return best
+
+
+def _in_time(
+    scene: Scene,
+    method: Method | None,
+    wanted: dict[str, Any],
+    carrier: RobotCarrier,
+    budget: Budget,
+) -> RobotSolution:
+    """Carry on a scene with one grasp, in its duration or as fast as possible; the carrier's scene is at leisure."""
+    timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
+    whole, objective = budget.size, wanted["objective"]
     if method is not None:
         return _searched(scene, carrier.on(scene) if scene.is_timed else carrier, method, budget, wanted)
     if not scene.is_timed or isinstance(objective, LeastTime):
@@ -194,20 +279,22 @@ def _by_some_grasp(
     budget: Budget,
     wanted: dict[str, Any],
     method: Method | None,
-    found: Callable[[VerifiedJointMotion], None] | None,
+    carriers: dict[str, Any],
 ) -> RobotSolution:
     """Carry by the first of the scene's grasps by which it can be done, those first that turn the joints least.
 
-    Each has half of the work that is left, the last all of it.
+    Grasps that are out of reach, or by which bodies are too near at an end, are left out. Each of the others has half
+    of the work that is left, the last all of it.
     """
     ranked, first = list[tuple[float, Scene]](), None
     begun, work = now(), 0.0
     for choice in scene.alternatives:
         try:
-            carrier = RobotCarrier(robot, choice.timed(1.0))
+            carrier = RobotCarrier(robot, choice.timed(1.0), **carriers)
             carrier.require_reach()
+            carrier.require_clear_ends()
             ranked.append((round(carrier.turning, 6), choice))
-        except SceneError as error:
+        except (SceneError, RobotError) as error:
             first = first or error
     if not ranked:
         assert first is not None, "scenes that leave the grasp open have alternatives"
@@ -219,11 +306,12 @@ def _by_some_grasp(
         if best is not None and left.is_spent:
             break
         part = left if k == len(ranked) - 1 else left.within(0.5 * left.size)
-        solution = _carried(choice, robot, part, dict(wanted), method, None, found)
+        solution = _carried(choice, robot, part, dict(wanted), method, carriers)
         work += solution.solution.work
-        best = best or solution
-        if solution.verified or solution.solution.interrupted:
+        if (solution.verified and not solution.without) or solution.solution.interrupted:
             return solution
+        if best is None or (solution.verified and not best.verified):
+            best = solution
     assert best is not None, "one was tried"
     return best
 

@@ -1,18 +1,19 @@
-"""Approach and release: the joint motions from home to the grasp before a carry, and back home after it.
+"""Approach and release: the joint motions from where the robot is to the grasp before a carry, and home after it.
 
-The *approach* leads from home through free space to a place straight behind the grasp, then along the approach axis
-to the grasp, with open hands, and waits while these close. The *release* waits while the hands open, draws back along
-the axis and leads home. Every part is a minimum-jerk motion from rest to rest. Both are judged like the carry: limits
-and clearances are kept at every instant. The load lies at its start during the approach and at its goal during the
-release; hands may be near it on the straight part only. The motion of the open fingers is not judged.
+The *approach* leads from the present joints, home unless given, through free space to a place straight behind the
+grasp, then along the approach axis to the grasp, with open hands, and waits while these close. The *release* waits
+while the hands open, draws back along the axis and leads home. Every part is a minimum-jerk motion from rest to rest.
+Both are judged like the carry: limits and clearances are kept at every instant. The load lies at its start during the
+approach and at its goal during the release; hands may be near it on the straight part only. The motion of the open
+fingers is not judged.
 """
 
 from __future__ import annotations
 
-from dataclasses import InitVar, dataclass, field
+from dataclasses import InitVar, dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
@@ -22,10 +23,11 @@ from comove.planning.seeds import minimum_jerk
 from comove.robots.free_space import Room, RoomSettings, way
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion, Ranges, largest_approach
+from comove.robots.present import Joints, present_joints
 from comove.robots.search.chains import Iteration, chains_of, reach_pose
 from comove.robots.verification import checks as check
 from comove.robots.verification.bodies import LOAD, Bodies, beyond_wrists, bodies_of
-from comove.robots.verification.carried import Carried, placements
+from comove.robots.verification.carried import Carried
 from comove.robots.verification.reach import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.scene import Scene
@@ -34,6 +36,7 @@ from comove.verification.sealed import Sealed
 Array = NDArray[np.float64]
 
 STRAIGHT = Iteration(gain=0.1, keep=2e-3, tolerance=1e-9, steady=1e-3, most=50)
+OPTIONS = {"start": "--approach", "goal": "--release"}
 _JUDGED = object()
 
 
@@ -68,7 +71,7 @@ class Transfers(Sealed):
     Attributes
     ----------
     carry : VerifiedJointMotion between approach and release
-    approach, release : JointMotion of all joints
+    approach, release : JointMotion of all joints; None for one that was not asked for
     grip_time : time in which hands close at the end of the approach, and open at the beginning of the release [s]
     clearance_min : certified lower bound of the clearance on both [m], except of hands from the load on the straight
         parts
@@ -81,8 +84,8 @@ class Transfers(Sealed):
     INSTEAD = "plan them anew"
 
     carry: VerifiedJointMotion
-    approach: JointMotion
-    release: JointMotion
+    approach: JointMotion | None
+    release: JointMotion | None
     grip_time: float
     clearance_min: float
     seal: InitVar[object] = field(default=None, kw_only=True)
@@ -94,16 +97,21 @@ class Transfers(Sealed):
 def plan_transfers(
     carry: VerifiedJointMotion,
     *,
+    approach: bool = True,
+    release: bool = True,
+    present: Joints | None = None,
     height: float = 0.08,
     grip_time: float = 1.0,
     seed: int = 0,
     settings: TransferSettings = TransferSettings(),
 ) -> Transfers:
-    """Plan and judge the joint motions from home to the grasp, and from there home.
+    """Plan and judge the joint motions from the present joints to the grasp, and from there home.
 
     Parameters
     ----------
     carry : verified motion of the robot between the two
+    approach, release : whether each of them is planned
+    present : joints at which the approach begins, by name or an array, shape (n_joints,) [rad, m]; home unless given
     height : distance by which hands draw back straight from the load [m]; where they cannot, or come too near to
         something, half of it is tried, then a quarter
     grip_time : time in which hands close or open [s]
@@ -113,17 +121,210 @@ def plan_transfers(
     Raises
     ------
     OptionError
-        If `height` or `grip_time` is not positive and finite.
+        If `carry` is no verified motion of joints, `height` or `grip_time` is not positive and finite, or neither
+        approach nor release is wanted.
     RobotError
         If a hand cannot draw back, or no path was found; the message names what is in the way.
     """
+    found, errors = possible_transfers(
+        carry,
+        approach=approach,
+        release=release,
+        present=present,
+        height=height,
+        grip_time=grip_time,
+        seed=seed,
+        settings=settings,
+    )
+    for error in errors.values():
+        raise error
+    assert found is not None, "what is not found has an error"
+    return found
+
+
+def possible_transfers(
+    carry: VerifiedJointMotion,
+    *,
+    approach: bool = True,
+    release: bool = True,
+    present: Joints | None = None,
+    height: float = 0.08,
+    grip_time: float = 1.0,
+    seed: int = 0,
+    settings: TransferSettings = TransferSettings(),
+) -> tuple[Transfers | None, dict[str, RobotError]]:
+    """Plan those of approach and release that can be found; arguments and errors as of `plan_transfers`.
+
+    Returns
+    -------
+    Transfers, None where neither was found, and the errors of those that were not, by the end of the carry
+    """
+    if not isinstance(carry, VerifiedJointMotion):
+        raise OptionError(
+            f"the motion is a {type(carry).__name__}, not a verified one of joints",
+            key="carry",
+            way_out="give what comove.robots.carry or verify_stored found, where it is verified",
+        )
     for name, value in (("height", height), ("grip_time", grip_time)):
         if not 0.0 < value < np.inf:
             raise OptionError(f"it is {value!r}", key=name, way_out="give a positive number")
-    grip_time = _whole(grip_time)
-    withdrawals = [_withdrawal(carry, end, height, grip_time, seed, settings) for end in ("start", "goal")]
-    (approach, first), (release, second) = withdrawals
-    return Transfers(carry, _reversed(approach), release, grip_time, min(first, second), seal=_JUDGED)
+    if not (approach or release):
+        raise OptionError("neither approach nor release is wanted", key="approach", way_out="ask for one")
+    grip_time, robot = _whole(grip_time), carry.robot
+    ends = {"start": present_joints(present, robot)} if approach else {}
+    ends |= {"goal": robot.home} if release else {}
+    found, errors = dict[str, tuple[JointMotion, float]](), dict[str, RobotError]()
+    for end, other in ends.items():
+        retreat = Retreat(robot, Carried(carry.motion.motion), end, other, height, settings)
+        try:
+            found[end] = _withdrawal(carry, retreat, grip_time, seed)
+        except RobotError as error:
+            errors[end] = error
+    if not found:
+        return None, errors
+    motions = {end: motion for end, (motion, _) in found.items()}
+    transfers = Transfers(
+        carry,
+        _reversed(motions["start"]) if "start" in motions else None,
+        motions.get("goal"),
+        grip_time,
+        min(clearance for _, clearance in found.values()),
+        seal=_JUDGED,
+    )
+    return transfers, errors
+
+
+@dataclass(frozen=True, eq=False)
+class Retreat:
+    """The retreat of hands from the load at one end of a carry, and free space from there to other joints.
+
+    Attributes
+    ----------
+    robot : robot whose hands draw back
+    carried : motion of the load
+    end : "start" or "goal"
+    other : array, shape (n_joints,), joints from which an approach comes, or to which a release leads [rad, m]
+    height, settings : as of `plan_transfers`
+    """
+
+    robot: Robot
+    carried: Carried
+    end: str
+    other: Array
+    height: float = 0.08
+    settings: TransferSettings = TransferSettings()
+
+    @classmethod
+    def on(cls, scene: Scene, robot: Robot, end: str, other: Array) -> Retreat:
+        """Return the retreat at an end of a scene, whatever motion leads to or from it."""
+        return cls(robot, Carried.straight(scene), end, other)
+
+    @property
+    def scene(self) -> Scene:
+        """Return the scene of the carry."""
+        return self.carried.motion.scene
+
+    @property
+    def arms(self) -> tuple[Arm, ...]:
+        """Return the arms in the order of the scene's manipulators."""
+        return tuple(self.robot.arm(name) for name in self.scene.manipulators)
+
+    @property
+    def named(self) -> str:
+        """Return where the other joints are, in words."""
+        return "home" if (self.other == self.robot.home).all() else "the present joints"
+
+    @cached_property
+    def place(self) -> Array:
+        """Return the load's nodes at the end; array, shape (n_nodes, 3) [m]."""
+        return self.carried.nodes(np.array([0.0 if self.end == "start" else self.scene.duration]))[0]
+
+    @cached_property
+    def bodies(self) -> Bodies:
+        """Return all bodies, the load's at the end, and named so."""
+        bases = Bases(self.robot, self.robot.description.uncertainty)
+        where, _ = self.carried.hands(self.carried.time)
+        bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).with_load_at(self.place)
+        names = list(bodies.names)
+        for rod, *_ in bodies.rods:
+            names[rod] = f"{names[rod]} at its {self.end}"
+        return replace(bodies, names=tuple(names))
+
+    def require_apart(self) -> None:
+        """Refuse other joints at which bodies of the robot and obstacles meet.
+
+        Raises
+        ------
+        RobotError
+            If they do, by the exact bodies.
+        """
+        bodies = self.bodies.some(self.bodies.kind != LOAD)
+        room = Room(bodies, self.robot.arms, -bodies.required[bodies.kind] - bodies.taken)
+        if near := room.contact(self.other):
+            raise RobotError(
+                f"at {self.named}, {near} are in each other",
+                key="home" if self.named == "home" else "present",
+                way_out="give the joints at which the robot is, or correct the scene",
+            )
+
+    def require_free_rest(self) -> None:
+        """Refuse other joints that are not free.
+
+        Raises
+        ------
+        RobotError
+            If bodies come too near to each other there.
+        """
+        room = self._room(self.other)
+        if near := room.contact(self.other):
+            what, mend = "release", "give another home in the robot's description"
+            if self.end == "start":
+                what, mend = "approach", f"{mend}, or present joints that are free (--present)"
+            raise RobotError(
+                f"at {self.named}, {near} come too near to each other",
+                key="home" if self.named == "home" else "present",
+                way_out=f"{mend}, or leave the {what} out",
+            )
+
+    def behind(self, grasp: Array) -> tuple[Array, Room]:
+        """Return the joints while the hands draw back straight, and the free space from there to the other joints.
+
+        Parameters
+        ----------
+        grasp : array, shape (n_joints,), joints that hold the load at the end [rad, m]
+
+        Raises
+        ------
+        RobotError
+            If the joints behind the grasp are, whatever the height, not free or not reached.
+        """
+        error: RobotError | None = None
+        for share in self.settings.shares:
+            height = share * self.height
+            try:
+                back = _drawn_back(self.robot, self.scene, grasp, height, self.end, self.settings)
+            except RobotError as why:
+                error = error or why
+                continue
+            room = self._room(back[-1])
+            if not (near := room.contact(back[-1])):
+                return back, room
+            error = RobotError(
+                f"{height:.3g} m behind the grasp at the {self.end}, {near} come too near to each other",
+                key="height",
+                way_out=f"give another height, or {_anew(self.end)}",
+            )
+        assert error is not None, "a share was tried"
+        raise error
+
+    def _room(self, q: Array) -> Room:
+        ends = np.stack([q, self.other])
+        return Room.for_ends(self.bodies, self.scene, ends, self.scene.nodes_at(self.end), self.settings.room)
+
+
+def _anew(end: str) -> str:
+    """Return how joints are found at an end that leave room for approach or release, in words."""
+    return f"solve the scene with {OPTIONS[end]}, which looks for other joints at the {end}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,81 +342,35 @@ class _Still:
 
 
 def _withdrawal(
-    carry: VerifiedJointMotion, end: str, height: float, grip_time: float, seed: int, how: TransferSettings
+    carry: VerifiedJointMotion, retreat: Retreat, grip_time: float, seed: int
 ) -> tuple[JointMotion, float]:
-    """Plan and judge the motion from the grasp home, after the hands had time to open; returns it and a lower bound
-    of the clearance [m].
+    """Plan and judge the motion from the grasp to the other joints, after the hands had time to open.
+
+    Returns the motion, and a lower bound of its clearance [m].
     """
-    robot, scene = carry.robot, carry.scene
-    arms = tuple(robot.arm(name) for name in scene.manipulators)
-    carried = Carried(carry.motion.motion)
-    place = carried.nodes(np.array([0.0 if end == "start" else scene.duration]))[0]
-    bases, (where, _) = Bases(robot, robot.description.uncertainty), carried.hands(carried.time)
-    everything = _put(bodies_of(bases, arms, carried, where, 0.0, held=False), place)
-    grasp = carry.joints.position[0 if end == "start" else -1]
-    back, room = _behind(everything, scene, grasp, height, end, how)
+    robot, scene, end, how = carry.robot, carry.scene, retreat.end, retreat.settings
+    retreat.require_free_rest()
+    back, room = retreat.behind(carry.joints.position[0 if end == "start" else -1])
     reasons = ["the search found no way"]
     for attempt in range(how.attempts):
         rng = np.random.default_rng((seed, attempt))
-        path = way(room if attempt + 1 < how.attempts else room.rigorous, back[-1], robot.home, rng)
+        path = way(room if attempt + 1 < how.attempts else room.rigorous, back[-1], retreat.other, rng)
         if path is None:
             continue
         ways = [back, *(np.stack(pair) for pair in zip(path[:-1], path[1:], strict=True))]
-        parts = [_paced(robot, scene, arms, q, how) for q in ways]
+        parts = [_paced(robot, scene, retreat.arms, q, how) for q in ways]
         motion = _joined(robot, grip_time, parts)
         free_from = grip_time + (len(parts[0]) - 1) / SAMPLE_RATE
-        reasons, clearance = _judged(scene, arms, motion, free_from, everything, _Still(place))
+        reasons, clearance = _judged(
+            scene, retreat.arms, motion, free_from, retreat.bodies, _Still(retreat.place)
+        )
         if not reasons:
             return motion, clearance
     raise RobotError(
-        f"there is no way between home and the grasp at the {end}: {'; '.join(reasons)}",
+        f"there is no way between {retreat.named} and the grasp at the {end}: {'; '.join(reasons)}",
         key="home",
-        way_out="give another home in the robot's description, another height, or leave approach and release out",
+        way_out=f"{_anew(end)}, or give another home in the robot's description",
     )
-
-
-def _put(bodies: Bodies, place: Array) -> Bodies:
-    """Place the load's bodies at `place`, in the geometry of `bodies`, and return `bodies`."""
-    for rod, *spanned in bodies.rods:
-        (turn,), (middle,) = placements(place[None], tuple(spanned))
-        bodies.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
-    return bodies
-
-
-def _behind(
-    bodies: Bodies, scene: Scene, grasp: Array, height: float, end: str, how: TransferSettings
-) -> tuple[Array, Room]:
-    """Return the joints while the hands draw back straight, and the free space from there home.
-
-    Raises
-    ------
-    RobotError
-        If home, or the joints behind the grasp whatever the height, are not free, or not reached.
-    """
-    robot, error = bodies.robot, None
-    for share in how.shares:
-        try:
-            back = _drawn_back(robot, scene, grasp, share * height, end, how)
-        except RobotError as why:
-            error = error or why
-            continue
-        ends = np.stack([back[-1], robot.home])
-        room = Room.for_ends(bodies, scene, ends, scene.nodes_at(end), how.room)
-        if near := room.contact(robot.home):
-            raise RobotError(
-                f"at home, {near} come too near to each other",
-                key="home",
-                way_out="give another home in the robot's description, or leave approach and release out",
-            )
-        if not (near := room.contact(back[-1])):
-            return back, room
-        error = RobotError(
-            f"behind the grasp at the {end}, {near} come too near to each other",
-            key="height",
-            way_out="give another height",
-        )
-    assert error is not None, "a share was tried"
-    raise error
 
 
 def _drawn_back(
@@ -241,7 +396,7 @@ def _drawn_back(
                     f"the arm '{arm.name}' can draw back from its grasp at the {end} by less than "
                     f"{share * height:.3g} m",
                     key="height",
-                    way_out=f"give a height below {share * height:.3g} m, or another grasp",
+                    way_out=f"give a height below {share * height:.3g} m, or {_anew(end)}",
                 )
             rows[k, arm.columns] = q
     return rows

@@ -96,7 +96,15 @@ def save_robot_result(
         has_joints=True,
         arms=arms_along(found),
     )
-    write_joints(folder, found.joints, found.verdict, found.robot, solution.attempt, source=source)
+    write_joints(
+        folder,
+        found.joints,
+        found.verdict,
+        found.robot,
+        solution.attempt,
+        source=source,
+        present=found.present,
+    )
     title = f"{solution.scene.name}, {found.robot.name}" + ("" if solution.verified else " (not verified)")
     save(draw_joints(found.robot, found.joints, title=title), folder / "joints.png")
     return summary

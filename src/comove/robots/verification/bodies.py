@@ -31,7 +31,7 @@ from comove.errors import ComoveWarning
 from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.robots.model import Arm, Robot
-from comove.robots.verification.carried import Carried, leverage, load_shapes
+from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
 from comove.robots.verification.kinematics import moved_by
 from comove.robots.verification.reach import Bases
 from comove.scenes.model import ROBOT_CLEARANCE
@@ -102,6 +102,13 @@ class Bodies:
             reach=self.reach[which],
             exact=number[self.exact[which]],
         )
+
+    def with_load_at(self, place: Array) -> Bodies:
+        """Place the load's bodies, in this geometry; array, shape (n_nodes, 3), its nodes [m]."""
+        for rod, *spanned in self.rods:
+            (turn,), (middle,) = placements(place[None], tuple(spanned))
+            self.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
+        return self
 
     @cached_property
     def ends(self) -> NDArray[np.int64]:

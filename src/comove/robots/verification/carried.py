@@ -14,10 +14,12 @@ import coal
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.geometry.rotations import cross
 from comove.primitives.forcing import N_INTERVALS
 from comove.robots.motion import Ranges
+from comove.scenes.scene import Scene
 from comove.verification.bounds import NodeBounds, node_bounds
 
 Array = NDArray[np.float64]
@@ -44,6 +46,11 @@ class Carried:
     """
 
     motion: CoordinatedMotion
+
+    @classmethod
+    def straight(cls, scene: Scene) -> Carried:
+        """Return the straight motion on a scene, which has the ends and the load of all."""
+        return cls(CoordinatedMotion.straight(scene, load_coordinates(scene)))
 
     @cached_property
     def time(self) -> Array:
