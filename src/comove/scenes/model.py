@@ -100,12 +100,22 @@ class Workspace(Part):
 class _Obstacle(Sparse):
     """An obstacle, which moves if it has a `motion`; messages call it by its `name`.
 
-    Obstacles without either keep their checksum.
+    Obstacles without these keys keep their checksum.
     """
 
-    LATER = ("name", "motion")
+    LATER = ("name", "motion", "support")
     name: Name | None = None
     motion: Motion | None = None
+    support: bool | None = None
+    """Whether the payload may rest on it at start and goal; see `comove.scenes.resting`."""
+
+    @model_validator(mode="after")
+    def _supports_at_rest(self) -> _Obstacle:
+        if self.support is False:
+            object.__setattr__(self, "support", None)
+        if self.support and self.motion is not None:
+            raise Wrong("it moves, so no payload can rest on it", "leave out one of support and motion")
+        return self
 
 
 class _Turned(_Obstacle):
