@@ -280,6 +280,15 @@ def test_each_hand_follows_its_body_of_a_tracker(folder, names):
     assert np.allclose(left.goal, HAND[-1] * [1, sign]) and np.allclose(right.goal, HAND[-1] * [1, -sign])
 
 
+def test_a_fault_in_one_of_two_hands_is_told(folder):
+    name = table(folder, "time,left_x,left_y,right_x,right_y", SECONDS, HAND, HAND)
+    lines = (folder / name).read_text().splitlines()
+    lines[40] = lines[40].rpartition(",")[0] + ","
+    (folder / name).write_text("\n".join(lines) + "\n")
+    with pytest.raises(SceneError, match="row 41, column right_y: the cell is empty"):
+        demonstration_of(scene(folder, {"file": name}, PAIR))
+
+
 def test_coordinates_in_another_order_are_those_of_the_scene(folder):
     name = table(folder, "time,y [m],x [m]", SECONDS, HAND[:, ::-1])
     recording = recording_of(scene(folder, {"file": name}))

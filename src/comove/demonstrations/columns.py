@@ -312,7 +312,8 @@ def _told_by_others(columns: list[Column]) -> list[Column]:
     places = [column for column in columns if column.kind is Kind.POSITION]
     if len(places) > 1 and len({c.axis for c in places}) == 1 and all(c.body.isdigit() for c in places):
         columns = [
-            replace(c, kind=Kind.OTHER, axis=bare_name(c.name)) if c in places else c for c in columns
+            replace(c, kind=Kind.OTHER, axis=bare_name(c.name)) if c.kind is Kind.POSITION else c
+            for c in columns
         ]  # x1, x2, x3
     by_body: dict[str, list[Column]] = {}
     for column in columns:

@@ -178,8 +178,10 @@ def _recordings_of_hands(scene: Scene, source: DemonstrationSource) -> tuple[Dem
     file = scene.folder / source.file
     try:
         hands = [Demonstration.load(file, name, **source.reading) for name in scene.manipulators]
-    except (DemonstrationError, OptionError):
-        return None  # of one movement, or of others: said by whoever reads one
+    except (DemonstrationError, OptionError) as error:
+        if error.key == "manipulator":
+            return None  # it holds one movement, or those of others
+        raise _unread(error, scene, "demonstration.file") from error
     return tuple(_in_scene(hand, scene, source, "demonstration.file") for hand in hands)
 
 
