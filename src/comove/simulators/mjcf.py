@@ -30,7 +30,7 @@ from comove.robots.formats import MAX_BYTES, MJCF, bytes_in, require_format
 from comove.robots.proposal.tree import GUESSED, GUESSES, SPRINGS
 from comove.simulators.engine import engine
 from comove.simulators.mjcf_actuators import drives_of
-from comove.simulators.mjcf_surroundings import Roles, Surroundings, fragment
+from comove.simulators.mjcf_surroundings import ModelSurroundings, Roles, fragment
 from comove.simulators.urdf import text_of, write_origin
 
 Array = NDArray[np.float64]
@@ -121,7 +121,7 @@ class _Writer:
                 )
         for tree in (self.robot, srdf):
             ET.indent(tree)
-        around = Surroundings(self.mj, model, self.roles, self._mesh)
+        around = ModelSurroundings(self.mj, model, self.roles, self._mesh)
         obstacles = around.obstacles(MESHES)
         told = [text.format(", ".join(names)) for text, names in self.told.items()]
         return Converted(
