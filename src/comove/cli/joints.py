@@ -148,8 +148,8 @@ def solve_joints(
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
         return exit_code(solution)
-    print(summary_text(summary, out))
-    print(joints_text(carrier.name, found.report.asdict()))
+    print(summary_text(summary, out, scene=solution.scene))
+    print(joints_text(carrier.name, vars(found.report)))
     rows = [] if source is None else [("demonstration", f"{source} of {wanted.library}")]
     rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
     print(*in_rows(rows), sep="\n")
@@ -193,6 +193,7 @@ def run_joints(
     from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
+    from comove.scenes.resting import require_no_rest
     from comove.simulators import GRASPS, Perturbation
     from comove.simulators.engine import engine
     from comove.simulators.live import run_live, steps_of
@@ -219,7 +220,7 @@ def run_joints(
     _require_carried(carrier, loaded.standing().alternatives[0], scene)
     hold.moving([carrier.arm(name) for name in loaded.manipulators])
     with progress_bar():
-        loaded.require_free_ends()
+        require_no_rest(loaded.require_free_ends())
         load_robot_kernels(SceneKind.of(loaded))
         executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
         drawn = None

@@ -123,8 +123,10 @@ def export(
     trusted: o.Trusted,
 ) -> int:
     """Verify the motion in DIR anew and write it there in a format that robots play."""
+    from comove.cli.texts import in_rows
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
+    from comove.results.words import gripper_rows
     from comove.robots import plan_transfers
 
     if format is not None:
@@ -141,6 +143,8 @@ def export(
         say(f"warning: the carry alone is exported: {error}", file=sys.stderr)
     written = export(motion, folder, kind, rate=rate, transfers=planned)
     say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
+    for row in in_rows(gripper_rows(motion.report.without_gripper)):
+        say(row)
     for path in written:
         say(f"  {path}")
     return 0

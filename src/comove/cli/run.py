@@ -86,6 +86,7 @@ def run(
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.scenes import Scene, demonstration_of
+    from comove.scenes.resting import require_no_rest
     from comove.verification.record import verify_execution
     from comove.views import animate_run, draw_run, save
 
@@ -115,7 +116,7 @@ def run(
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
         taught = demonstration_of(loaded)
-        loaded.require_free_ends()
+        require_no_rest(loaded.require_free_ends())
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
             planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))

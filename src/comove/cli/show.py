@@ -92,9 +92,14 @@ def _measured(found: Verification) -> dict[str, Any]:
 
     measures: dict[str, Any] = {}
     if found.part is Part.JOINTS and found.verified_joints is not None:
-        measures = found.verified_joints.report.asdict()
+        report = found.verified_joints.report
+        measures = report.asdict() | {"without_gripper": report.without_gripper}
     elif found.part in (Part.MOTION, Part.RUN) and found.report is not None:
         measures = {name: value for name, value in found.report.asdict().items() if name != "reasons"}
+    elif found.robot is not None:
+        from comove.robots.grippers import without_gripper
+
+        measures = {"without_gripper": without_gripper(found.robot)}
     return {name: finite(value) if isinstance(value, float) else value for name, value in measures.items()}
 
 

@@ -162,7 +162,7 @@ def solve(
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
         verdict = HANDS_ALONE if solution.verified and loaded.file.robot is not None else ""
-        print(summary_text(summary, out, verdict))
+        print(summary_text(summary, out, verdict, loaded))
         if source is not None:
             print(*in_rows([("demonstration", f"{source} of {library}")]))
     return exit_code(solution)

@@ -11,6 +11,7 @@ from comove.errors import printable
 
 if TYPE_CHECKING:
     from comove.primitives import Primitive
+    from comove.scenes import Scene
 
 HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
 DRAWN = (".png", ".gif", ".mp4")
@@ -61,12 +62,15 @@ def pictures_row(folder: Path, *names: str) -> list[tuple[str, str]]:
     return [("pictures", found)] if found else []
 
 
-def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
+def summary_text(
+    summary: Mapping[str, Any], folder: Path, verdict: str = "", scene: Scene | None = None
+) -> str:
     """Return a readable summary of a result, from the contents of its solution.json.
 
     Parameters
     ----------
     verdict : what is known of it; what the summary says unless given
+    scene : the scene that was solved, whose resting contacts are named
     """
     from comove.results.words import motion_rows
 
@@ -77,7 +81,7 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
     )
     rows: list[Sequence[str]] = [
         ("cost J", f"{number(summary.get('cost'))}  ({parts})"),
-        *motion_rows(summary),
+        *motion_rows(summary, scene),
     ]
     if smoothness := summary.get("smoothness"):
         if isinstance(ratio := smoothness.get("jerk_ratio"), (int, float)):
@@ -159,11 +163,13 @@ def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str
 
     verdict = verdict or ("arrived, verified" if summary["verified"] else "NOT VERIFIED")
     clearance, median = summary["clearance_min"], 1e3 * summary["control_s_median"]
+    near = summary.get("support_distance_min")
     rows = [
         (
             "certified clearance",
             "nothing to hit" if clearance is None else f"{1e3 * clearance:.2f} mm at every instant",
         ),
+        *([("distance from supports", f"{1e3 * near:.3g} mm at least")] if near is not None else []),
         ("distance error", f"{beyond_rounding(summary['distance_error_max']):.3g} m"),
         ("goal", f"missed by {1e3 * beyond_rounding(summary['end_error']):.3g} mm"),
         (

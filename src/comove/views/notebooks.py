@@ -46,7 +46,7 @@ def as_html(thing: Any) -> str:
     solution = getattr(thing, "solution", None)  # a robot's, which is an extra
     if isinstance(solution, Solution):
         scene = solution.attempt.scene
-        rows = [*_measures(scene, solution.report), *joint_rows(thing.report.asdict())]
+        rows = [*_measures(scene, solution.report), *joint_rows(vars(thing.report))]
         title = f"{_verdict(scene, thing.verified)} ({thing.robot.name})"
         figure = draw_motion(solution.attempt, arms=arms_along(thing))
         return _page(title, solution.reasons, figure, rows)

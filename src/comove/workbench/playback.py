@@ -253,7 +253,7 @@ def playback_of_joints(
     recording = replace(recording, links=poses_of(robot, joints.at(recording.time)[0]))
     hands = verify(motion).report.asdict()
     rows = motion_rows({**hands, "duration": motion.scene.duration}, motion.scene)
-    rows += joint_rows(report.asdict())
+    rows += joint_rows(vars(report))
     return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), reasons, robot)
 
 
