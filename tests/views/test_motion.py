@@ -137,3 +137,17 @@ def test_speed_and_acceleration_are_drawn_below_the_motion():
         peak = acceleration.lines[hand].get_ydata().max()
         assert peak == pytest.approx(10 / np.sqrt(3) * way / 100, rel=0.02)
     assert speed.get_xlim() == (0, motion.scene.duration)
+
+
+def test_arms_are_drawn_whole_where_they_leave_the_workspace():
+    motion = CoordinatedMotion.straight(example("window"))
+    scene = motion.scene
+    base = scene.lower - 0.2 * (scene.upper - scene.lower)
+    arms = [np.stack([np.stack([base, 0.5 * (scene.lower + scene.upper)])] * 4)]
+    figure = draw_motion(motion, arms=arms)
+    panels = [axes for axes in figure.axes if axes.get_xlabel().endswith("[m]")]
+    assert len(panels) == 3
+    for axes, (i, j) in zip(panels, ((0, 1), (0, 2), (1, 2)), strict=True):
+        lines = [line.get_xydata() for line in axes.get_lines()]
+        assert sum(len(line) == 2 and np.allclose(line[0], base[[i, j]]) for line in lines) == 4
+        assert axes.get_xlim()[0] < base[i] and axes.get_ylim()[0] < base[j]

@@ -24,7 +24,7 @@ LEAST_RATE, USUAL_RATE, LARGEST_RATE = 50.0, 250.0, 500.0  # Hz, of control step
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a motion of a robot shall be like, as options of commands say it.
+    """Options of a robot's motion.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Wanted:
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """How a robot's run is simulated, as options of commands say it.
+    """Options of a robot's simulated run.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ def run_joints(
     seed: int,
     json: bool,
 ) -> int:
-    """Let a robot carry a scene's load in MuJoCo, step by step, record and judge it; return the exit code.
+    """Let a robot carry a scene's load in MuJoCo, step by step, record and verify it; return the exit code.
 
     Parameters
     ----------

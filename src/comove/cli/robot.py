@@ -132,7 +132,7 @@ def export(
     *,
     trusted: o.Trusted,
 ) -> int:
-    """Judge the motion in DIR anew and write it there in a format that robots play."""
+    """Verify the motion in DIR anew and write it there in a format that robots play."""
     from comove.cli.texts import in_rows
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
@@ -205,7 +205,7 @@ def send(
     *,
     trusted: o.Trusted,
 ) -> int:
-    """Judge the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
+    """Verify the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
     from comove.export import Ros1Client, SendError, Tolerances, send
     from comove.robots import plan_transfers
 

@@ -36,7 +36,8 @@ def run(
     compare: Annotated[
         bool,
         typer.Option(
-            "--compare", help="Do it with every other method too, draw all side by side and judge them alike."
+            "--compare",
+            help="Do it with every other method too, draw all side by side and verify them alike.",
         ),
     ] = False,
     robot: Annotated[

@@ -35,7 +35,7 @@ def show(
     try:
         with progress_bar():
             found = {part.part: part for part in verify_folder(folder)}
-    except ResultError as error:  # what judges it is not there
+    except ResultError as error:  # scene or robot are not there
         why = str(error)
     for part, summary in summaries.items():
         told, verdict = dict(summary), AS_STORED

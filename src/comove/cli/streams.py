@@ -1,4 +1,4 @@
-"""Standard streams whose failures are not mistaken for a verdict.
+"""Standard streams whose failures are not mistaken for a verification result.
 
 A reader that closes the pipe early (`comove show DIR | head -1`) ends the command quietly; a full disk behind
 standard output ends it with a message; both with exit codes of their own. Messages that cannot be written to standard
@@ -77,7 +77,7 @@ def guard_streams() -> None:
 class _Plain(io.TextIOWrapper):
     """A text stream that escapes what would move the cursor or change the look of a terminal.
 
-    Names and messages out of files that nobody vouches for are printed; an escape is written as JSON writes it, so
+    Names and messages out of files that are not trusted are printed; an escape is written as JSON writes it, so
     that JSON stays what it is.
     """
 

@@ -24,12 +24,12 @@ def number(value: object, factor: float = 1.0) -> str:
 
 
 def say(*lines: str, file: TextIO | None = None) -> None:
-    """Print lines, each of which stays one whatever the files that it tells of hold."""
+    """Print lines, each of which stays one line for any contents of files."""
     print(*map(printable, lines), sep="\n", file=file)
 
 
 def in_rows(rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return lines of a name and what is said of it; whatever follows in a row is left out."""
+    """Return lines of a name and what is said of it; further cells of a row are left out."""
     return [f"  {printable(name):30s}{printable(words)}" for name, words, *_ in rows]
 
 

@@ -22,7 +22,7 @@ from comove.geometry.rotations import evenly_spread, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
 from comove.primitives.arguments import is_number, numbers
 from comove.reaction.twist_qp import Sighting
-from comove.scenes.scene import FAR, Body, Scene
+from comove.scenes.scene import FAR, MovingBody, Scene
 from comove.scenes.shapes import inside_polygon
 from comove.verification.bounds import lengths
 
@@ -273,7 +273,7 @@ def _of_obstacles(points: Array, table: Array, near: float) -> NDArray[np.bool_]
     return found
 
 
-def _of_body(points: Array, nodes: Array, body: Body, near: float) -> NDArray[np.bool_]:
+def _of_body(points: Array, nodes: Array, body: MovingBody, near: float) -> NDArray[np.bool_]:
     """Return which points (n, 3) lie within the distance `near` [m] of a body with these nodes (n_nodes, 3) [m]."""
     found = np.zeros(len(points), dtype=bool)
     for (i, j), radius in zip(body.edges, body.radii, strict=True):

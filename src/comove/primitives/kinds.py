@@ -38,7 +38,7 @@ _CONTEXT = ("context_mean", "context_std", "slopes")
 
 
 @dataclass(frozen=True)
-class Kind:
+class PrimitiveKind:
     """A kind of movement in files.
 
     Attributes
@@ -55,7 +55,7 @@ class Kind:
     read: Callable[[dict[str, Any]], Any]
 
 
-def kind_of(movement: object) -> Kind:
+def kind_of(movement: object) -> PrimitiveKind:
     """Return the kind of a movement.
 
     Raises
@@ -267,11 +267,11 @@ def _read_constraint(content: dict[str, Any]) -> Constraint:
 KINDS = {
     kind.name: kind
     for kind in (
-        Kind("position", DMP, _write_position, _read_position),
-        Kind("pose", PoseDMP, _write_pose, _read_pose),
-        Kind("distribution", ProMP, _write_distribution, _read_distribution),
-        Kind("poses", PoseProMP, _write_poses, _read_poses),
-        Kind("average", AveragedDMP, _write_average, _read_average),
-        Kind("cooperative", CooperativeDMP, _write_cooperative, _read_cooperative),
+        PrimitiveKind("position", DMP, _write_position, _read_position),
+        PrimitiveKind("pose", PoseDMP, _write_pose, _read_pose),
+        PrimitiveKind("distribution", ProMP, _write_distribution, _read_distribution),
+        PrimitiveKind("poses", PoseProMP, _write_poses, _read_poses),
+        PrimitiveKind("average", AveragedDMP, _write_average, _read_average),
+        PrimitiveKind("cooperative", CooperativeDMP, _write_cooperative, _read_cooperative),
     )
 }

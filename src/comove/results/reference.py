@@ -36,7 +36,7 @@ class Stored(Protocol):
 
 
 @dataclass(frozen=True)
-class Result:
+class FolderSummary:
     """A folder, and the contents of a summary in it: all that is asked of a stored result here."""
 
     folder: Path

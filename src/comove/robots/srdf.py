@@ -27,7 +27,7 @@ class GroupState:
 
 @dataclass(frozen=True)
 class Srdf:
-    """What an SRDF says.
+    """Contents of an SRDF.
 
     Attributes
     ----------

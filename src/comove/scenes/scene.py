@@ -40,7 +40,7 @@ from comove.scenes.rigid import ENDS, HEADING, LoadBodies
 from comove.scenes.shapes import (
     FAR,
     LOAD,
-    Body,
+    MovingBody,
     body_of,
     inside_polygon,
     obstacle_table,
@@ -93,7 +93,7 @@ class Scene:
     upper: Array
     groups: tuple[RigidGroup, ...]
     constraints: tuple[Constraint, ...]
-    body: Body
+    body: MovingBody
     obstacles: Array
     owners: NDArray[np.int64]
     grasp: Grasp | None = None

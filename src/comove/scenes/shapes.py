@@ -42,7 +42,7 @@ FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 
 @dataclass(frozen=True)
-class Body:
+class MovingBody:
     """The geometry that must keep clear of obstacles: thickened segments between nodes, and solids.
 
     Nodes are the hands in the order of the manipulators, then the corners of the load.
@@ -109,7 +109,7 @@ def placed(meshes: Meshes, owners: NDArray[np.int64]) -> list[Placed]:
 
 def body_of(
     file: SceneFile, groups: list[RigidGroup], decomposition: ConvexDecomposition | None = None
-) -> Body:
+) -> MovingBody:
     """Return the body of load and hands: edges of the load between nodes, or its solids, and hands as points.
 
     A hand that is not the end of an edge is a point of its own.
@@ -134,7 +134,7 @@ def body_of(
         edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
     touched = {node for edge in edges for node in edge}
     points = [(i, i) for i in range(len(names)) if i not in touched]
-    return Body(
+    return MovingBody(
         edges=np.array(edges + points, dtype=np.int64).reshape(-1, 2),
         radii=np.array([radius] * len(edges) + [0.0] * len(points)),
         n_nodes=len(names) + n_corners,

@@ -31,7 +31,7 @@ from comove.robots.proposal.tree import GUESSED, GUESSES, SPRINGS
 from comove.simulators.engine import engine
 from comove.simulators.mjcf_actuators import drives_of
 from comove.simulators.mjcf_left_out import LeftOut
-from comove.simulators.mjcf_surroundings import Roles, Surroundings, fragment
+from comove.simulators.mjcf_surroundings import ModelSurroundings, Roles, fragment
 from comove.simulators.urdf import text_of, write_origin
 
 Array = NDArray[np.float64]
@@ -123,7 +123,7 @@ class _Writer:
                 )
         for tree in (self.robot, srdf):
             ET.indent(tree)
-        around = Surroundings(self.mj, model, self.roles, self._mesh)
+        around = ModelSurroundings(self.mj, model, self.roles, self._mesh)
         obstacles = around.obstacles(MESHES)
         told = [text.format(", ".join(names)) for text, names in self.told.items()]
         return Converted(

@@ -55,7 +55,7 @@ class Roles:
         return cls(frozenset(robot), frozenset(roots - robot - loose), frozenset(loose))
 
 
-class Surroundings:
+class ModelSurroundings:
     """Writer of what is no part of the robot.
 
     Parameters

@@ -40,7 +40,7 @@ INK, PAPER = (40, 44, 52), (255, 255, 255)
 
 
 class Filmed(Protocol):
-    """What is drawn sample by sample: an `Execution`, or a `FilmedRun`; its attributes are those of `Execution`."""
+    """Samples that are drawn: an `Execution`, or a `FilmedRun`; its attributes are those of `Execution`."""
 
     @property
     def robot(self) -> Robot: ...

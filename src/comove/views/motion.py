@@ -28,7 +28,7 @@ BROKEN = 1e-12  # m, above rounding
 
 
 def draw_scene(scene: Scene, *, duration: float = 5.0) -> Figure:
-    """Draw a scene that nobody has solved yet: obstacles, and the load at the start and at the goal.
+    """Draw an unsolved scene: obstacles, and the load at the start and at the goal.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def draw_standing(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
 
 
 class MovingBorders:
-    """The borders of what moves in a scene, in one view; those of a mesh's hundreds of parts, too, computed once."""
+    """The borders of the moving obstacles of a scene in one view, computed once."""
 
     def __init__(self, scene: Scene, view: tuple[int, int]):
         moving = scene.moving[scene.owners]

@@ -75,7 +75,7 @@ def write_gif(
     *,
     n_tones: int = 128,
 ) -> None:
-    """Write an animated GIF that repeats itself; what stands is drawn once, and what moves for every frame.
+    """Write an animated GIF that repeats itself; static artists are drawn once, moving ones for every frame.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ class LinkSurface:
 
     Attributes
     ----------
-    joint : number of the joint in the robot's order, from 0; -1 for what stands
+    joint : number of the joint in the robot's order, from 0; -1 for the static ones
     colour : red, green, blue, from 0 to 255
     surface : its triangles in the frame of the joint, or of the scene
     """

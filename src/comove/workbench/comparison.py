@@ -103,7 +103,7 @@ class Comparison:
             self.close()
             self._link = Link(folder, on_loop(self.loop, self._answered))
         self._asked = self._link.submit(draft, self.times, item=item)
-        doing = "is searching" if item is None or item.result is None else "is judged"
+        doing = "is searching" if item is None or item.result is None else "is verified"
         self.panels.beside.content = f"**{plain_text(self.chosen)}** {doing} ..."
 
     def _answered(self, link: Link, message: Message) -> None:

@@ -74,7 +74,7 @@ class Surface:
 
 @dataclass(frozen=True, eq=False)
 class Piece:
-    """A rigid part of what moves, with its way.
+    """A rigid part of hands or load, with its path.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The panels of a page: verdict, play controls, plots, controls to steer by, and saving."""
+"""The panels of a page: verification result, play controls, plots, controls to steer by, and saving."""
 
 from __future__ import annotations
 
@@ -160,7 +160,7 @@ class Panels:
         self.saved = self.gui.add_markdown("Files go to the folder that comove was started in.")
 
     def say(self, words: str) -> None:
-        """Show the verdict."""
+        """Show the verification result."""
         if self.verdict.content != words:
             self.verdict.content = words
 

@@ -1,7 +1,7 @@
 """What is played: a scene, states of it over time, and in words what is known of them.
 
 Motions, robots, runs and simulations are sampled for the eye and become one thing here, which a page of its own and
-the workbench show alike. Whatever comes from a folder is judged anew from its files.
+the workbench show alike. The contents of folders are verified anew from its files.
 """
 
 from __future__ import annotations
@@ -233,7 +233,7 @@ def _verdict(reasons: tuple[str, ...]) -> str:
 
 
 def playback_of_run(record: Record, blocker: str = "") -> Playback:
-    """Return an execution, judged by the true motions of its obstacles."""
+    """Return an execution, verified by the true motions of its obstacles."""
     report = verify_execution(record, blocker)
     verdict = "not verified" if report.reasons else "executed, and verified at every instant"
     rows = motion_rows({**report.asdict(), "duration": float(record.time[-1])}, record.scene)
@@ -258,7 +258,7 @@ def playback_of_joints(
 
 
 def playback_of_item(item: Item) -> Playback:
-    """Return what a result folder holds, judged anew.
+    """Return what a result folder holds, verified anew.
 
     Raises
     ------

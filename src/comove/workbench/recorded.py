@@ -42,7 +42,7 @@ def show(thing: Any, beside: Any = None) -> None:
     ----------
     thing
         A scene, a solution of `comove.solve` or `comove.robots.carry`, a motion, the record of an execution, a result
-        that was read, or the path of a scene file or result folder; what stands in a folder is judged anew.
+        that was read, or the path of a scene file or result folder; the contents of folders are verified anew.
     beside
         Another such thing, shown to the right of it and on the same clock.
 
@@ -76,7 +76,7 @@ def framed(page: str, height: int = 480) -> str:
 def played(
     item: Item, *, seed: int = 0, budget: float = 30.0, progress: ProgressCallback | None = None
 ) -> Playback:
-    """Return what a result folder holds, judged anew, or the motion of a scene, solved now.
+    """Return what a result folder holds, verified anew, or the motion of a scene, solved now.
 
     Raises
     ------

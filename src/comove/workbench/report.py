@@ -96,7 +96,7 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _facts(scene: Scene) -> list[tuple[str, str]]:
-    """Return what stands in a scene, in words."""
+    """Return the contents of a scene in words."""
     kinds = [obstacle.shape for obstacle in scene.file.obstacles]
     size = " x ".join(f"{side:g}" for side in scene.upper - scene.lower)
     load = "none" if scene.file.load is None else scene.file.load.shape

@@ -645,7 +645,7 @@ class Session:
 
     @property
     def end(self) -> float:
-        """Return the last instant of what is shown, and of what stands beside it [s]."""
+        """Return the last instant of what is shown, and of what is shown beside it [s]."""
         recording = self.stage.recording
         return max(0.0 if recording is None else float(recording.time[-1]), self.comparison.end)
 

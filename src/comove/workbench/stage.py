@@ -438,7 +438,7 @@ def demonstrated(scene: Scene, rows: Taught | None = None) -> Array | None:
 
     Parameters
     ----------
-    rows : movement that was taught in its place
+    rows : movement that was demonstrated in its place
     """
     try:
         taught = movements_of(demonstration_of(scene) if rows is None else demonstration_from(rows), scene)

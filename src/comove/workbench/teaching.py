@@ -112,7 +112,7 @@ def at_rest(time: Array, share: float) -> Array:
 
 
 def demonstration_from(taught: Sequence[Sequence[float]], name: str = "drawn") -> Demonstration:
-    """Return the recording of a movement that was taught.
+    """Return the recording of a demonstrated movement.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def csv_of(taught: Taught) -> bytes:
 
 
 def keep(taught: Taught, name: str, folder: Path) -> Path:
-    """Learn a primitive from a movement that was taught, and add it to the library in a folder.
+    """Learn a primitive from a demonstrated movement, and add it to the library in a folder.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Verdicts and measures as Markdown, for panels and pages."""
+"""Verification results and measures as Markdown, for panels and pages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def verdict_words(
     verdict: str = "",
     against: Sequence[str] = (),
 ) -> str:
-    """Return the verdict on what is shown as Markdown.
+    """Return the verification result of what is shown as Markdown.
 
     Parameters
     ----------

@@ -3,7 +3,7 @@
 `python -m comove.workbench.worker SOCKET` answers the messages that come through a socket (see
 `comove.workbench.protocol`). It ends when the other end closes.
 
-A draft is answered in steps. First the motion that is shown is judged on the new scene: where it is still verified,
+A draft is answered in steps. First the motion that is shown is verified on the new scene: where it is still verified,
 it stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
 found, better ones follow, and the last answer is the best. A newer draft ends the search, but while the hand still
 drags not before it had some patience to find its first motion: so a plan follows a hand that never rests.
@@ -119,7 +119,7 @@ class PlannedArms:
         self._found: VerifiedJointMotion | None = None
 
     def still(self, motion: VerifiedMotion) -> Playback | None:
-        """Return the joint motion that is shown, if it carries out a motion of the hands on a changed scene too."""
+        """Return the joint motion that is shown, if it follows the motion of the hands on a changed scene too."""
         from comove.robots import verify_joints
 
         if self.kept is None:
@@ -177,7 +177,7 @@ class Worker:
                     self._send(message, kind, reasons=[str(error)])
 
     def answer(self, asked: Message) -> None:
-        """Answer a draft: judge what a result folder holds, if that is wanted, else the motion shown, and search.
+        """Answer a draft: verify a result folder, if that is wanted, else the motion shown, and search.
 
         Raises
         ------
@@ -297,14 +297,14 @@ class Worker:
         return carry(scene, self.arms.robot, method=own, found=self.arms.find, **wanted)
 
     def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
-        """Return the movement that was taught, or that a scene names, for every hand; it is read once."""
+        """Return the movement that was demonstrated, or that a scene names, for every hand; it is read once."""
         key = repr((scene.file.demonstration, scene.turns_as_one, rows))
         if self._taught is None or self._taught[0] != key:
             self._taught = key, demonstration_of(scene) if rows is None else demonstration_from(rows)
         return movements_of(self._taught[1], solved)
 
     def run_live(self, asked: Message) -> None:
-        """Execute a draft step by step, tell its states, and judge what happened.
+        """Execute a draft step by step, tell its states, and verify the run.
 
         Raises
         ------

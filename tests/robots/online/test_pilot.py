@@ -14,7 +14,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.online.courses import CourseSettings
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.pilot import Pilot, PilotSettings
-from comove.robots.online.reference import Reference, Stop
+from comove.robots.online.reference import MotionReference, Stop
 from comove.robots.online.roadmap import RoadmapSettings, Way, nearby, nearest
 from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, scene_data
@@ -37,7 +37,7 @@ def at_start():
     here = Way(coordinates.boundary()[:1], q[None])
     full = scene.clearance
     needs = LinkNeeds(np.full(len(scene.obstacles), 0.5 * full), 0.0, 0.0, 0.3)
-    plan = Reference.standing(here)
+    plan = MotionReference.standing(here)
     return Pilot(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=SETTINGS), carrier
 
 
@@ -107,7 +107,7 @@ def test_a_reference_is_left_without_a_jump_and_ends_at_rest():
     rng = np.random.default_rng(0)
     time = np.linspace(0, 4, 201)
     wave = np.stack([np.sin(time), np.cos(time)], axis=1)
-    first = Reference(time, Way(wave, 2 * wave))
+    first = MotionReference(time, Way(wave, 2 * wave))
     begin = first.at(1.65)[:2]  # where it stands after 0.2 s at its pace and 0.5 s of braking
     course = Way(*(np.cumsum(np.vstack([q, 0.02 * rng.normal(size=(20, 2))]), axis=0) for q in begin))
     other = first.spliced(1.2, Stop(0.2, 0.5), course, 0.1, 3.0)
@@ -193,7 +193,7 @@ def test_arms_that_were_driven_off_the_roadmap_are_planned_for_once_they_stand()
     ]
     needs = LinkNeeds(np.full(len(scene.obstacles), 0.5 * scene.clearance), 0.0, 0.0, 0.3)
     few = replace(SETTINGS, roadmap=RoadmapSettings(n_nodes=1, n_more=1, reach=0.02))
-    plan = Reference.standing(ends[1])
+    plan = MotionReference.standing(ends[1])
     pilot = Pilot(scene, carrier.arms, coordinates, plan, needs, seed=1, settings=few)
     off = float(np.linalg.norm(scene.nodes_at("goal") - scene.nodes_at("start"), axis=1).max())
     pilot.looks_on(0.0, nothing(), 0.0)

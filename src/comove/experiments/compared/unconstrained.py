@@ -21,7 +21,7 @@ from comove.planning.method import Method
 from comove.planning.methods import threaded
 from comove.planning.objective import Objective
 from comove.planning.search import OutOfTime, Schedule, Search, improve
-from comove.scenes.scene import Body, Scene
+from comove.scenes.scene import MovingBody, Scene
 
 OPTIMISING = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
 
@@ -71,4 +71,4 @@ def without_load(scene: Scene) -> Scene:
     """Return the scene with the same hands and obstacles, but without load and constraints."""
     n = len(scene.manipulators)
     points = np.repeat(np.arange(n), 2).reshape(n, 2)
-    return replace(scene, body=Body(points, np.zeros(n), n), constraints=())
+    return replace(scene, body=MovingBody(points, np.zeros(n), n), constraints=())

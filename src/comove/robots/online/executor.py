@@ -36,7 +36,7 @@ from comove.robots.motion import approach_shares
 from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
-from comove.robots.online.reference import Reference
+from comove.robots.online.reference import MotionReference
 from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
@@ -162,7 +162,7 @@ class JointExecutor:
             standing,
             self.arms,
             self._coordinates,
-            Reference.of_plan(self.plan, self.columns, settings.pilot.reference),
+            MotionReference.of_plan(self.plan, self.columns, settings.pilot.reference),
             self.programme.needs._replace(obstacle=self.programme.needs.obstacle[stands]),
             goals=np.array([np.concatenate(q) for q in product(*self.carrier.goals)]),
             seed=seed,

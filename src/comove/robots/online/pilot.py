@@ -23,7 +23,7 @@ from comove.primitives.arguments import require_positive
 from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
-from comove.robots.online.reference import Reference, ReferenceSettings, Stop
+from comove.robots.online.reference import MotionReference, ReferenceSettings, Stop
 from comove.robots.online.roadmap import SLOT, Ground, GrowingRoadmap, Roadmap, RoadmapSettings, Way
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import Arms
@@ -105,7 +105,7 @@ class Pilot:
         standing: Scene,
         arms: Arms,
         coordinates: Coordinates,
-        plan: Reference,
+        plan: MotionReference,
         needs: LinkNeeds,
         *,
         goals: Array | None = None,
@@ -131,9 +131,9 @@ class Pilot:
         self._growth: GrowingRoadmap | None = None
         self._looked = self._chosen = self._present = -np.inf
         self._n_grown, self._pause = 0, settings.at_once
-        self._placed: tuple[Reference, Places] | None = None
+        self._placed: tuple[MotionReference, Places] | None = None
 
-    def _slots(self, reference: Reference, begin: float, end: float) -> Way:
+    def _slots(self, reference: MotionReference, begin: float, end: float) -> Way:
         """Return samples of a reference, one a slot."""
         count = 1 + max(0, int(np.ceil((end - begin) / SLOT - 1e-9)))
         configurations, joints, _ = reference.at(np.minimum(begin + SLOT * np.arange(count), end))
@@ -197,7 +197,7 @@ class Pilot:
         self._chosen, self._pause = time, 2.0 * how.at_once  # unless something better is found
         follows, clock, stop = self.reference, self.clock, self._stop()
         if off > how.off or waited >= how.patience:
-            follows, clock = Reference.standing(here, how.reference), 0.0
+            follows, clock = MotionReference.standing(here, how.reference), 0.0
             stop = Stop(how.thinking, 0.0)
         begin, joints, _ = follows.at(follows.braked(clock, stop, stop.after))
         found = self._course(begin, joints, seen, stop)
@@ -218,7 +218,7 @@ class Pilot:
 
     def stand(self, here: Way) -> None:
         """Follow nothing any more but stand at a sample, and look for a course at once."""
-        self.reference, self.clock = Reference.standing(here, self.settings.reference), 0.0
+        self.reference, self.clock = MotionReference.standing(here, self.settings.reference), 0.0
         self.is_clear = False
         self._looked = self._chosen = -np.inf
 
@@ -293,7 +293,7 @@ class Pilot:
         at = np.linspace(0.0, slots[-1], 1 + int(np.ceil(slots[-1])))
         return Way(*(interpolated(at, slots, values) for values in path))
 
-    def _ahead(self, reference: Reference, clock: float, seen: Sighting) -> Array:
+    def _ahead(self, reference: MotionReference, clock: float, seen: Sighting) -> Array:
         """Return what a reference costs from now on, and then its end, slot by slot."""
         how = self.settings.courses
         if self._placed is None or self._placed[0] is not reference:
@@ -309,7 +309,7 @@ class Pilot:
         """Return whether nothing is touched soon, where slots cost as much as that; it may be a close shave."""
         return bool((ahead[: self.settings.clear] < self.foresight.touching).all())
 
-    def _total(self, reference: Reference, clock: float, cost: Array) -> float:
+    def _total(self, reference: MotionReference, clock: float, cost: Array) -> float:
         """Return the cost of a reference from now on [slots]."""
         to_go = (reference.duration - clock) / SLOT
         how, stops = self.settings, reference.left > 0.0  # and another one has to be begun

@@ -54,7 +54,7 @@ class Stop:
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
+class MotionReference:
     """A curve to follow, at rest at its end.
 
     Attributes
@@ -76,7 +76,7 @@ class Reference:
         plan: VerifiedJointMotion,
         columns: NDArray[np.int64],
         settings: ReferenceSettings = ReferenceSettings(),
-    ) -> Reference:
+    ) -> MotionReference:
         """Return a verified carry as a reference; `columns` are those of the arms' joints."""
         duration, motion = plan.joints.duration, plan.motion.motion
         time = np.linspace(0.0, duration, 1 + int(np.ceil(duration / settings.sample)))
@@ -85,12 +85,12 @@ class Reference:
         return cls(time, way, settings=settings)
 
     @classmethod
-    def standing(cls, here: Way, settings: ReferenceSettings = ReferenceSettings()) -> Reference:
+    def standing(cls, here: Way, settings: ReferenceSettings = ReferenceSettings()) -> MotionReference:
         """Return a reference that stands at a sample."""
         way = Way(*(np.repeat(values[:1], 2, axis=0) for values in here))
         return cls(np.array([0.0, settings.sample]), way, settings=settings)
 
-    def spliced(self, now: float, stop: Stop, course: Way, slot: float, left: float) -> Reference:
+    def spliced(self, now: float, stop: Stop, course: Way, slot: float, left: float) -> MotionReference:
         """Return this reference from now on, braked to a stop, and then a course, its corners rounded.
 
         Parameters
@@ -113,7 +113,7 @@ class Reference:
             curve = raw + blend * (rounded - raw)
             curve[-1] = other[-1]
             curves.append(curve)
-        return Reference(time, Way(*curves), left, how)
+        return MotionReference(time, Way(*curves), left, how)
 
     def braked(self, now: float, stop: Stop, time: ArrayLike) -> Array:
         """Return where this reference is if its pace falls evenly from 1 to 0."""
