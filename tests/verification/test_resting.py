@@ -10,7 +10,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.planning import solve
 from comove.primitives.basis import motion_basis
-from comove.scenes.resting import SLOPE, TOLERANCE
+from comove.scenes.resting import SLOPE, TOLERANCE, recession_sagittas, recessions
 from comove.verification import verify
 from comove.verification.record import RecordSamples, verify_execution
 from tests.brute_force import obstacle_distance
@@ -157,3 +157,33 @@ def test_a_planned_motion_lifts_off_and_sets_down():
     assert (away[0][~near] >= scene.clearance - 1e-7).all()
     assert (away[0] >= np.minimum(scene.clearance, -TOLERANCE + SLOPE * ends.min(axis=0)) - 1e-7).all()
     assert (away[1] >= scene.clearance - 1e-7).all()
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    size=st.floats(1e-4, 0.02),
+    apart=st.floats(0.0, 0.03),
+    bent=st.floats(0.0, 0.003),
+)
+@settings(max_examples=60, deadline=None)
+def test_interpolated_recessions_are_ahead_by_their_sagittas_at_most(seed, size, apart, bent):
+    """Nodes are anywhere within their deviation of the chords; the supports of start and goal are one table."""
+    data = tray()
+    for hand in data["manipulators"]:
+        hand["goal"] = (np.array(hand["start"]) + [apart, 0.0, 0.0]).tolist()
+    scene, rng = Scene.from_dict(data), np.random.default_rng(seed)
+    shape = (6, *scene.rests[0].nodes.shape)
+    nodes = (
+        scene.rests[rng.integers(2)].nodes + size * rng.standard_normal((6, 1, 3)) + 1e-4 * rng.random(shape)
+    )
+    deviation = bent * rng.random((5, shape[1]))
+    moved = recessions(scene, nodes)
+    sagitta = recession_sagittas(scene, nodes, deviation, moved)[:, 0]
+    for share in rng.random(40):
+        stray = rng.standard_normal((5, shape[1], 3))
+        stray *= (deviation * rng.random(deviation.shape) / np.linalg.norm(stray, axis=2))[..., None]
+        allowed = np.linalg.norm(
+            recessions(scene, (1 - share) * nodes[:-1] + share * nodes[1:] + stray)[:, 0], axis=1
+        )
+        interpolated = np.linalg.norm((1 - share) * moved[:-1, 0] + share * moved[1:, 0], axis=1)
+        assert (interpolated <= allowed + sagitta + 1e-12).all()
