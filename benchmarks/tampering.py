@@ -54,7 +54,7 @@ from comove.results.solution import SOLUTION, motion_arrays, read_result, rebuil
 from comove.scenes import Scene
 from comove.scenes.model import canonical
 from comove.stored import Part, verify_part
-from comove.verification.cost import WEIGHTS, unit_terms, unit_terms_of
+from comove.verification.measures import WEIGHTS, unit_terms, unit_terms_of
 from comove.verification.record import verify_execution
 from comove.verification.verify import verify
 from comove.views import save_result
@@ -702,7 +702,7 @@ def look_at_simulation(case: Case) -> list[str]:
 
 def make_robot_runs(folder: Path) -> Path:
     """An online run in which everything goes as planned."""
-    from tests.stored.known_run import write_known_run
+    from tests.robots.known_run import write_known_run
 
     write_known_run(folder / "result")
     return folder

@@ -15,7 +15,7 @@ from comove.robots.free_space import Room
 from comove.robots.transfers import Transfers, plan_transfers
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried, placements
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases
 from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
 
 KEEP = 0.005  # m, that everything keeps where the scene says nothing

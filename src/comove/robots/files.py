@@ -21,10 +21,22 @@ from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
-from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, require_types
 from comove.io.folders import listed_inputs, scene_folder
 from comove.results.reference import SCENE, Reference, own_scene, reference_of
-from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, checksum, finite, read_json
+from comove.results.sealed import (
+    AGAIN,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    Arrays,
+    ResultKind,
+    Summary,
+    checksum,
+    finite,
+    read_json,
+    require_types,
+)
 from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
 from comove.robots.description import bundled_robots, find_description, is_file
 from comove.robots.model import Robot

@@ -30,9 +30,8 @@ from comove.robots.description import (
     find_description,
     load_description,
 )
-from comove.robots.joint_limits import FurtherLimits, in_radians_or_metres
-from comove.robots.masses import with_guessed_masses
-from comove.robots.srdf import GroupState, Srdf
+from comove.robots.formats import GroupState, Srdf
+from comove.robots.supplements import FurtherLimits, in_radians_or_metres, with_guessed_masses
 from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
 Array = NDArray[np.float64]

@@ -11,8 +11,19 @@ import numpy as np
 
 from comove._version import __version__
 from comove.errors import OptionError, ResultError
-from comove.io.entries import MAPPING, NUMBER, TEXT, TEXTS, TRUTH, require_types
-from comove.results.sealed import Arrays, ResultKind, Summary, checksum, finite
+from comove.results.sealed import (
+    MAPPING,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    Arrays,
+    ResultKind,
+    Summary,
+    checksum,
+    finite,
+    require_types,
+)
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene

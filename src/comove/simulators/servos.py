@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from comove.errors import OptionError, RobotError
 from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.robots.model import Robot
-from comove.robots.verification.reach import joint_axes
+from comove.robots.verification.kinematics import joint_axes
 from comove.scenes.scene import Scene
 from comove.simulators.engine import add_servo
 from comove.simulators.world import World

@@ -26,8 +26,7 @@ from comove.errors import (
     shortened,
 )
 from comove.io.files import telling
-from comove.io.keys import Part, Wrong
-from comove.io.messages import Contract, Flaw, explained, scene_error
+from comove.io.keys import Contract, Flaw, Part, Wrong, explained, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.planning import Comove
 from comove.primitives import Library

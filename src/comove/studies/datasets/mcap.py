@@ -16,8 +16,7 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.group_poses import poses_at
+from comove.coordination.coordinates import load_coordinates, poses_at
 from comove.demonstrations.formats import rosbag
 from comove.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError

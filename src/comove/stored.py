@@ -8,6 +8,7 @@ else in a folder may loosen what it is verified by.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,13 +16,54 @@ from typing import TYPE_CHECKING, Any
 from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ExtraError, ResultError
+from comove.io.folders import require_folder
 from comove.results.reference import Reference, reference_of
 from comove.results.sealed import Arrays, Summary
 from comove.results.solution import StoredResult, read_result, rebuild, verify_result
 from comove.results.words import Row, joint_rows, limits_row, motion_rows, run_rows, simulation_rows
 from comove.scenes.scene import Scene
-from comove.stored.parts import Part, parts_of
 from comove.verification.verify import Report
+
+
+class Part(Enum):
+    """A part of a result folder, with the name of its summary, and what it is called."""
+
+    MOTION = "solution.json", "the hands"
+    JOINTS = "robot.json", "the robot"
+    RUN = "run.json", "the run"
+    ROBOT_RUN = "robot_run.json", "the robot's run"
+    SIMULATION = "simulation.json", "the simulation"
+
+    def __init__(self, file: str, words: str):
+        self.file, self.words = file, words
+
+
+ARRAYS = {Part.JOINTS: "joints.npz"}
+"""Further files that show that a part is there, so that it is not passed over where its summary was removed."""
+
+
+def parts_of(folder: Path) -> tuple[Part, ...]:
+    """Return the parts of a result folder.
+
+    Raises
+    ------
+    ResultError
+        If it holds none, or there is no such folder.
+    """
+    require_folder(folder, "comove solve SCENE --out DIR")
+    found = tuple(
+        part
+        for part in Part
+        if (folder / part.file).is_file() or (part in ARRAYS and (folder / ARRAYS[part]).is_file())
+    )
+    if not found:
+        raise ResultError(
+            f"it holds no {Part.MOTION.file} and no {Part.RUN.file}",
+            file=folder,
+            way_out="name a folder of comove solve, robot solve or run",
+        )
+    return found
+
 
 if TYPE_CHECKING:  # robots are an extra
     from comove.robots.files import RobotSource, StoredJoints
