@@ -1,4 +1,4 @@
-"""Constraints that must hold at every instant, one file a kind; see `comove.constraints.constraint`.
+"""Constraints that must hold at every instant; see `comove.constraints.constraint`.
 
 ============== =================================================================================
 constraint     requirement
@@ -19,10 +19,10 @@ from comove.constraints.constraint import (
     PairConstraint,
     PairKeys,
 )
-from comove.constraints.distance import DistanceConstraint, DistanceKeys
-from comove.constraints.relative_pose import RelativePoseConstraint, RelativePoseKeys
-from comove.constraints.same_height import SameHeightConstraint, SameHeightKeys
-from comove.constraints.separation import SeparationConstraint, SeparationKeys
+from comove.constraints.pairs import DistanceConstraint, DistanceKeys
+from comove.constraints.pairs import RelativePoseConstraint, RelativePoseKeys
+from comove.constraints.pairs import SameHeightConstraint, SameHeightKeys
+from comove.constraints.pairs import SeparationConstraint, SeparationKeys
 from comove.constraints.upright import UprightConstraint, UprightKeys
 
 KINDS: dict[str, type[ConstraintKeys]] = {

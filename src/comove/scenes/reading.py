@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from comove.constraints.distance import DistanceKeys, distance_tolerance
+from comove.constraints.pairs import DistanceKeys, distance_tolerance
 from comove.constraints.upright import UprightKeys
 from comove.errors import ComoveWarning, near_name
 from comove.io.folders import scene_folder

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     )
     from comove.simulators.playback import play as play
     from comove.simulators.settings import Perturbation as Perturbation, Push as Push, Settings as Settings
-    from comove.simulators.simulate import simulate as simulate
+    from comove.simulators.dynamics import simulate as simulate
 
 __all__, __getattr__, __dir__ = lazily(
     __name__,
@@ -34,6 +34,6 @@ __all__, __getattr__, __dir__ = lazily(
         "simulators.pictures": ["ABOVE", "FRONT", "View", "draw_film", "draw_sheet"],
         "simulators.playback": ["play"],
         "simulators.settings": ["Perturbation", "Push", "Settings"],
-        "simulators.simulate": ["simulate"],
+        "simulators.dynamics": ["simulate"],
     },
 )
