@@ -93,10 +93,14 @@ verb = verb_of(app)
 _running: list[typer.Context] = []
 
 
+NOT_AGAIN = frozenset({"out", "json", "workers", "dask", "slurm", "shards"})
+"""Parameters on which no result depends: where it is written, what is printed, on how many processors it is made."""
+
+
 def command_words() -> list[str | Path]:
     """Return the words after ``comove`` that repeat the running command; names of files as `Path`.
 
-    They are its verb, its arguments and the options unlike their defaults, without `--out` and `--json`.
+    They are its verb, its arguments and the options unlike their defaults, without those of `NOT_AGAIN`.
     """
     (context,) = _running
     words: list[str | Path] = []
@@ -106,13 +110,14 @@ def command_words() -> list[str | Path]:
         place = place.parent
     for parameter in context.command.params:
         value = context.params.get(parameter.name or "")
-        if parameter.name in ("out", "json") or value is None or value == parameter.default:
+        if parameter.name in NOT_AGAIN or value is None or value == parameter.default:
             continue
-        is_flag = isinstance(value, bool)
-        if parameter.param_type_name == "option":
-            words.append(parameter.opts[0] if value or not is_flag else parameter.secondary_opts[0])
-        if not is_flag:
-            words.append(value if isinstance(value, Path) else str(value))
+        for one in value if isinstance(value, (list, tuple)) else (value,):
+            is_flag = isinstance(one, bool)
+            if parameter.param_type_name == "option":
+                words.append(parameter.opts[0] if one or not is_flag else parameter.secondary_opts[0])
+            if not is_flag:
+                words.append(one if isinstance(one, Path) else str(one))
     return words
 
 

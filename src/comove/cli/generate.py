@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import studies as s
-from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.app import NOT_VERIFIED, VERIFIED, command_words, verb
 from comove.cli.options import require_one_of
 from comove.errors import SceneError, near_name
 
@@ -55,6 +55,7 @@ def generate(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
+    from comove.results.inputs import command_again, write_inputs
     from comove.studies import Study, report_of, write_report
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
@@ -82,6 +83,7 @@ def generate(
         file=sys.stderr,
     )
     s.run_with_progress(loaded, out, run, part)
+    write_inputs(out, None, files=loaded.files(), command=command_words())
     report = report_of(out)
     path = write_report(report, out)
     sheet = _contact_sheet(out, loaded.folder)
@@ -89,6 +91,7 @@ def generate(
         print(path.read_text(encoding="utf-8"), end="")
     else:
         print(_text(report), f"report: {path}", sep="\n")
+        print(f"made again, in the folder: {command_again(out)}")
         if sheet is not None:
             print(f"first episodes: {sheet}")
     for name in wanted if report.verified else ():
