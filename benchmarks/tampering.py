@@ -30,9 +30,10 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -70,7 +71,7 @@ COUNTS = {
 }
 WORDS = ("rejected", "refused", "verified, and true", "WRONG", "crash")
 NEAR = 2e-6  # m, by which samples and bounds may differ
-CHUNK = 50
+CHUNK = 10
 DT = 1e-4  # relative, by which differences of samples overshoot a limit
 
 STANDING = {
@@ -818,21 +819,35 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=list(COUNTS), default=list(COUNTS))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--first", type=int, default=0, help="number of the first folder of each kind")
+    parser.add_argument(
+        "--minutes", type=float, default=np.inf, help="time after which nothing more is begun"
+    )
     for kind, count in COUNTS.items():
         parser.add_argument(f"--{kind}", type=int, default=count)
     asked = vars(parser.parse_args())
-    rows, begun = [], time.perf_counter()
+    totals, begun = {kind: Counter[str]() for kind in asked["only"]}, time.perf_counter()
+    tasks = {kind: _tasks(kind, asked["first"], asked[kind.replace("-", "_")]) for kind in asked["only"]}
+    shared = filter(None, chain.from_iterable(zip_longest(*tasks.values())))  # all kinds by turns
     with ProcessPoolExecutor(asked["workers"]) as pool:
-        for kind in asked["only"]:
-            count, total = asked[kind.replace("-", "_")], Counter[str]()
-            starts = range(asked["first"], asked["first"] + count, CHUNK)
-            sizes = [min(CHUNK, asked["first"] + count - start) for start in starts]
-            for found, told in pool.map(batch, [kind] * len(starts), starts, sizes):
-                total += found
-                print(*told, sep="\n", file=sys.stderr, end="\n" if told else "")
-            rows.append([kind, str(count), *(str(total[word]) for word in WORDS)])
+        running = {pool.submit(batch, *task): task[0] for task in islice(shared, asked["workers"])}
+        while running:
+            for done in wait(running, return_when=FIRST_COMPLETED).done:
+                found, told = done.result()
+                totals[running.pop(done)] += found
+                print(*told, sep="\n", file=sys.stderr, end="\n" if told else "", flush=True)
+                task = None if time.perf_counter() - begun > 60 * asked["minutes"] else next(shared, None)
+                if task is not None:
+                    running[pool.submit(batch, *task)] = task[0]
+    rows = [
+        [kind, str(total.total()), *(str(total[word]) for word in WORDS)] for kind, total in totals.items()
+    ]
     print_table(("folders", "forged", *WORDS), rows)
     print(f"\n{time.perf_counter() - begun:.0f} s")
+
+
+def _tasks(kind: str, first: int, count: int) -> list[tuple[str, int, int]]:
+    """Share out the folders of a kind: the kind, the number of the first folder, and how many."""
+    return [(kind, start, min(CHUNK, first + count - start)) for start in range(first, first + count, CHUNK)]
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from tests.solved import EXAMPLES, example, solved
 MAKERS = (
     *("planning", "optimisers", "demonstrations", "experiments", "studies", "workbench", "views", "export"),
     *("execution", "reaction", "processes", "robots.search", "robots.online", "robots.proposal"),
-    *(f"simulators.{name}" for name in ("dynamics", "live", "playback", "building", "pictures", "meshes")),
+    *(f"simulators.{name}" for name in ("dynamics", "playback", "building", "pictures", "meshes", "world")),
 )
 MOST = 90
 PROBE = """

@@ -420,8 +420,9 @@ def _edited_samples(joints: JointMotion, arrays: Arrays) -> list[str]:
     for j, joint in enumerate(joints.joint_names):
         if of_rates[:, j].all() and of_places[:, j].all():
             continue
-        name, step = "position", _shared(np.flatnonzero(~of_places[:, j]), len(h))
-        if not of_rates[:, j].all():
+        if of_rates[:, j].all():
+            name, step = "position", _shared(np.flatnonzero(~of_places[:, j]), len(h))
+        else:
             name, step = _furthest(joints, arrays, j)
         reasons.append(
             f"'{name}[{step}, {j}]' in {JOINTS.arrays} was edited: {joint} at {joints.time[step]:.2f} s does not go "
