@@ -19,6 +19,7 @@ from comove.studies.runs import RUNS
 from comove.views import save_result
 from comove.workbench.edits import Draft, contents_of
 from comove.workbench.protocol import SearchTimes
+from comove.workbench.teaching import Stroke
 from comove.workbench.worker import RunMailbox, Worker
 from tests.commands import invoke
 from tests.robots.small_robots import gantry, gantry_scene
@@ -141,7 +142,10 @@ def test_the_command_that_is_told_makes_the_same_motion_elsewhere(place, options
 
 
 def test_what_was_drawn_in_the_page_is_followed_again(place):
-    told, rows = [], tuple((float(t), 0.15 + 0.7 * t, 0.4 + 0.1 * np.sin(3 * t)) for t in TIME)
+    stroke, told = Stroke(2), []
+    for t in TIME:
+        stroke.add(float(t), np.array([0.15 + 0.7 * t, 0.4 + 0.1 * np.sin(3 * t)]))
+    rows = stroke.taught(1.0)
     worker = Worker(RunMailbox(), told.append)
     draft = Draft(contents_of(comove.Scene.load(place / "plain.yaml")), taught=rows, resemblance=0.8, seed=2)
     asked = {"id": 1, "draft": draft, "folder": place, "item": None, "dragging": False}
