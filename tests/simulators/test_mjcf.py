@@ -241,9 +241,9 @@ BOMBS = {
     "entities": '<!DOCTYPE m [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><mujoco model="&b;"/>',
     "depth": "<mujoco><worldbody>" + "<body>" * 100_000,
     "itself": '<mujoco><include file="arm.xml"/></mujoco>',
-    "a texture": '<mujoco><asset><texture name="t" type="2d" builtin="flat" width="1000000" height="1000000"/></asset>'
-    "</mujoco>",
-    "a height field": '<mujoco><asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset></mujoco>',
+    "a texture": "<mujoco><asset><texture name='t' type='2d' builtin='flat' width='1000000' height='1000000'/>"
+    "</asset></mujoco>",
+    "a height field": "<mujoco><asset><hfield name='h' nrow='100000' ncol='100000' size='1 1 1 1'/></asset></mujoco>",
     "bodies": "<mujoco><worldbody>"
     + '<replicate count="1000" offset="1 0 0">' * 4
     + '<geom size="1"/>'

@@ -45,7 +45,8 @@ SECONDS, GIGABYTES, REFUSED = 30, 4, 3
 BUILD = f"""
 import resource, sys
 import mujoco
-limits = {{resource.RLIMIT_CPU: int(sys.argv[2]), resource.RLIMIT_AS: int(sys.argv[3]) << 30, resource.RLIMIT_CORE: 0}}
+seconds, gigabytes = int(sys.argv[2]), int(sys.argv[3])
+limits = {{resource.RLIMIT_CPU: seconds, resource.RLIMIT_AS: gigabytes << 30, resource.RLIMIT_CORE: 0}}
 for kind, most in limits.items():
     ceiling = resource.getrlimit(kind)[1]
     resource.setrlimit(kind, (most if ceiling < 0 else min(most, ceiling), ceiling))
@@ -108,22 +109,15 @@ def _require_bounded(file: Path) -> None:
     RobotError
         If it cannot be built; MuJoCo's reason is told.
     """
-    done = subprocess.run(
-        [sys.executable, "-c", BUILD, str(file)],
-        capture_output=True,
-        text=True,
-        errors="replace",
-        check=False,
-    )
+    command = [sys.executable, "-c", BUILD, str(file), str(SECONDS), str(GIGABYTES)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     if done.returncode == 0:
         return
-    told, way_out = (
-        f"MuJoCo needs more than {SECONDS} s of processor time or {GIGABYTES} GB for it",
-        "make it smaller",
-    )
     if done.returncode == REFUSED:
-        told = f"MuJoCo cannot read it: {done.stdout.strip() or 'it is no model'}"
-        way_out = "correct it"
+        told, way_out = f"MuJoCo cannot read it: {done.stdout.strip() or 'it is no model'}", "correct it"
+    else:
+        told = f"MuJoCo needs more than {SECONDS} s of processor time or {GIGABYTES} GB for it"
+        way_out = "make it smaller"
     raise RobotError(told, file=file, way_out=way_out)
 
 
