@@ -18,7 +18,7 @@ from typing import Any
 
 from comove.errors import ComoveWarning, ResultError
 from comove.io.files import telling, whole_file
-from comove.io.folders import FOLDER, LIST
+from comove.io.folders import FOLDER, LIST, listed_inputs
 from comove.scenes.demonstration import library_file
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
@@ -101,11 +101,10 @@ def files_of_scene(scene: Scene) -> list[Path]:
 
 def command_again(folder: Path, out: str = "../again") -> str | None:
     """Return the command that makes a result again, to be given in its folder; None where none is known."""
-    try:
-        words = json.loads((folder / LIST).read_text(encoding="utf-8"))["command"]
-        return shlex.join(["comove", *words, "--out", out]) if words else None
-    except (OSError, ValueError, KeyError, TypeError):
+    words = listed_inputs(folder).get("command")
+    if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
         return None
+    return shlex.join(["comove", *words, "--out", out])
 
 
 def _whole(path: str | Path) -> Path:
