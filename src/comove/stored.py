@@ -220,9 +220,9 @@ class Verification:
     report : measures of the hands, where they are a motion or an execution
     motion : motion of the hands; None for runs, and where it cannot be rebuilt
     record : what happened in an execution of hands
-    robot, joints : a robot, and its motion
+    robot, joints : a robot, and its motion, if it is one of this robot's joints
     verified_joints : the joint motion, if it is verified
-    series : arrays of a simulation
+    series : arrays of a simulation, if it is one of this motion
     online : what happened in an online run of a robot
     """
 
@@ -358,6 +358,8 @@ class _Folder:
         from comove.robots.verification.bodies import warn_of_buried_links  # robots are there by now
 
         warn_of_buried_links(source.robot, hands.scene)
+        joints = self.joints.joints
+        fits = not _robots().unfit_joints(source.robot, hands.scene, joints)
         return replace(
             hands,
             part=Part.JOINTS,
@@ -366,7 +368,7 @@ class _Folder:
             rows=(*hands.rows, *joint_rows(verdict.report.asdict())),
             summary=self.joints.summary,
             robot=source.robot,
-            joints=self.joints.joints,
+            joints=joints if fits else None,
             verified_joints=verdict.verified,
         )
 
@@ -420,7 +422,7 @@ class _Folder:
             reasons=tuple(dict.fromkeys((*carried.reasons, *reasons))),
             rows=tuple(simulation_rows(summary)),
             summary=summary,
-            series=arrays,
+            series=None if reasons else arrays,
         )
 
 

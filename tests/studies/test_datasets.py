@@ -188,7 +188,7 @@ def test_mcap_reads_back(done):
 def test_topics_of_obstacles_are_their_names_where_ros_allows_them(done):
     episode = done[1][0]
     contents = episode.scene.file.model_dump(mode="json", exclude_none=True)
-    for obstacle, name in zip(contents["obstacles"], ("shelf", "left", "two words"), strict=True):
+    for obstacle, name in zip(contents["obstacles"], ("shelf", "left", "two-words"), strict=True):
         obstacle["name"] = name
     named = SimpleNamespace(
         scene=Scene.from_dict(contents), time=episode.time, position=episode.position, run=episode.run
