@@ -267,9 +267,14 @@ def test_packages_are_found_from_inside_beside_the_description_and_in_ros_path(t
     robots = [Robot.load(written(package / "config", {}, inside)), Robot.load(written(tmp_path, {}, beside))]
     monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{tmp_path}")
     robots.append(Robot.load(written(elsewhere, {}, beside)))
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    (tmp_path / "install").mkdir()
+    (tmp_path / "install" / "share").symlink_to(tmp_path)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"/nowhere:{tmp_path / 'install'}")
+    robots.append(Robot.load(written(elsewhere, {}, beside)))
     for machine in robots:
         assert any(isinstance(b.geometry, coal.BVHModelBase) for b in machine.collision.geometryObjects)
-    assert robots[1].sha256 == robots[2].sha256
+    assert robots[1].sha256 == robots[2].sha256 == robots[3].sha256
     with pytest.raises(RobotError, match="there is no file 'package://other/a"):
         resolve("package://other/a.stl", tmp_path / "r.urdf")
 

@@ -16,7 +16,7 @@ from comove.robots import Robot
 from comove.robots.description import load_description
 from comove.robots.proposal import examine, propose
 from comove.robots.proposal.homes import HomeSettings
-from comove.robots.proposal.proposal import ProposalSettings
+from comove.robots.proposal.proposal import ProposalSettings, _srdf_beside
 from comove.robots.proposal.tree import Tree, words_of
 
 ROBOTS = "package://example-robot-data/robots"
@@ -497,6 +497,25 @@ def test_pairs_that_always_touch_are_not_compared(tmp_path):
     assert frozenset(("base_0", "link2_0")) not in compared
 
 
+@pytest.mark.parametrize("stroke", [20.0, 1.0])
+def test_joints_that_drive_a_base_are_no_arms_and_those_of_a_gantry_are(tmp_path, stroke):
+    """As simulators add them: two that slide, and one that turns a link without a body."""
+    slides = f'<limit lower="{-stroke}" upper="{stroke}" velocity="1" effort="100"/>'
+    drive = (
+        '<link name="world"/><link name="at_x"/><link name="at_y"/>'
+        + joint("drive_x", "world", "at_x", (0, 0, 0), (1, 0, 0), "prismatic", slides)
+        + joint("drive_y", "at_x", "at_y", (0, 0, 0), (0, 1, 0), "prismatic", slides)
+        + joint("drive_z", "at_y", "base", (0, 0, 0), (0, 0, 1), "continuous", "")
+    )
+    text = urdf(drive, link("base"), arm("", "base"))
+    (chain,) = tree_of(text).chains()
+    own = tuple(f"joint{k}" for k in range(6))
+    base = ("drive_x", "drive_y", "drive_z")
+    assert (chain.trunk, chain.joints) == ((base, own) if stroke > 2.0 else ((), base + own))
+    data = propose([written(tmp_path, text)], tmp_path / "robot.yaml", settings=CHEAP).data
+    assert set(data.get("posture", {})) == set(chain.trunk)
+
+
 @pytest.mark.parametrize("folder", ["srdf", "urdf"])
 def test_an_srdf_that_lacks_pairs_is_completed(folder, tmp_path):
     """As Romeo's is, whose links have other names in some of its URDFs; one of that name may lie beside a URDF."""
@@ -510,6 +529,24 @@ def test_an_srdf_that_lacks_pairs_is_completed(folder, tmp_path):
     assert [model["srdf"] for model in proposal.data["models"]] == [f"{folder}/made.srdf"]
     assert 'link1="link0" link2="link4"' in pairs
     assert 'link1="base" link2="link2"' in pairs
+
+
+@pytest.mark.parametrize(
+    ("urdf_name", "srdfs", "wanted"),
+    [
+        ("ur5_gripper", ["ur5", "ur5_gripper"], "ur5_gripper"),
+        ("ur5_robot", ["ur5", "ur5_gripper"], "ur5"),
+        ("ur5", ["ur5e"], None),
+        ("b1", ["b1-z1", "b1"], "b1"),
+    ],
+)
+def test_the_srdf_of_a_model_is_that_of_its_whole_name(tmp_path, urdf_name, srdfs, wanted):
+    (tmp_path / "urdf").mkdir()
+    (tmp_path / "srdf").mkdir()
+    for name in srdfs:
+        (tmp_path / "srdf" / f"{name}.srdf").write_text('<robot name="made"/>', encoding="utf-8")
+    found = _srdf_beside(tmp_path / "urdf" / f"{urdf_name}.urdf")
+    assert (found and found.stem) == wanted
 
 
 def test_two_of_a_kind_leave_out_the_same_pairs(tmp_path):

@@ -260,3 +260,71 @@ def test_a_small_file_that_asks_for_endless_work_is_refused_in_one_sentence(tmp_
         RobotError, match=r"arm\.xml: [^\n]*; (correct it|make it smaller|name a robot's model)$"
     ):
         urdf_of(written(tmp_path, bomb))
+
+
+def test_all_that_no_urdf_has_and_that_changes_the_robot_is_named_once(tmp_path):
+    """A linkage, a polynomial, a held joint, tendons, thrusters, rotors, listed and filtered contacts."""
+    text = ARM.replace(
+        '<equality><joint joint1="r" joint2="l" polycoef="0 1 0 0 0"/></equality>',
+        """<equality>
+          <joint joint1="r" joint2="l" polycoef="0 1 0.5 0 0"/>
+          <joint joint1="l" polycoef=".01 0 0 0 0"/>
+          <connect body1="left" body2="right" anchor="0 0 0"/>
+          <weld body1="base" body2="fore" active="false"/>
+          <tendon tendon1="cable"/>
+        </equality>
+        <tendon>
+          <fixed name="cable" stiffness="3"><joint joint="turn" coef="1"/><joint joint="lift" coef="-1"/></fixed>
+          <fixed name="idle"><joint joint="turn" coef="1"/></fixed>
+        </tendon>""",
+    )
+    text = text.replace("<actuator>", '<actuator><general name="fan" site="nozzle" gear="0 0 1 0 0 0"/>')
+    text = text.replace("<contact>", '<contact><pair geom1="pad" geom2="ball"/>')
+    text = text.replace('<geom type="sphere"', '<site name="nozzle"/><geom name="ball" type="sphere"')
+    text = text.replace(
+        '<geom type="cylinder"',
+        '<geom name="pad" type="box" size=".01 .01 .01" contype="0" conaffinity="0" mass="0"/>'
+        '<geom contype="2" conaffinity="2" type="cylinder"',
+    )
+    text = text.replace('name="lift"', 'name="lift" armature=".1"').replace(
+        "<asset>", '<option gravity="0 0 -1.6"/><asset>'
+    )
+    notes = urdf_of(written(tmp_path, text)).notes
+    for wanted in (
+        "'r' follow others by polynomials",
+        "holds 'l' at 0.01: say it by `posture`",
+        "hold 'left' and 'right' together",
+        "length of 'cable' is constrained",
+        "tendons 'cable' pull at the robot",
+        "actuators 'fan' drive no joint",
+        "rotors of 'lift' have an inertia",
+        "shapes of 'right' touch only what the model lists",
+        "'left', 'right', 'shoulder' pass through others of the robot",
+        "gravity is 0, 0, -1.6 m/s^2",
+    ):
+        assert sum(wanted in note for note in notes) == 1, wanted
+    assert not any("'idle'" in note or "'base' and 'fore'" in note for note in notes)
+    plain = urdf_of(written(tmp_path)).notes
+    assert not any("left out" in note or "pass through" in note or "gravity" in note for note in plain)
+
+
+def test_meshes_whose_names_differ_by_a_slash_are_two_files(tmp_path):
+    other = "".join(
+        f'<mesh name="{name}" vertex="0 0 0  {x} 0 0  0 .1 0  0 0 .1"/>'
+        for name, x in (("a-b", 0.1), ("a/b", 0.2))
+    )
+    text = ARM.replace("<asset>", f"<asset>{other}").replace(
+        '<geom type="mesh"', '<geom type="mesh" mesh="a/b"/><geom type="mesh" mesh="a-b"/><geom type="mesh"'
+    )
+    found = urdf_of(written(tmp_path, text))
+    files = {mesh.get("filename") for mesh in ET.fromstring(found.urdf).iter("mesh")}
+    assert len(files) == len(found.meshes) == len(set(found.meshes.values())) == 3
+
+
+def test_a_coupling_that_is_off_couples_nothing(tmp_path):
+    off = ARM.replace('polycoef="0 1 0 0 0"', 'polycoef="0 1 0 0 0" active="false"')
+    joints = {
+        joint.get("name"): joint
+        for joint in ET.fromstring(urdf_of(written(tmp_path, off)).urdf).iter("joint")
+    }
+    assert joints["r"].find("mimic") is None

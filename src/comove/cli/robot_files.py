@@ -14,11 +14,18 @@ from comove.cli.texts import say
 from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
-    from comove.robots import Robot
+    from comove.robots import Arm, Robot
     from comove.robots.proposal import Examination
+    from comove.scenes import Scene
 
 Described = Annotated[
     str, typer.Argument(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
+]
+Obstacles = Annotated[
+    Path | None,
+    typer.Option(
+        help="Obstacles that stand around the robot (YAML), such as `convert` writes, or a scene of them."
+    ),
 ]
 
 
@@ -48,7 +55,7 @@ def convert(
     if found.obstacles is not None:
         say(f"{out / found.name}-obstacles.yaml: floor and furniture, as obstacles of a scene")
     given = "" if found.obstacles is None else f" --obstacles {out / found.name}-obstacles.yaml"
-    rows = [("next", f"comove robot new {out / found.name}.urdf --out robot.yaml")]
+    rows = [("next", f"comove robot new {out / found.name}.urdf{given} --out robot.yaml")]
     rows += [("then", f"comove robot scene robot.yaml{given}")]
     print(*in_rows(rows), sep="\n")
     return VERIFIED
@@ -68,6 +75,13 @@ def new(
         "robot.yaml"
     ),
     apart: Annotated[float, typer.Option(help="Distance between the bases of several models [m].")] = 0.8,
+    obstacles: Obstacles = None,
+    gripper: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URDF", help="Gripper for every arm without fingers: a file, or package://NAME/..."
+        ),
+    ] = None,
 ) -> int:
     """Propose a robot's description from its URDF: arms, tools, homes, pairs that always touch; check and draw it."""
     from comove.io.files import require_target, whole_file
@@ -79,19 +93,23 @@ def new(
         raise OptionError(f"apart = {apart:g}", key="--apart", way_out="give metres above 0")
     _require_new(out)
     require_target(out, RobotError)
-    proposal = propose(urdfs, out, apart=apart)
-    for model in proposal.data["models"]:
-        if model["urdf"] in proposal.srdf:
-            pairs = out.with_name(f"{out.stem}-{Path(model['urdf']).stem}.srdf")
-            with whole_file(pairs, error=RobotError) as draft:
-                draft.write(proposal.srdf[model["urdf"]].encode())
-            model["srdf"] = pairs.name
+    around = None if obstacles is None else _around(obstacles)
+    proposal = propose(urdfs, out, apart=apart, around=around, gripper=gripper)
+    stems = [Path(urdf).stem for urdf in proposal.srdf]
+    for k, (urdf, text) in enumerate(proposal.srdf.items()):
+        again = f"-{k + 1}" * (stems.count(stems[k]) > 1)  # models of one name in several folders
+        pairs = out.with_name(f"{out.stem}-{stems[k]}{again}.srdf")
+        with whole_file(pairs, error=RobotError) as draft:
+            draft.write(text.encode())
+        for model in proposal.data["models"]:
+            if model["urdf"] == urdf:
+                model["srdf"] = pairs.name
     with whole_file(out, error=RobotError, replace=False) as draft:
         draft.write(proposal.text().encode())
     print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")
     for note in proposal.notes:
         say(f"  - {note}")
-    return _told(proposal.robot, examine(proposal.robot), out)
+    return _told(proposal.robot, examine(proposal.robot, around=around), out)
 
 
 @verb_of(group)
@@ -100,14 +118,25 @@ def check(
     out: Annotated[
         Path | None, typer.Option(help="Picture to write (PNG); beside the description unless given.")
     ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            help="Scene (YAML) among whose obstacles it is at home, and whose load it has to be rated for; or such "
+            "obstacles alone."
+        ),
+    ] = None,
 ) -> int:
     """Check a robot's description: what its arms reach and share, what touches at home; draw it."""
     from comove.robots import Robot, bundled_robots, find_description
     from comove.robots.proposal import examine
+    from comove.robots.verification.bodies import warn_of_buried_links
 
     loaded = Robot.load(robot)
+    around = None if scene is None else _around(scene)
+    if around is not None:
+        warn_of_buried_links(loaded, around)
     path = Path(loaded.name) if robot in bundled_robots() else find_description(robot)
-    return _told(loaded, examine(loaded), path, out)
+    return _told(loaded, examine(loaded, around=around), path, out)
 
 
 @verb_of(group)
@@ -116,10 +145,7 @@ def scene(
     out: Annotated[Path, typer.Option(help="Scene to write (YAML); it must not be there yet.")] = Path(
         "scene.yaml"
     ),
-    obstacles: Annotated[
-        Path | None,
-        typer.Option(help="Obstacles that stand around the robot (YAML), such as `convert` writes."),
-    ] = None,
+    obstacles: Obstacles = None,
     seed: o.Seed = 0,
 ) -> int:
     """Make a first scene for a robot: two hands lift a bar over a rail; it is solved once, so that it can be."""
@@ -164,25 +190,39 @@ def scene(
     return VERIFIED
 
 
-def _obstacles_in(file: Path, scene: Path) -> list[dict[str, Any]]:
-    """Return the list of a file of obstacles, with the paths of meshes relative to a scene."""
-    import os
-
+def _around(file: Path) -> Scene:
+    """Return a scene, or the scene of a file of obstacles alone."""
     from comove.io.yaml_reader import read_yaml
+    from comove.robots.proposal import scene_of
+    from comove.scenes import Scene
 
     data, _ = read_yaml(file)
-    found = data.get("obstacles")
-    if (
-        set(data) != {"obstacles"}
-        or not isinstance(found, list)
-        or not all(isinstance(x, dict) for x in found)
-    ):
+    if set(data) != {"obstacles"}:
+        return Scene.load(file, check_ends=False)
+    try:
+        return scene_of(_listed(file), file.absolute().parent)
+    except SceneError as error:
+        error.file = error.file or file
+        raise
+
+
+def _listed(file: Path) -> list[dict[str, Any]]:
+    """Return the list of obstacles of a file, which may be a scene."""
+    from comove.io.yaml_reader import read_yaml
+
+    found = read_yaml(file)[0].get("obstacles")
+    if not isinstance(found, list) or not all(isinstance(x, dict) for x in found):
         raise SceneError(
-            "it holds no list of obstacles alone",
-            file=file,
-            key="obstacles",
-            way_out="write obstacles: [...]",
+            "it holds no list of obstacles", file=file, key="obstacles", way_out="write obstacles: [...]"
         )
+    return found
+
+
+def _obstacles_in(file: Path, scene: Path) -> list[dict[str, Any]]:
+    """Return the obstacles of a file, with the paths of meshes relative to a scene."""
+    import os
+
+    found = _listed(file)
     beside, mesh = scene.absolute().parent, "file"
     return [
         entry | {mesh: os.path.relpath(file.absolute().parent / str(entry[mesh]), beside)}
@@ -200,6 +240,14 @@ def _require_new(out: Path) -> None:
         )
 
 
+def _rated(arm: Arm) -> str:
+    """Return what an arm is rated for, in words; empty where nobody says."""
+    if arm.payload == float("inf"):
+        return ""
+    own = f", of which its hand takes {arm.hand:.3g} kg" if arm.hand else ""
+    return f", rated for {arm.payload:g} kg{own}"
+
+
 def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = None) -> int:
     """Print and draw what was found; return the exit code."""
     import numpy as np
@@ -212,7 +260,7 @@ def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = N
         (
             f"arm {arm.name}",
             f"{arm.n_joints} joints to '{arm.tip}', reach {arm.reach:.2f} m, at home "
-            f"{np.rad2deg(arm.tilt):.0f} degrees from pointing down",
+            f"{np.rad2deg(arm.tilt):.0f} degrees from pointing down{_rated(robot.arm(arm.name))}",
         )
         for arm in found.arms
     ]

@@ -15,7 +15,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.seeds import targets_along
-from comove.robots.effort import carried_masses, shortest_duration
+from comove.robots.effort import carried_masses, overburdened, shortest_duration
 from comove.robots.ends import N_THREADS, THREADS, EndJoints, EndSettings, Pair, Tally, apart, of_robot, unfit
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import JointMotion
@@ -108,8 +108,8 @@ class RobotCarrier:
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
-        for name in scene.manipulators:
-            self.robot.arm(name)
+        for reason in overburdened(scene, self.holders):
+            raise unfit(scene, "load.mass", *reason.rsplit("; ", 1))
 
     @property
     def grasp(self) -> Grasp:

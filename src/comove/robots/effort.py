@@ -6,13 +6,18 @@ Torques are *sampled*, at 100 Hz or finer and in the middle between two samples;
 rigorous bound. The largest deviation of a middle value from the mean of its neighbours is added to every sample: a
 torque that is a quadratic in time between two samples exceeds them and the middle value by at most a quarter of it.
 
-The load is modelled as point masses at its holders' grasps, which share its mass equally unless other shares are
-given. Friction is neglected; rotor inertias count where the model has them. Springs hold their share of the arms'
-own weight.
+The load is modelled as point masses at its holders' grasps, which share its mass as they balance it: the shares'
+mean place lies below its centre of mass (the rule of the lever), and of all such shares they are the most equal ones,
+those of hands alike stiff. Friction is neglected; rotor inertias count where the model has them. Springs hold their
+share of the arms' own weight.
+
+Of the payload that an arm is rated for, its hand takes what it weighs, and the load the larger of that share and an
+equal one.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -34,6 +39,8 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9  # share of a payload
+
 
 def load_mass(scene: Scene) -> float:
     """Return the mass of a scene's load, 0.25 kg where the scene does not say."""
@@ -41,10 +48,72 @@ def load_mass(scene: Scene) -> float:
 
 
 def carried_masses(scene: Scene) -> Array:
-    """Return the mass that every hand carries, its holders equally; array, shape (n_hands,) [kg]."""
-    masses, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
-    masses[holders] = load_mass(scene) / max(len(holders), 1)
-    return masses
+    """Return the mass that every hand carries, as its holders balance it; array, shape (n_hands,) [kg].
+
+    A hand beyond the others, seen from the centre of mass, holds the load down: its mass is negative.
+    """
+    return load_mass(scene) * _shares(scene)
+
+
+def payloads(scene: Scene, arms: tuple[Arm, ...]) -> Array:
+    """Return what every hand carries of what its arm is rated for, its own mass included; array, shape (n_hands,).
+
+    A share that is less than an equal one counts as that: a load that leans or lags is not held in balance.
+    """
+    share = np.abs(_shares(scene))
+    least = 1.0 / max(len(scene.file.holder_numbers), 1)
+    mass = load_mass(scene) * np.where(share > 0.0, np.maximum(share, least), 0.0)
+    return (mass + [arm.hand for arm in arms]) / [arm.payload for arm in arms]
+
+
+def overburdened(scene: Scene, arms: tuple[Arm, ...]) -> Iterator[str]:
+    """Yield why arms cannot hold a scene's load for its mass, in words."""
+    carried = load_mass(scene)
+    for arm, ratio in zip(arms, payloads(scene, arms), strict=True):
+        if ratio > 1.0 + ROUNDING:
+            own = f" and its hand {arm.hand:.3g} kg" if arm.hand else ""
+            share = ratio * arm.payload - arm.hand
+            yield (
+                f"the arm '{arm.name}' is rated for {arm.payload:g} kg, and of the load of {carried:g} kg it holds "
+                f"{share:.3g} kg{own}; "
+                + (
+                    f"let the load weigh {_rounded_down(carried * (arm.payload - arm.hand) / share)} kg at most"
+                    if arm.hand < arm.payload
+                    else "correct `payload` in the robot's description, or the masses of its hand"
+                )
+            )
+
+
+def _rounded_down(value: float, digits: int = 3) -> str:
+    """Return a positive number in some digits, as text, and no larger than it is."""
+    step = 10.0 ** (np.floor(np.log10(value)) - digits + 1)
+    return f"{np.floor(value / step) * step:.{digits}g}"
+
+
+def _shares(scene: Scene) -> Array:
+    """Return the share of the load's mass that every hand carries; array, shape (n_hands,)."""
+    shares, holders = np.zeros(len(scene.manipulators)), list(scene.file.holder_numbers)
+    if not holders:
+        return shares
+    shares[holders] = 1.0 / len(holders)
+    hands = scene.nodes_at("start")[holders, :2]
+    middle = hands.mean(axis=0)
+    # the smallest change of equal shares that moves their mean place there; symmetric loads get equal ones exactly
+    change = np.linalg.pinv((hands - middle).T, rcond=1e-6) @ (_center_of_mass(scene)[:2] - middle)
+    shares[holders] += change.round(12)
+    return shares
+
+
+def _center_of_mass(scene: Scene) -> Array:
+    """Return the centre of mass of a load of one density at the start; array, shape (3,) [m]."""
+    nodes, body = scene.nodes_at("start"), scene.body
+    if len(body.solids):
+        return np.asarray(nodes[np.unique(body.solids)].mean(axis=0))
+    rods = body.edges[:, 0] != body.edges[:, 1]
+    first, second = nodes[body.edges[rods]].transpose(1, 0, 2)
+    along, radius = np.linalg.norm(second - first, axis=1), body.radii[rods]
+    volume = np.where(radius > 0.0, radius**2 * (along + 4.0 / 3.0 * radius), along)
+    return np.asarray(np.average(0.5 * (first + second), axis=0, weights=volume))
 
 
 def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:

@@ -31,7 +31,7 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_object
 from comove.scenes.scene import Scene
-from comove.simulators.loads import Load, carried, points_of
+from comove.simulators.loads import SETTLED, Load, carried, points_of, supports_under
 from comove.simulators.settings import PLAN, Perturbation, Settings
 
 if TYPE_CHECKING:
@@ -315,7 +315,10 @@ def squeezes(wrenches: Array, points: Array) -> Array:
 def contacts_between(
     robot: Robot, scene: Scene, load: Load | None, time: Array, joints: Array, poses: Array
 ) -> tuple[Contact, ...]:
-    """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands."""
+    """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands.
+
+    A payload that rests on a support touches it, up to `SETTLED` deep.
+    """
     geometry, names, moved = work_geometry(robot, scene, load)
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
@@ -326,11 +329,14 @@ def contacts_between(
             state.oMg[item] = pin.SE3(poses[step]) * part
         if not pin.computeCollisions(geometry, state, False):
             continue
+        under = supports_under(scene, load, poses[step])
         for k in range(len(geometry.collisionPairs)):
             if state.collisionResults[k].isCollision():
                 ends = geometry.collisionPairs[k].first, geometry.collisionPairs[k].second
                 shapes = [geometry.geometryObjects[end].geometry for end in ends]
                 depth, _ = depth_of(shapes, [state.oMg[end] for end in ends])
+                if ends[0] in moved and names[ends[1]] in under and depth <= SETTLED:
+                    continue
                 first, deepest = found.get(k, (float(time[step]), 0.0))
                 found[k] = first, max(deepest, float(depth))
     pairs = geometry.collisionPairs

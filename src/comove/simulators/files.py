@@ -24,6 +24,7 @@ from comove.results.sealed import (
     finite,
     require_types,
 )
+from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
@@ -43,6 +44,7 @@ LOOKS = 200  # samples at which it is looked what touches
 def _require_entries(summary: Summary, file: Path) -> None:
     """Refuse a summary whose entries are not of their types."""
     types = {"delivered": TRUTH, "reasons": TEXTS, "scene": TEXT, "robot": TEXT, "grasp": MAPPING}
+    types["without_gripper"] = TEXTS.or_nothing
     for name in (
         "end_error",
         "distance_error_max",
@@ -106,6 +108,7 @@ def _summary_of(execution: Execution, seed: int | None) -> Summary:
         "simulator": execution.simulator,
         "grasp": {"kind": type(execution.grasp).__name__.lower(), **vars(execution.grasp)},
         **{name: finite(value) for name, value in execution.measures.items()},
+        "without_gripper": list(without_gripper(execution.robot)),
         "contacts": [asdict(contact) for contact in execution.contacts],
         "seed": seed,
         "perturbation": asdict(execution.perturbation),

@@ -32,6 +32,7 @@ from comove.robots.formats import MAX_BYTES, MJCF, bytes_in, require_format
 from comove.robots.proposal.tree import GUESSED, GUESSES, SPRINGS
 from comove.simulators.engine import engine
 from comove.simulators.mjcf_actuators import drives_of
+from comove.simulators.mjcf_left_out import LeftOut
 from comove.simulators.mjcf_surroundings import Roles, Surroundings, fragment
 from comove.simulators.urdf import text_of, write_origin
 
@@ -128,6 +129,7 @@ class _Writer:
         self.mj, self.model, self.file = mj, model, file
         self.robot = ET.Element("robot", {"name": file.stem, "xmlns:comove": NAMESPACE})
         self.meshes: dict[str, bytes] = {}
+        self.named: dict[int, str] = {}  # files of meshes, by their numbers
         self.drives = drives_of(mj, model)
         self.roles = Roles.of(mj, model, self.drives)
         self.told: dict[str, list[str]] = {}
@@ -167,7 +169,7 @@ class _Writer:
             ET.tostring(srdf, encoding="unicode") if len(srdf) else None,
             fragment(obstacles, self.file) if obstacles else None,
             self.meshes,
-            (*told, *around.notes, *around.payloads()),
+            (*told, *LeftOut(self.mj, model, self.roles.robot).notes(), *around.notes, *around.payloads()),
         )
 
     def _tell(self, text: str, name: str) -> None:
@@ -299,6 +301,7 @@ class _Writer:
         model = self.model
         for k in range(model.neq):
             couples = model.eq_type[k] == self.mj.mjtEq.mjEQ_JOINT and model.eq_obj2id[k] >= 0
+            couples = couples and bool(model.eq_active0[k])
             if couples and model.eq_obj1id[k] == joint and not model.eq_data[k, 2:5].any():
                 other = int(model.eq_obj2id[k])
                 return str(model.joint(other).name or f"joint{other}"), *model.eq_data[k, :2].tolist()
@@ -378,7 +381,12 @@ class _Writer:
 
     def _mesh(self, number: int) -> str:
         """Return the file name of a mesh, whose triangles are kept."""
-        model, name = self.model, f"{self.model.mesh(number).name or number}.stl".replace("/", "-")
+        model = self.model
+        if number in self.named:
+            return self.named[number]
+        stem = str(self.model.mesh(number).name or number).replace("/", "-")
+        name = f"{stem}.stl" if f"{stem}.stl" not in self.meshes else f"{stem}-{number}.stl"
+        self.named[number] = name
         first, faces = int(model.mesh_vertadr[number]), int(model.mesh_faceadr[number])
         vertices = model.mesh_vert[first : first + int(model.mesh_vertnum[number])]
         corners = model.mesh_face[faces : faces + int(model.mesh_facenum[number])]

@@ -52,7 +52,7 @@ def drives_of(mj: Any, model: Any) -> list[Drive]:
     """Return the limits that actuators set to every joint."""
     drives = [Drive() for _ in range(model.njnt)]
     for actuator in range(model.nu):
-        for joint, ratio in _driven(mj, model, actuator):
+        for joint, ratio in driven(mj, model, actuator):
             drives[joint] = _with(mj, model, actuator, drives[joint], ratio)
     for joint, drive in enumerate(drives):
         if drive.is_driven and model.jnt_actfrclimited[joint]:
@@ -65,22 +65,22 @@ def drives_of(mj: Any, model: Any) -> list[Drive]:
     return drives
 
 
-def _driven(mj: Any, model: Any, actuator: int) -> Iterator[tuple[int, float]]:
+def driven(mj: Any, model: Any, actuator: int) -> Iterator[tuple[int, float]]:
     """Yield the joints that an actuator drives, directly or by a fixed tendon, each with its effort there for a force
     of one.
     """
     kind, target = model.actuator_trntype[actuator], int(model.actuator_trnid[actuator, 0])
     gear = float(model.actuator_gear[actuator, 0])
-    if _is_one_of(kind, mj.mjtTrn.mjTRN_JOINT, mj.mjtTrn.mjTRN_JOINTINPARENT):
+    if is_one_of(kind, mj.mjtTrn.mjTRN_JOINT, mj.mjtTrn.mjTRN_JOINTINPARENT):
         yield target, gear
-    elif _is_one_of(kind, mj.mjtTrn.mjTRN_TENDON):
+    elif is_one_of(kind, mj.mjtTrn.mjTRN_TENDON):
         first = int(model.tendon_adr[target])
         for wrap in range(first, first + int(model.tendon_num[target])):
-            if _is_one_of(model.wrap_type[wrap], mj.mjtWrap.mjWRAP_JOINT):
+            if is_one_of(model.wrap_type[wrap], mj.mjtWrap.mjWRAP_JOINT):
                 yield int(model.wrap_objid[wrap]), gear * float(model.wrap_prm[wrap])
 
 
-def _is_one_of(kind: Any, *kinds: Any) -> bool:
+def is_one_of(kind: Any, *kinds: Any) -> bool:
     """Return whether an entry of a model is one of some kinds, which compare with it one way only."""
     return int(kind) in map(int, kinds)
 
@@ -123,11 +123,11 @@ def _forces(mj: Any, model: Any, actuator: int) -> tuple[float, float]:
 def _law(mj: Any, model: Any, actuator: int) -> tuple[float, float, float, float] | None:
     """Return the gain of an actuator, and the offset, stiffness and damping of its bias; None where they vary."""
     kind = model.actuator_biastype[actuator]
-    if not _is_one_of(model.actuator_gaintype[actuator], mj.mjtGain.mjGAIN_FIXED):
+    if not is_one_of(model.actuator_gaintype[actuator], mj.mjtGain.mjGAIN_FIXED):
         return None
-    if _is_one_of(kind, mj.mjtBias.mjBIAS_NONE):
+    if is_one_of(kind, mj.mjtBias.mjBIAS_NONE):
         bias = [0.0, 0.0, 0.0]
-    elif _is_one_of(kind, mj.mjtBias.mjBIAS_AFFINE):
+    elif is_one_of(kind, mj.mjtBias.mjBIAS_AFFINE):
         bias = model.actuator_biasprm[actuator, :3].tolist()
     else:
         return None
@@ -137,7 +137,7 @@ def _law(mj: Any, model: Any, actuator: int) -> tuple[float, float, float, float
 def _inputs(mj: Any, model: Any, actuator: int) -> tuple[float, float] | None:
     """Return the range of an actuator's control, or of the activation that replaces it; None where it has none."""
     kinds, kind = mj.mjtDyn, model.actuator_dyntype[actuator]
-    if _is_one_of(kind, kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT):
+    if is_one_of(kind, kinds.mjDYN_NONE, kinds.mjDYN_FILTER, kinds.mjDYN_FILTEREXACT):
         limited, ends = model.actuator_ctrllimited[actuator], model.actuator_ctrlrange[actuator]
     else:
         limited, ends = model.actuator_actlimited[actuator], model.actuator_actrange[actuator]
@@ -154,7 +154,7 @@ def _commands(mj: Any, model: Any, actuator: int) -> tuple[float, tuple[float, f
         if inputs is not None:
             low, high = ((gain * end + offset) / -stiffness for end in inputs)
             positions = min(low, high), max(low, high)
-        integrates = _is_one_of(model.actuator_dyntype[actuator], mj.mjtDyn.mjDYN_INTEGRATOR)
+        integrates = is_one_of(model.actuator_dyntype[actuator], mj.mjtDyn.mjDYN_INTEGRATOR)
         if integrates and model.actuator_ctrllimited[actuator]:
             speed = max(abs(gain / stiffness * float(end)) for end in model.actuator_ctrlrange[actuator])
     elif damping != 0.0 and inputs is not None:

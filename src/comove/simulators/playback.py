@@ -19,7 +19,13 @@ from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Execution, contacts_between
 from comove.simulators.grasps import Weld
-from comove.simulators.loads import Load, carried, hand_poses, load_of, require_fit
+from comove.simulators.loads import (
+    Load,
+    carried,
+    hand_poses,
+    load_of,
+    require_fit,
+)
 from comove.simulators.settings import USUAL, Settings
 
 Array = NDArray[np.float64]

@@ -3,6 +3,7 @@
 from comove.robots.proposal.examination import ArmFindings, Examination, examine
 from comove.robots.proposal.first_scene import SceneProposal, propose_scene
 from comove.robots.proposal.proposal import Proposal, propose
+from comove.robots.proposal.surroundings import scene_of
 
 __all__ = [
     "ArmFindings",
@@ -12,4 +13,5 @@ __all__ = [
     "examine",
     "propose",
     "propose_scene",
+    "scene_of",
 ]

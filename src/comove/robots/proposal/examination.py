@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,10 +11,15 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.robots.description import Placement
+from comove.robots.effort import overburdened
+from comove.robots.grippers import gripper_links, without_gripper
 from comove.robots.model import Arm, Robot
-from comove.robots.proposal.bodies import link_of, pairs_of, touching
+from comove.robots.proposal.bodies import link_of, pairs_of, placed_bodies, touching
 from comove.robots.proposal.homes import base_of, tilt_of
 from comove.robots.proposal.rules import near_limits, near_links
+from comove.robots.proposal.surroundings import among, buried, names_of
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -92,10 +97,25 @@ class Examination:
 
 
 def examine(
-    robot: Robot, seed: int = 0, settings: ExaminationSettings = ExaminationSettings()
+    robot: Robot,
+    seed: int = 0,
+    settings: ExaminationSettings = ExaminationSettings(),
+    around: Scene | None = None,
 ) -> Examination:
-    """Examine a robot in random configurations and at home."""
+    """Examine a robot in random configurations and at home.
+
+    Parameters
+    ----------
+    around : scene whose obstacles stand around it, and whose load, if it has one, its arms have to be rated for
+
+    Raises
+    ------
+    RobotError
+        If the robot has no arm that the load's scene names.
+    """
     rng = np.random.default_rng(seed)
+    robot, alone = among(robot, around), robot
+    standing = [] if around is None else names_of(around)
     arms = tuple(findings_of(robot, arm, rng, settings.n_drawn) for arm in robot.arms)
     shared = {
         (a.name, b.name): _shared(a.places, b.places, settings.shared) for a, b in combinations(arms, 2)
@@ -104,10 +124,22 @@ def examine(
     free, often = _contacts(robot, rng, settings)
     faults, doubts = [], []
     faults += [
-        f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or name the pair in an SRDF if "
-        "they are always so near"
+        f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or "
+        + (f"move '{b}'" if b in standing else f"{_leave_out(robot, a, b)} if they are always so near")
         for a, b, distance, needed in near_links(robot)
     ]
+    faults += [
+        f"{told.replace('begins', 'is')} at home: give another home, or move that"
+        for told in buried(alone, around, robot.home)
+    ]
+    faults += [
+        f"the arm '{arm.name}' is rated for {arm.payload:g} kg, and its hand weighs {arm.hand:.3g} kg: correct "
+        "`payload`, or the masses in the URDF"
+        for arm in robot.arms
+        if not arm.hand < arm.payload
+    ]
+    if around is not None and around.file.load is not None:
+        faults += overburdened(around, tuple(robot.arm(name) for name in around.manipulators))
     faults += [
         f"at home '{joint}' is {away:.3g} from its limit, and the search keeps joints off it: give a home between "
         f"{lower:.6g} and {upper:.6g}"
@@ -130,8 +162,10 @@ def examine(
         for joint, share in overloaded(robot).items()
     ]
     doubts += [
-        f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, name them in an SRDF"
+        f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, "
+        f"{_leave_out(robot, a, b)}"
         for (a, b), share in often.items()
+        if not {a, b} & set(standing)
     ]
     for arm in arms:
         if arm.n_joints < FEW_JOINTS:
@@ -139,6 +173,24 @@ def examine(
                 f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that "
                 "it shares must leave it the turns that it lacks"
             )
+    bare = without_gripper(robot)
+    if away := [name for name in bare if gripper_links(robot, robot.arm(name))]:
+        doubts.append(
+            f"no body of the gripper of {', '.join(map(repr, away))} is near the grasp frame: correct `mount` or "
+            "`tool`"
+        )
+    if bare := tuple(name for name in bare if name not in away):
+        doubts.append(
+            f"{', '.join(map(repr, bare))}: the description has no gripper where the payload is held, so that none "
+            "is verified; give one: gripper: {urdf: FILE}, or gripper: {mass: KILOGRAMS, shapes: [{shape: box, "
+            "center: [0, 0, 0.06], size: [0.1, 0.1, 0.12]}]}"
+        )
+    doubts += [
+        f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say where "
+        f"in that, such as tool: {{position: [0, 0, {_end_of_gripper(robot, arm):.3g}]}}"
+        for arm in robot.arms
+        if gripper_links(robot, arm) and robot.description.arms[arm.name].tool == Placement()
+    ]
     most = settings.most_named
     if unseen := _without_bodies(robot):
         doubts.append(
@@ -177,6 +229,23 @@ def _how_near(distance: float, needed: float) -> str:
         if distance <= 0.0
         else f"are {1e3 * distance:.3g} mm apart, and have to keep {1e3 * needed:.3g} mm"
     )
+
+
+def _end_of_gripper(robot: Robot, arm: Arm) -> float:
+    """Return how far the gripper of an arm reaches along the z axis of its tip [m]."""
+    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
+    own = gripper_links(robot, arm)
+    points = [points for link, points in placed_bodies(robot, robot.home) if link in own]
+    return max((float(((p - tip[:3, 3]) @ tip[:3, 2]).max()) for p in points), default=0.0)
+
+
+def _leave_out(robot: Robot, a: str, b: str) -> str:
+    """Return how two links are left out of the pairs that are kept apart, in words."""
+    for arm in robot.arms:
+        for hand, other in ((a, b), (b, a)):
+            if hand in gripper_links(robot, arm) and robot.model.existFrame(other):
+                return f"name it where the gripper is: arms.{arm.name}.gripper.touch_links: ['{other}']"
+    return "name the pair in an SRDF"
 
 
 def _neighbours(robot: Robot) -> list[tuple[str, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, product
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.examination import findings_of
 from comove.robots.proposal.homes import base_of, floor_of
+from comove.robots.proposal.surroundings import scene_of
 from comove.robots.solving import RobotSolution, carry
 from comove.robots.transfers import plan_transfers
 from comove.scenes.grasp import HELD
@@ -107,7 +108,6 @@ class _Place:
     floor : height on which the robot stands [m]
     cell : distance of neighbouring places [m]
     aside : room about all places [m]
-    around : obstacles that stand around the robot, as a scene has them
     """
 
     arms: tuple[Arm, Arm]
@@ -120,7 +120,6 @@ class _Place:
     floor: float
     cell: float
     aside: float
-    around: tuple[dict[str, Any], ...] = ()
 
     @property
     def worth(self) -> float:
@@ -133,17 +132,20 @@ class _Place:
         x, y = (across, onward) if self.axis == 0 else (onward, across)
         return np.array([x, y, up])
 
-    def data(self, named: str, rail: float, duration: float) -> dict[str, Any]:
+    def data(
+        self, named: str, rail: float, duration: float, around: Sequence[dict[str, Any]] = ()
+    ) -> dict[str, Any]:
         """Return the contents of a scene file in which the bar is lifted over a rail.
 
-        All suits the arms' reach: the bar's radius is 1.2 % of it, its mass 0.2 kg for each metre of it, and the
-        speed 0.6 times it a second.
+        All suits the arms' reach: the bar's radius is 1.2 % of it, its mass 0.2 kg for each metre of it, if they are
+        rated for that, and the speed 0.6 times it a second.
 
         Parameters
         ----------
         named : the robot, as the scene names it
         rail : height of the rail, as a share of what the bar can be lifted by
         duration : of the carry [s]
+        around : obstacles that stand around the robot, as a scene has them
         """
         reach, radius = self.reach, round(0.012 * self.reach, 3)
         inset = self._vector(0.0, 0.5 * self.cell, 0.5 * self.cell)
@@ -167,13 +169,15 @@ class _Place:
             "workspace": {"lower": lower.tolist(), "upper": upper.tolist()},
             "obstacles": [
                 {"shape": "box", "center": center.round(4).tolist(), "size": size.round(4).tolist()},
-                *self.around,
+                *around,
             ],
             "load": {
                 "shape": "bar",
                 "length": self.length,
                 "radius": radius,
-                "mass": round(0.2 * reach, 2),
+                "mass": float(
+                    min([round(0.2 * reach, 2), *(1.9 * (arm.payload - arm.hand) for arm in self.arms)])
+                ),
             },
             "manipulators": [
                 {
@@ -224,21 +228,23 @@ def propose_scene(
             way_out="give the URDF twice to `comove robot new`, or name another arm",
         )
     load_robot_kernels(SceneKind(3))
-    found_by_cell = (list(_places(robot, cell, settings)) for cell in settings.cells)
+    standing = scene_of(around, folder)
+    found_by_cell = (list(_places(robot, cell, settings, standing)) for cell in settings.cells)
     places = _ranked(next(filter(None, found_by_cell), []))
     if not places:
         raise RobotError(
             f"no place was found about home at which two hands of '{robot.name}' hold a bar between them, "
-            "hands down or level",
+            f"hands down or level{', clear of what stands around' if around else ''}",
             key="arms",
             way_out=WAY_OUT,
         )
     reasons, first, n_carried = list[str](), None, 0
     tried = list(product(places, settings.rails))[: settings.n_tried]
     for (work, duration), (place, rail) in product(settings.rounds, tried):
-        data = replace(place, around=tuple(around)).data(named, rail, duration)
+        data = place.data(named, rail, duration, around)
         try:
-            found = carry(Scene.from_dict(data, folder=folder), robot, seed=seed, budget=Budget(work=work))
+            first_scene, budget = Scene.from_dict(data, folder=folder), Budget(work=work)
+            found = carry(first_scene, robot, seed=seed, budget=budget, progress=False)
         except SceneError as error:
             reasons.append(str(error))
             continue
@@ -274,12 +280,13 @@ def _ranked(places: Sequence[_Place]) -> list[_Place]:
     return [places[i] for *_, i in sorted(order)]
 
 
-def _places(robot: Robot, cell: float, how: FirstSceneSettings) -> Iterator[_Place]:
+def _places(robot: Robot, cell: float, how: FirstSceneSettings, standing: Scene) -> Iterator[_Place]:
     """Yield where the two hands that are nearest to each other at home reach a bar, for every way to hold it.
 
     Parameters
     ----------
     cell : distance of neighbouring places [reaches]
+    standing : scene of what stands around the robot
     """
     home = {arm.name: robot.tool_pose(robot.home, arm)[:3, 3] for arm in robot.arms}
     pair = min(
@@ -308,7 +315,10 @@ def _places(robot: Robot, cell: float, how: FirstSceneSettings) -> Iterator[_Pla
                 way if arm.fingers else (*way, _turn_at_home(robot, arm, axis))
                 for way, arm in zip(ways, arms, strict=True)
             ]
-        maps = {turn: _reached(robot, place((turn, turn), *around), how) for turn in {*ways[0], *ways[1]}}
+        maps = {
+            turn: _reached(robot, place((turn, turn), *around), how, standing)
+            for turn in {*ways[0], *ways[1]}
+        }
         for turns in product(*ways):
             cells = largest_rectangle(maps[turns[0]][0] & maps[turns[1]][1], how.fewest, how.most)
             if cells is not None:
@@ -328,16 +338,25 @@ def _at_cell(around: Array, axis: int, cell: Cell, n_cells: int) -> Array:
     return around[0] + shares * (around[1] - around[0])
 
 
-def _reached(robot: Robot, place: _Place, how: FirstSceneSettings) -> Cells:
-    """Return where each hand reaches a bar; array, shape (2, n_cells, n_cells), by hand, forwards and upwards."""
-    scene = Scene.from_dict(place.data(robot.name, 0.0, how.rounds[0][1]) | {"obstacles": []})
+def _reached(robot: Robot, place: _Place, how: FirstSceneSettings, standing: Scene) -> Cells:
+    """Return where each hand reaches a bar that is clear of what stands around.
+
+    Returns
+    -------
+    array, shape (2, n_cells, n_cells), by hand, forwards and upwards
+    """
+    data = place.data(robot.name, 0.0, how.rounds[0][1]) | {
+        "obstacles": [obstacle.model_dump() for obstacle in standing.file.obstacles]
+    }
+    scene = Scene.from_dict(data, folder=standing.folder, check_ends=False)
     carrier, nodes = RobotCarrier(robot, scene), scene.nodes_at("start")
     middle = nodes[:2].mean(axis=0)
     found = np.zeros((2, how.n_cells, how.n_cells), dtype=bool)
     around = np.array([place.lower, place.upper])
     for hand, *cell in np.ndindex(found.shape):
         there = nodes + _at_cell(around, place.axis, (cell[0], cell[1]), how.n_cells) - middle
-        found[hand, cell[0], cell[1]] = carrier.ends.reaches(hand, there, how.n_seeds)
+        is_clear = standing.owners.size == 0 or scene.nearest_at(there)[0] > scene.clearance
+        found[hand, cell[0], cell[1]] = is_clear and carrier.ends.reaches(hand, there, how.n_seeds)
     return found
 
 

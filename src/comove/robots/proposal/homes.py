@@ -17,6 +17,8 @@ from comove.robots.free_space import RoomSettings
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import placed_bodies
 from comove.robots.proposal.rules import clearance_at_home, limit_margin
+from comove.robots.proposal.surroundings import among, buried
+from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -72,9 +74,16 @@ class Homes:
     notes: tuple[str, ...]
 
 
-def homes_of(robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings()) -> Homes:
-    """Find a home for every arm: of random configurations the best one that is free once its hand is turned down."""
-    q, notes = robot.home, []
+def homes_of(
+    robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings(), around: Scene | None = None
+) -> Homes:
+    """Find a home for every arm: of random configurations the best one that is free once its hand is turned down.
+
+    Parameters
+    ----------
+    around : scene whose obstacles stand around the robot
+    """
+    q, notes, robot, alone = robot.home, [], among(robot, around), robot
     rng = np.random.default_rng(seed)
     drawn_by_arm = [_Drawn.of(robot, arm, rng, how.n_drawn) for arm in robot.arms]
     ahead = _middle_of_reach(drawn_by_arm, how)
@@ -86,18 +95,20 @@ def homes_of(robot: Robot, seed: int = 0, how: HomeSettings = HomeSettings()) ->
         begun = [*_as_before(robot, q, k, how), *drawn.best(q, wanted)[: how.n_tried]]
         place = drawn.base + reach * wanted
         ended = [_settled(robot, arm, each, place, reach, how) for each in begun]
-        best = [each for each, miss in ended if miss < how.settled]
+        best = [each for each, miss in ended if miss < how.settled and not buried(alone, around, each)]
         found = _first_free(robot, best, later, needed)
         if found is None:  # then anywhere with the hand down
             own = [robot.tool_pose(each, arm)[:3, 3] for each in begun]
             ended = [_settled(robot, arm, *pair, reach, how) for pair in zip(begun, own, strict=True)]
             best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > how.settled)]
-            found = _first_free(robot, best, later, needed)
+            found = _first_free(
+                robot, [each for each in best if not buried(alone, around, each)], later, needed
+            )
         q = best[0] if found is None else found
         if found is None:
             notes.append(
-                f"no home of '{arm.name}' was found at which links keep {1e3 * needed.max():.3g} mm from each other: "
-                "write one"
+                f"no home of '{arm.name}' was found at which links keep {1e3 * needed.max():.3g} mm from each other"
+                f"{' and from what stands around' if around is not None else ''}: write one"
             )
         tilt = tilt_of(robot.tool_pose(q, arm))
         if tilt > how.near_down:

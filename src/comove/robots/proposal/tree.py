@@ -1,7 +1,8 @@
 """The tree of links of a URDF: where its arms begin and end, and which joints are fingers.
 
 Links that fixed joints connect form one body. A body that at least two long chains leave is a trunk: the joints above
-it belong to no arm. An arm ends at a palm, whose joints are fingers, or at a body that no joint leaves.
+it belong to no arm, nor do those that drive a mobile base, as simulators add them. An arm ends at a palm, whose
+joints are fingers, or at a body that no joint leaves.
 """
 
 from __future__ import annotations
@@ -9,12 +10,12 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, pi
 
+from comove.robots.joint_limits import stated_limits
 from comove.robots.soundness import number
-from comove.robots.supplements import stated_limits
 
 MOVING = ("revolute", "continuous", "prismatic")
 # By kind of joint, where a model states nothing above 0 [rad/s, N m, m/s, N].
@@ -38,6 +39,7 @@ TIPS = (
 )
 """Words in the name of an arm's last frame, the best first; with $ only as the last word."""
 LONG_STROKE = 0.2  # m, from which on a joint that slides is no finger unless it is called so
+LONGEST_STROKE = 4.0  # m, beyond which what slides is no lift or gantry of an arm, but a base that drives
 
 
 def words_of(name: str) -> tuple[str, ...]:
@@ -118,6 +120,12 @@ class Joint:
         return min(max(0.0, lower), upper)
 
     @property
+    def slides_far(self) -> bool:
+        """Return whether it slides further than any arm, or without an end."""
+        lower, upper = self.bounds
+        return self.kind == "prismatic" and upper - lower > LONGEST_STROKE
+
+    @property
     def grips(self) -> bool:
         """Return whether it may be a finger's: it follows, slides by little, or has such a name and turns by less
         than half a turn. A roll, pitch or yaw of a gripper is a wrist.
@@ -137,8 +145,8 @@ class Chain:
 
     Attributes
     ----------
-    trunk : joints from the base to the trunk, which move other arms too
-    joints : joints from the trunk to the last body
+    trunk : joints from the base to the trunk, which move other arms too, or the base itself
+    joints : joints from there to the last body
     moved : links that these joints move, one a joint
     links : links of the last body, from the last joint on
     fingers : joints beyond, those that go along with others included
@@ -182,12 +190,14 @@ class Tree:
     name : name of the model
     root : link without a parent
     joints : all joints
+    bodiless : links that have neither mass nor shape
     shape : numbers that tell arms, hands and fingers apart
     """
 
     name: str
     root: str
     joints: tuple[Joint, ...]
+    bodiless: frozenset[str] = frozenset()
     shape: ArmShape = ArmShape()
 
     @classmethod
@@ -208,7 +218,12 @@ class Tree:
         )
         children = {joint.child for joint in joints}
         roots = [link.get("name", "") for link in top.findall("link") if link.get("name") not in children]
-        return cls(top.get("name", "robot"), roots[0], joints, shape)
+        bodiless = frozenset(
+            link.get("name", "")
+            for link in top.findall("link")
+            if not any(link.find(tag) is not None for tag in ("inertial", "collision", "visual"))
+        )
+        return cls(top.get("name", "robot"), roots[0], joints, bodiless, shape)
 
     @cached_property
     def _below(self) -> dict[str, list[Joint]]:
@@ -243,8 +258,25 @@ class Tree:
 
     def chains(self) -> tuple[Chain, ...]:
         """Return the arms of the robot, and what else is as long as an arm."""
-        found = self._from(self.root, (), ())
+        found = map(self._without_drive, self._from(self.root, (), ()))
         return tuple(chain for chain in found if len(chain.joints) >= self.shape.least)
+
+    def _without_drive(self, chain: Chain) -> Chain:
+        """Return a chain whose first joints, if they drive a mobile base, are of its trunk: as far as the last that
+        slides further than any arm, and those after it that turn a link without a body.
+        """
+        known = {joint.name: joint for joint in self.joints}
+        joints = [known[name] for name in chain.joints]
+        far = [k for k, joint in enumerate(joints) if joint.slides_far]
+        count = far[-1] + 1 if far else 0
+        while 0 < count < len(joints) and joints[count].parent in self.bodiless:
+            count += 1
+        return replace(
+            chain,
+            trunk=chain.trunk + chain.joints[:count],
+            joints=chain.joints[count:],
+            moved=chain.moved[count:],
+        )
 
     def _from(self, link: str, trunk: tuple[str, ...], joints: tuple[str, ...]) -> Iterator[Chain]:
         """Yield the chains that leave the body of a link, which the joints of a trunk and `joints` have led to."""

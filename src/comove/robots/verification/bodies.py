@@ -292,13 +292,19 @@ def _triangles(corners: Array) -> Any:
 
 
 def links_inside(bodies: Bodies, joints: Array) -> list[str]:
-    """Return which links are inside solids that meshes of the scene close, in words; no triangle need be near them.
+    """Return which links are inside solids that meshes of the scene close, in words, as `links_within`."""
+    return links_within(bodies.robot, bodies.surfaces, bodies.names[bodies.robot.collision.ngeoms :], joints)
+
+
+def links_within(robot: Robot, surfaces: Surfaces, obstacles: Sequence[str], joints: Array) -> list[str]:
+    """Return which links are inside solids that meshes close, in words; no triangle need be near them.
 
     Parameters
     ----------
+    obstacles : names of the obstacles
     joints : array, shape (n_joints,) [rad]
     """
-    robot, surfaces, found = bodies.robot, bodies.surfaces, list[str]()
+    found = list[str]()
     solids = np.flatnonzero(surfaces.closed)
     if not len(solids):
         return found
@@ -308,8 +314,8 @@ def links_inside(bodies: Bodies, joints: Array) -> list[str]:
         point = placed.oMg[k].act(_some_point(item.geometry))
         for mesh in solids.tolist():
             if holds(surfaces, mesh, *point):
-                obstacle = bodies.names[robot.collision.ngeoms + int(surfaces.owner[mesh])]
-                found.append(f"{bodies.names[k]} begins inside {obstacle}")
+                link = robot.model.frames[item.parentFrame].name
+                found.append(f"{link} begins inside {obstacles[int(surfaces.owner[mesh])]}")
     return found
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.errors import RobotError
-from comove.robots.effort import largest_torque, still_torque
+from comove.robots.effort import largest_torque, overburdened, payloads, still_torque
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
@@ -24,6 +24,7 @@ from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_i
 from comove.robots.verification.carried import Errors, LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
 from comove.robots.verification.kinematics import Bases, joint_axes
+from comove.scenes.resting import TOLERANCE
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
@@ -182,6 +183,18 @@ def torques(robot: Robot, curve: PPoly, arms: tuple[Arm, ...], masses: Array) ->
     return finding._replace(measures=finding.measures | {"load_mass": float(masses.sum())})
 
 
+def payload(scene: Scene, arms: tuple[Arm, ...]) -> JointFinding:
+    """Check that arms are rated for what they carry."""
+    if scene.file.load is None or np.isinf([arm.payload for arm in arms]).all():
+        return JointFinding({}, {}, [])
+    ratios = payloads(scene, arms)
+    most = first_largest(ratios)
+    measure = "payload_ratio_max"
+    return JointFinding(
+        {measure: float(ratios[most])}, {measure: (arms[most].name, 0.0)}, [*overburdened(scene, arms)]
+    )
+
+
 def _found(robot: Robot, extremes: dict[str, Extreme], reasons: list[str]) -> JointFinding:
     measures = {name: worst.value for name, worst in extremes.items()}
     where = {name: (robot.joint_names[worst.joint], worst.time) for name, worst in extremes.items()}
@@ -222,7 +235,12 @@ def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
 def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
     """Check that the load keeps clear of the scene wherever the bases may stand."""
     off = max(bases.of_hand(arm, errors.hands[:, i])[1] for i, arm in enumerate(arms))
-    clearance, reasons = motion.report.clearance_min, []
+    clearance, near, reasons = motion.report.clearance_min, motion.report.support_distance_min, []
+    if off > 0 and near is not None and not near - off >= -2 * TOLERANCE:
+        reasons.append(
+            f"the payload comes within {max(near, 0.0):.3g} m of its support, and hands may be off by {off:.3g} m "
+            "because of where the bases stand; raise start and goal by that, or measure the bases more exactly"
+        )
     if off > 0 and not clearance - off >= 0:
         reasons.append(
             f"the load comes within {clearance:.3g} m of something, and hands may be off by {off:.3g} m because of "

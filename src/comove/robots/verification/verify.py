@@ -7,6 +7,7 @@ what                   how it is known
 ====================== =================================================================================
 limits of joints       exact at every instant: extremes of the cubics between samples
 torques                sampled at 200 Hz, with a margin for between (see `effort`)
+payloads               what each arm holds up in balance, and its hand, against what its maker rates it for
 hands hold the load    bound at every instant (see `holding`)
 clearance              bound at every instant (see `certificate`)
 hands, load and scene  bound at every instant by `comove.verification`
@@ -27,6 +28,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.robots.description import Uncertainty
 from comove.robots.effort import carried_masses
+from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointCommand, JointMotion, commands
 from comove.robots.verification import checks
@@ -50,6 +52,7 @@ class JointReport:
         soft limits, exact
     acceleration_ratio_max, jerk_ratio_max : likewise of its other limits; of jerk only where some are stated
     torque_ratio_max : likewise of an effort limit; sampled, with a margin
+    payload_ratio_max : largest share of what an arm is rated for that it carries; only where a payload is stated
     hand_error_sampled, hand_turn_sampled : largest error of a hand on the load at samples [m, rad]
     hand_error_max, hand_turn_max : upper bounds of these at every instant
     distance_error_max : upper bound of the error of the hands' distances [m]
@@ -60,6 +63,7 @@ class JointReport:
         reduced by the effect of that tolerance
     load_mass : mass with which torques were computed [kg]
     uncertainty : tolerance that was assumed of the bases' places
+    without_gripper : names of the arms whose description has no gripper, so that none was verified
     where : by measure, the name of the joint, hand or pair that has it, and the time [s]
 
     A clearance is infinite where there is no pair of bodies. Measures that were not computed are NaN.
@@ -70,6 +74,7 @@ class JointReport:
     acceleration_ratio_max: float = math.nan
     jerk_ratio_max: float = math.nan
     torque_ratio_max: float = math.nan
+    payload_ratio_max: float = math.nan
     hand_error_sampled: float = math.nan
     hand_turn_sampled: float = math.nan
     hand_error_max: float = math.nan
@@ -81,6 +86,7 @@ class JointReport:
     hand_uncertainty: float = math.nan
     load_mass: float = math.nan
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    without_gripper: tuple[str, ...] = ()
     where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def asdict(self) -> dict[str, float]:
@@ -202,6 +208,7 @@ def verify_joints(
     for check in (
         lambda: checks.rest(robot, curve),
         lambda: checks.limits(robot, curve),
+        lambda: checks.payload(scene, arms),
         lambda: checks.torques(robot, curve, arms, carried_masses(scene)),
         lambda: checks.hands(errors(), motion),
         lambda: checks.calibration(bases, arms, errors(), motion),
@@ -214,7 +221,9 @@ def verify_joints(
             break
     measures = {name: value for finding in findings for name, value in finding.measures.items()}
     where = {name: place for finding in findings for name, place in finding.where.items()}
-    report = JointReport(**measures, uncertainty=bases.uncertainty, where=where)
+    report = JointReport(
+        **measures, uncertainty=bases.uncertainty, without_gripper=without_gripper(robot), where=where
+    )
     reasons = tuple(reason for finding in findings for reason in finding.reasons)
     verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, seal=_SEAL)
     return JointVerdict(verified, report, reasons)

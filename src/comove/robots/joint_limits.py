@@ -1,4 +1,4 @@
-"""What a robot has beyond what Pinocchio reads from its URDF: further limits of joints, and guessed masses.
+"""Limits of joints beyond those that Pinocchio reads from a URDF: soft limits, accelerations and jerks.
 
 A ``<safety_controller soft_lower_limit="a" soft_upper_limit="b" k_position="k"/>`` bounds the velocities that ROS's
 controllers allow by -k (q - a) from below and by -k (q - b) from above: so q + q'/k stays within the *soft limits* a
@@ -11,9 +11,6 @@ used.
 
 Sources: ``joint_limits_interface`` of ros_control (`PositionJointSoftLimitsHandle`), the ROS wiki's
 ``pr2_controller_manager/safety_limits``, and Drake's notes on parsing (``drake:acceleration``).
-
-Masses of links are guessed from their collision bodies only where nothing that a joint moves has a mass: models often
-give a link's mass to its neighbour.
 """
 
 from __future__ import annotations
@@ -22,20 +19,11 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
-
-import coal
-import numpy as np
-import pinocchio as pin
-from numpy.typing import NDArray
+from dataclasses import dataclass
 
 from comove.errors import RobotError
 from comove.robots.description import JointLimits
 from comove.robots.soundness import LIMITED, RATES, local_name, number
-
-if TYPE_CHECKING:
-    from comove.robots.urdf import Source
 
 # rad and m, of a joint of an arm: none turns twice either way, nor slides so far
 LARGEST_TURN, LARGEST_STROKE = 4.0 * math.pi, 50.0
@@ -182,84 +170,3 @@ def _soft(joint: ET.Element) -> dict[str, float]:
         return {}
     found = {key: float(safety.get(attribute, "0")) for key, attribute in SOFT.items()}
     return found | {"k_position": float(safety.get("k_position", "0"))}
-
-
-DENSITY = 1000.0  # kg/m^3
-MAX_TOLD = 6
-MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
-
-
-def moved_masses(model: Any) -> NDArray[np.float64]:
-    """Return the masses that the joints of a model move; array, shape (n_joints + 1,), the universe first [kg]."""
-    masses = np.array([inertia.mass for inertia in model.inertias])
-    for joint in range(model.njoints - 1, 0, -1):
-        masses[model.parents[joint]] += masses[joint]
-    return masses
-
-
-def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Source, str | None]:
-    """Give masses to the links of joints that move none, in a model and in its URDF.
-
-    Parameters
-    ----------
-    model : pinocchio.Model of the source, which is changed
-    geometry : pinocchio.GeometryModel of its collision bodies
-
-    Returns
-    -------
-    the source with these masses, and a note about them; None where there was nothing to guess
-    """
-    massless, bodies = moved_masses(model) == 0.0, dict[int, list[Any]]()
-    for item in geometry.geometryObjects:
-        if item.parentJoint > 0 and massless[item.parentJoint]:
-            bodies.setdefault(item.parentFrame, []).append(item)
-    guessed = {frame: _inertia(items, model.frames[frame].placement) for frame, items in bodies.items()}
-    guessed = {frame: inertia for frame, inertia in guessed.items() if inertia.mass > 0.0}
-    if not guessed:
-        return source, None
-    tree = ET.fromstring(source.urdf)
-    links = {link.get("name"): link for link in tree.findall("link")}
-    for frame, inertia in guessed.items():
-        place = model.frames[frame]
-        model.appendBodyToJoint(place.parentJoint, inertia, place.placement)
-        _write(links[place.name], inertia)
-    told = [f"{model.frames[frame].name} {inertia.mass:.3g} kg" for frame, inertia in guessed.items()]
-    more = f" and {len(told) - MAX_TOLD} more" if len(told) > MAX_TOLD else ""
-    note = (
-        f"links that joints move have no masses; they were guessed from collision bodies, at {DENSITY:g} kg/m^3: "
-        f"{', '.join(told[:MAX_TOLD])}{more}: what they ask of the motors is a guess; write <inertial> into the links"
-    )
-    return replace(source, urdf=ET.tostring(tree, encoding="unicode")), note
-
-
-def _inertia(items: Iterable[Any], link: Any) -> Any:
-    """Return the inertia of collision bodies in the frame of their link, whose placement is given."""
-    total = pin.Inertia.Zero()
-    for item in items:
-        shape = item.geometry
-        if isinstance(shape, coal.BVHModelBase):
-            try:
-                shape.buildConvexHull(True, "Qt")
-            except RuntimeError:  # flat
-                continue
-            shape = shape.convex
-        volume = shape.computeVolume()
-        own = pin.Inertia(
-            DENSITY * volume,
-            np.array(shape.computeCOM()),
-            DENSITY * np.array(shape.computeMomentofInertiaRelatedToCOM()),
-        )
-        total += link.actInv(item.placement).act(own)
-    return total
-
-
-def _write(link: ET.Element, inertia: Any) -> None:
-    """Write an inertia into a link of a URDF."""
-    for old in link.findall("inertial"):
-        link.remove(old)
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=" ".join(repr(float(x)) for x in inertia.lever))
-    ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
-    ET.SubElement(
-        inertial, "inertia", {key: repr(float(inertia.inertia[row, column])) for key, row, column in MOMENTS}
-    )
