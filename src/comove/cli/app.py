@@ -9,12 +9,12 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from importlib import import_module
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -253,3 +253,34 @@ def _report(error: BaseException) -> str:
     except OSError as refused:
         return f"no report could be written ({refused.strerror}): set TMPDIR to a folder that you may write"
     return f"please send the report {file.name}"
+
+
+INSTEAD = "instead of what SCENE says"
+
+
+@dataclass(frozen=True)
+class RunLimits:
+    """Options that change what a scene asks of an execution."""
+
+    duration: Annotated[float | None, typer.Option(help=f"Duration of the movement [s], {INSTEAD}.")] = None
+    speed: Annotated[float | None, typer.Option(help=f"Limit of the hands' speed [m/s], {INSTEAD}.")] = None
+    acceleration: Annotated[
+        float | None, typer.Option(help=f"Limit of the hands' acceleration [m/s^2], {INSTEAD}.")
+    ] = None
+    clearance: Annotated[
+        float | None, typer.Option(help=f"Distance to keep from everything [m], {INSTEAD}.")
+    ] = None
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Return the options that were given, as the argument `changes` of `Scene.load`."""
+        given = {key: value for key, value in vars(self).items() if value is not None}
+        changes = {"duration": given.pop("duration")} if "duration" in given else {}
+        return changes | ({"limits": given} if given else {})
+
+
+@dataclass(frozen=True)
+class SceneLimits(RunLimits):
+    """Options that change what a scene asks of a motion."""
+
+    jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None

@@ -19,11 +19,11 @@ from comove.constraints.constraint import (
     PairConstraint,
     PairKeys,
 )
-from comove.constraints.pairs import DistanceConstraint, DistanceKeys
-from comove.constraints.pairs import RelativePoseConstraint, RelativePoseKeys
-from comove.constraints.pairs import SameHeightConstraint, SameHeightKeys
-from comove.constraints.pairs import SeparationConstraint, SeparationKeys
-from comove.constraints.upright import UprightConstraint, UprightKeys
+from comove.constraints.kinds import DistanceConstraint, DistanceKeys
+from comove.constraints.kinds import RelativePoseConstraint, RelativePoseKeys
+from comove.constraints.kinds import SameHeightConstraint, SameHeightKeys
+from comove.constraints.kinds import SeparationConstraint, SeparationKeys
+from comove.constraints.kinds import UprightConstraint, UprightKeys
 
 KINDS: dict[str, type[ConstraintKeys]] = {
     "distance": DistanceKeys,

@@ -10,8 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from comove.constraints.pairs import DistanceKeys, distance_tolerance
-from comove.constraints.upright import UprightKeys
+from comove.constraints.kinds import DistanceKeys, UprightKeys, distance_tolerance
 from comove.errors import ComoveWarning, near_name
 from comove.io.folders import scene_folder
 from comove.io.keys import (
