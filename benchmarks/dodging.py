@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.optimisers import CMAES
 from comove.reaction.twists import advanced, twists_between
 from comove.verification.record import Record, verify_execution

@@ -23,7 +23,7 @@ from comove.robots.description import Placement
 from comove.robots.urdf import for_pinocchio
 from comove.robots.verification.bodies import Bodies, bodies_of
 from comove.robots.verification.carried import Carried, placements
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases
 from comove.scenes import Scene
 from comove.scenes.model import UNTURNED
 

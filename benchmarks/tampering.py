@@ -30,9 +30,10 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from dataclasses import dataclass
 from functools import cache
+from itertools import chain, islice, zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ from comove.results.solution import SOLUTION, motion_arrays, read_result, rebuil
 from comove.scenes import Scene
 from comove.scenes.model import canonical
 from comove.stored import Part, verify_part
-from comove.verification.cost import WEIGHTS, unit_terms, unit_terms_of
+from comove.verification.measures import WEIGHTS, unit_terms, unit_terms_of
 from comove.verification.record import verify_execution
 from comove.verification.verify import verify
 from comove.views import save_result
@@ -70,7 +71,7 @@ COUNTS = {
 }
 WORDS = ("rejected", "refused", "verified, and true", "WRONG", "crash")
 NEAR = 2e-6  # m, by which samples and bounds may differ
-CHUNK = 50
+CHUNK = 10
 DT = 1e-4  # relative, by which differences of samples overshoot a limit
 
 STANDING = {
@@ -601,45 +602,127 @@ def forge_joints(rng: np.random.Generator, base: Path, folder: Path) -> Case:
     return Case(folder, motion.scene if rng.random() < 0.5 else None, motion.scene)
 
 
+@dataclass(frozen=True)
+class RawRobot:
+    """A robot out of the raw text of its URDF, as Pinocchio reads it; comove's own reader has no part in it.
+
+    Attributes
+    ----------
+    lower, upper, velocity : limits of the joints that the raw file states
+    columns : numbers of these joints in Pinocchio's configuration
+    """
+
+    model: Any
+    geometry: Any
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    columns: list[int]
+
+    def over_limits(self, q: np.ndarray, t: np.ndarray) -> list[str]:
+        """Return which limits samples of joints exceed."""
+        found = []
+        if (q < self.lower - 1e-9).any() or (q > self.upper + 1e-9).any():
+            found.append("range")
+        if (np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]) > self.velocity * (1 + DT)).any():
+            found.append("joint speed")
+        return found
+
+    def whole(self, q: np.ndarray) -> np.ndarray:
+        """Return configurations of all joints of the raw file, those that are not told at 0."""
+        full = np.zeros((len(q), self.model.nq))
+        full[:, self.columns] = q
+        return full
+
+    def links_clearance(self, scene: Scene, t: np.ndarray, q: np.ndarray) -> float:
+        """Return the least distance of links that move from boxes and cylinders, at some samples [m]."""
+        import coal
+        import pinocchio as pin
+
+        data, placed = self.model.createData(), self.geometry.createData()
+        links = [i for i, body in enumerate(self.geometry.geometryObjects) if body.parentJoint > 0]
+        least = np.inf
+        for step in range(0, len(t), max(1, len(t) // 40)):
+            pin.updateGeometryPlacements(
+                self.model, data, self.geometry, placed, self.whole(q[step : step + 1])[0]
+            )
+            for obstacle in scene.file.obstacles:
+                shapes = {
+                    "box": lambda o: coal.Box(*o.size),
+                    "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
+                }
+                shape = shapes[obstacle.shape](obstacle)
+                center = np.array(obstacle.center) + moved(obstacle, t[step : step + 1])[0]
+                at = coal.Transform3s(np.eye(3), center)
+                for i in links:
+                    own = coal.Transform3s(placed.oMg[i].rotation, placed.oMg[i].translation)
+                    result = coal.DistanceResult()
+                    body = self.geometry.geometryObjects[i].geometry
+                    least = min(least, coal.distance(body, own, shape, at, coal.DistanceRequest(), result))
+        return float(least)
+
+
+@cache
+def raw_baxter() -> RawRobot:
+    """Baxter, by its URDF as it is installed."""
+    import xml.etree.ElementTree as ET
+
+    import pinocchio as pin
+
+    from comove.robots.urdf import package_folders
+    from tests.robots.known_carry import baxter
+
+    robot = baxter()
+    (file,) = {source.file for source in robot.sources}
+    limits = {joint.get("name"): joint.find("limit") for joint in ET.parse(file).iter("joint")}
+    limits = {name: limit for name, limit in limits.items() if limit is not None}
+    model = pin.buildModelFromUrdf(str(file))
+    geometry = pin.buildGeomFromUrdf(
+        model, str(file), pin.GeometryType.COLLISION, package_dirs=package_folders(file)
+    )
+    names = robot.joint_names
+    told = [[float(limits[name].get(key)) for name in names] for key in ("lower", "upper", "velocity")]
+    columns = [int(model.joints[model.getJointId(name)].idx_q) for name in names]
+    return RawRobot(model, geometry, *map(np.array, told), columns)
+
+
 def look_at_joints(case: Case) -> list[str]:
-    """Contradictions of joints that were called verified: limits by differences, hands by Pinocchio."""
+    """Contradictions of joints that were called verified, by the raw URDF: limits, hands, links and obstacles."""
     from comove.robots.files import JOINTS
     from tests.robots.known_carry import baxter
 
-    robot, (_, arrays) = baxter(), JOINTS.read(case.folder)
-    q, t = arrays["position"], arrays["time"]
-    found = []
-    if (q < robot.lower - 1e-9).any() or (q > robot.upper + 1e-9).any():
-        found.append("range")
-    if (np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]) > robot.velocity * (1 + DT)).any():
-        found.append("joint speed")
-    return found + _hands_off(case, robot, q, t)
+    summary, arrays = JOINTS.read(case.folder)
+    q, t, raw = arrays["position"], arrays["time"], raw_baxter()
+    found = raw.over_limits(q, t)
+    if summary["clearance_scene"] is not None:
+        least = raw.links_clearance(case.scene, t, q)
+        if summary["clearance_scene"] > least + 1e-4:
+            found.append(
+                f"stated clearance of links, {summary['clearance_scene']:g} m, at samples {least:g} m"
+            )
+    return found + _hands_off(case, baxter(), q, t)
 
 
 def _hands_off(case: Case, robot: Any, q: np.ndarray, t: np.ndarray) -> list[str]:
     """Where joints do not carry out the hands' stored samples."""
     stored = read_result(case.folder)
-    at = np.stack(
-        [
-            np.interp(t, stored.arrays["time"], x)
-            for x in stored.arrays["position"].reshape(len(stored.arrays["time"]), -1).T
-        ],
-        1,
-    )
-    hands = tools(robot, case.scene, q)
-    off = np.linalg.norm(hands - at.reshape(len(t), -1, 3), axis=2).max()
-    return ["hands"] if off > 2e-4 or abs(t[-1] - stored.arrays["time"][-1]) > 1e-6 else []
+    time_, position = stored.arrays["time"], stored.arrays["position"]
+    at = np.stack([np.interp(t, time_, x) for x in position.reshape(len(time_), -1).T], 1)
+    off = np.linalg.norm(tools(robot, case.scene, q) - at.reshape(len(t), -1, 3), axis=2).max()
+    return ["hands"] if off > 2e-4 or abs(t[-1] - time_[-1]) > 1e-6 else []
 
 
 def tools(robot: Any, scene: Scene, q: np.ndarray) -> np.ndarray:
-    """Positions of the tools, (n_steps, n_hands, 3), by Pinocchio."""
+    """Positions of the tools, (n_steps, n_hands, 3), by Pinocchio on the raw URDF and the description's tools."""
     import pinocchio as pin
 
-    data, rows = robot.model.createData(), []
-    tips = [robot.model.getFrameId(robot.arm(name).tip) for name in scene.manipulators]
-    for joints in q:
-        pin.framesForwardKinematics(robot.model, data, joints)
-        rows.append([data.oMf[tip].translation.copy() for tip in tips])
+    raw, rows = raw_baxter(), []
+    data = raw.model.createData()
+    arms = [robot.arm(name) for name in scene.manipulators]
+    frames = [(raw.model.getFrameId(arm.tip), pin.SE3(arm.tool)) for arm in arms]
+    for joints in raw.whole(q):
+        pin.framesForwardKinematics(raw.model, data, joints)
+        rows.append([(data.oMf[frame] * tool).translation for frame, tool in frames])
     return np.array(rows)
 
 
@@ -702,7 +785,7 @@ def look_at_simulation(case: Case) -> list[str]:
 
 def make_robot_runs(folder: Path) -> Path:
     """An online run in which everything goes as planned."""
-    from tests.stored.known_run import write_known_run
+    from tests.robots.known_run import write_known_run
 
     write_known_run(folder / "result")
     return folder
@@ -747,10 +830,7 @@ def look_at_robot_run(case: Case) -> list[str]:
 
     robot, (_, arrays) = baxter(), ROBOT_RUN.read(case.folder)
     q, t, found = arrays["commanded"], arrays["time"], []
-    if (q < robot.lower - 1e-9).any() or (q > robot.upper + 1e-9).any():
-        found.append("range")
-    if (np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]) > robot.velocity * (1 + DT)).any():
-        found.append("joint speed")
+    found += raw_baxter().over_limits(q, t)
     hands = tools(robot, case.scene, arrays["measured"])
     goals = np.array([hand.goal for hand in case.scene.file.manipulators])
     if np.linalg.norm(hands[-1] - goals, axis=1).max() > 5e-3:
@@ -818,21 +898,35 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", choices=list(COUNTS), default=list(COUNTS))
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--first", type=int, default=0, help="number of the first folder of each kind")
+    parser.add_argument(
+        "--minutes", type=float, default=np.inf, help="time after which nothing more is begun"
+    )
     for kind, count in COUNTS.items():
         parser.add_argument(f"--{kind}", type=int, default=count)
     asked = vars(parser.parse_args())
-    rows, begun = [], time.perf_counter()
+    totals, begun = {kind: Counter[str]() for kind in asked["only"]}, time.perf_counter()
+    tasks = {kind: _tasks(kind, asked["first"], asked[kind.replace("-", "_")]) for kind in asked["only"]}
+    shared = filter(None, chain.from_iterable(zip_longest(*tasks.values())))  # all kinds by turns
     with ProcessPoolExecutor(asked["workers"]) as pool:
-        for kind in asked["only"]:
-            count, total = asked[kind.replace("-", "_")], Counter[str]()
-            starts = range(asked["first"], asked["first"] + count, CHUNK)
-            sizes = [min(CHUNK, asked["first"] + count - start) for start in starts]
-            for found, told in pool.map(batch, [kind] * len(starts), starts, sizes):
-                total += found
-                print(*told, sep="\n", file=sys.stderr, end="\n" if told else "")
-            rows.append([kind, str(count), *(str(total[word]) for word in WORDS)])
+        running = {pool.submit(batch, *task): task[0] for task in islice(shared, asked["workers"])}
+        while running:
+            for done in wait(running, return_when=FIRST_COMPLETED).done:
+                found, told = done.result()
+                totals[running.pop(done)] += found
+                print(*told, sep="\n", file=sys.stderr, end="\n" if told else "", flush=True)
+                task = None if time.perf_counter() - begun > 60 * asked["minutes"] else next(shared, None)
+                if task is not None:
+                    running[pool.submit(batch, *task)] = task[0]
+    rows = [
+        [kind, str(total.total()), *(str(total[word]) for word in WORDS)] for kind, total in totals.items()
+    ]
     print_table(("folders", "forged", *WORDS), rows)
     print(f"\n{time.perf_counter() - begun:.0f} s")
+
+
+def _tasks(kind: str, first: int, count: int) -> list[tuple[str, int, int]]:
+    """Share out the folders of a kind: the kind, the number of the first folder, and how many."""
+    return [(kind, start, min(CHUNK, first + count - start)) for start in range(first, first + count, CHUNK)]
 
 
 if __name__ == "__main__":

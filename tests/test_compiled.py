@@ -16,7 +16,7 @@ from numba import config
 from numba.core import caching
 
 from comove.compiled import cache, kernels
-from comove.compiled.fingerprint import fingerprint
+from comove.compiled.cache import fingerprint
 from comove.errors import ComoveWarning
 
 KERNEL = """

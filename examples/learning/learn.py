@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.group_poses import poses_at
+from comove.coordination.coordinates import Coordinates, load_coordinates, poses_at
 from comove.errors import ComoveError, ExtraError, OptionError, ResultError
 from comove.io.arrays import read_arrays
 from comove.io.files import require_target

@@ -14,9 +14,9 @@ from comove.errors import InputError, near_name, plain, readable, shortened
 
 BREAKING = """
 import sys
-from comove.stored import parts
+from comove import stored
 def read(folder): 1 / 0
-parts.parts_of = read
+stored.parts_of = read
 sys.argv = ["comove", "show", "x"]
 from comove.cli import main
 main()
@@ -31,7 +31,7 @@ def ended_by(monkeypatch, capsys):
         def read(folder):
             exec(statement, {"read": read, "folder": folder})
 
-        monkeypatch.setattr("comove.stored.parts.parts_of", read)
+        monkeypatch.setattr("comove.stored.parts_of", read)
         monkeypatch.setattr(sys, "argv", ["comove", "show", "x"])
         for of_the_process in ("guard_streams", "_unwind_when_ended"):
             monkeypatch.setattr(f"comove.cli.app.{of_the_process}", lambda: None)

@@ -1,4 +1,4 @@
-"""What the verifier loads: a fresh process runs `comove verify`, and says which modules of comove it has."""
+"""The verifier loads what judges alone: a fresh process runs `comove verify` and lists its modules of comove."""
 
 import json
 import os
@@ -10,22 +10,20 @@ import pytest
 from comove.execution import Executor, Pace, write_run
 from comove.io.folders import whole_folder
 from comove.results import RESULT
+from comove.simulators import play, write_simulation
 from comove.verification.record import verify_execution
 from comove.views import save_result
-from tests.robots.known_carry import known_carry
+from tests.robots.known_carry import baxter, known_carry
 from tests.robots.known_folder import write
+from tests.robots.known_run import write_known_run
 from tests.solved import EXAMPLES, example, solved
 
 MAKERS = (
-    "planning",
-    "optimisers",
-    "robots.search",
-    "robots.online",
-    "demonstrations",
-    "experiments",
-    "studies",
+    *("planning", "optimisers", "demonstrations", "experiments", "studies", "workbench", "views", "export"),
+    *("execution", "reaction", "processes", "robots.search", "robots.online", "robots.proposal"),
+    *(f"simulators.{name}" for name in ("dynamics", "playback", "building", "pictures", "meshes", "world")),
 )
-MAKERS += ("workbench", "views", "export", "execution", "reaction")
+MOST = 90
 PROBE = """
 import json, sys
 sys.argv[0] = "comove"
@@ -71,11 +69,22 @@ def run(folder):
     return EXAMPLES / "wide.yaml", folder
 
 
-@pytest.mark.parametrize("made", [hands, run, joints])
+def simulation(folder):
+    scene, _ = joints(folder)
+    motion, played = known_carry()
+    write_simulation(play(played, baxter(), motion.scene), folder)
+    return scene, folder
+
+
+def robot_run(folder):
+    return (write_known_run(folder),)
+
+
+@pytest.mark.parametrize("made", [hands, run, joints, simulation, robot_run])
 def test_the_verifier_loads_no_maker_of_motions(made, tmp_path):
-    """Nor more than 90 modules, beside those that know robots where one is verified."""
-    names = loaded("verify", *made(tmp_path / "result"))
-    rooms = {name.removeprefix("comove.") for name in names}
+    rooms = {name.removeprefix("comove.") for name in loaded("verify", *made(tmp_path / "result"))}
     assert not {name for name in rooms if name.startswith(MAKERS)}
-    robots = {name for name in rooms if name.startswith("robots")}
-    assert len(rooms - robots) <= 90 and (made is joints or not robots)
+    assert len(rooms) <= MOST
+    knows = {name.partition(".")[0] for name in rooms} & {"robots", "simulators"}
+    expected = {joints: {"robots"}, simulation: {"robots", "simulators"}, robot_run: {"robots", "simulators"}}
+    assert knows == expected.get(made, set())

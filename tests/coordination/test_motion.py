@@ -20,7 +20,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.geometry import rotations
 from comove.primitives import DMP, LinearPhase, Variant, motion_basis
-from comove.primitives.forcing import N_INTERVALS
+from comove.primitives.system import N_INTERVALS
 from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 from tests.cases import examples
 

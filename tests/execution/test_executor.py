@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.errors import OptionError
 from comove.execution import Executor, Functions, Pace
 from comove.reaction.twists import advanced, nodes_of, poses_of, twists_between

@@ -9,7 +9,7 @@ import yaml
 
 import comove
 from comove.scenes import Scene
-from comove.verification.smoothness import smoothness
+from comove.verification.measures import smoothness
 
 S = np.linspace(0.0, 1.0, 801)
 TRAY = {

@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from comove.primitives.basis import motion_basis
-from comove.primitives.flow import ALPHA_Y
-from comove.primitives.forcing import N_INTERVALS
-from comove.primitives.phase import ExponentialPhase, LinearPhase
+from comove.primitives.system import ALPHA_Y, N_INTERVALS, ExponentialPhase, LinearPhase
 from tests.cases import examples
 
 KNOTS = np.linspace(0.0, 1.0, N_INTERVALS + 1)

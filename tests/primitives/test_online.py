@@ -10,8 +10,7 @@ from scipy.integrate import solve_ivp
 
 from comove.errors import OptionError
 from comove.primitives import LinearPhase, Variant, rate_for_lag
-from comove.primitives.flow import ALPHA_Y
-from comove.primitives.forcing import N_INTERVALS
+from comove.primitives.system import ALPHA_Y, N_INTERVALS
 from tests.cases import examples
 
 from .movements import random_dmp

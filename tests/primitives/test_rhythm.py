@@ -11,9 +11,8 @@ from scipy.integrate import solve_ivp
 from comove.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.primitives import DMP
-from comove.primitives.flow import ALPHA_Y
-from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.rhythm import estimated_period, rhythmic_basis
+from comove.primitives.system import ALPHA_Y, N_INTERVALS
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)

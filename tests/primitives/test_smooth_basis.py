@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from comove.primitives.basis import motion_basis
-from comove.primitives.flow import ALPHA_Y
-from comove.primitives.phase import ExponentialPhase
+from comove.primitives.system import ALPHA_Y, ExponentialPhase
 from tests.cases import examples
 
 S = np.linspace(0.0, 1.0, 4001)

@@ -8,9 +8,8 @@ from scipy.integrate import solve_ivp
 
 from comove.demonstrations import Demonstration, lasa_names
 from comove.primitives import DMP, Variant, motion_basis
-from comove.primitives.flow import ALPHA_Y
-from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.poses import PoseDMP
+from comove.primitives.system import ALPHA_Y, N_INTERVALS
 
 ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
 each_ending = pytest.mark.parametrize("variant", ENDING)

@@ -14,8 +14,7 @@ from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, OptionError
 from comove.geometry.rotations import similarity
 from comove.primitives import DMP, ExponentialPhase, Variant
-from comove.primitives.flow import ALPHA_Y
-from comove.primitives.forcing import N_INTERVALS
+from comove.primitives.system import ALPHA_Y, N_INTERVALS
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)

@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from comove.coordination.coordinates import load_coordinates, projected_coordinates
-from comove.coordination.group_poses import HandPoses, poses_at
+from comove.coordination.coordinates import HandPoses, load_coordinates, poses_at, projected_coordinates
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of

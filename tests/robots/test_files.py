@@ -158,6 +158,15 @@ def test_an_edited_sample_is_named_even_where_checksums_were_brought_along(folde
     assert not any("checksum" in reason for reason in verdict.reasons)
 
 
+def test_edits_of_velocity_and_acceleration_that_make_up_for_each_other_are_named(folder):
+    """They leave the positions of the cubic where they were."""
+    h = arrays_of(folder)["time"][1]
+    edit_sample(folder, "velocity", (0, 0), 1e-4)
+    edit_sample(folder, "acceleration", (0, 0), -6 * 1e-4 / h)
+    sign(folder)
+    assert any("[0, 0]' in joints.npz was edited" in reason for reason in verify_stored(folder).reasons)
+
+
 @examples(10)
 @given(
     st.sampled_from(["time", "position", "velocity", "acceleration"]),

@@ -16,13 +16,13 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from comove.errors import ComoveWarning, RobotError
-from comove.results.words import joint_rows, run_rows, simulation_rows
 from comove.robots import Robot, carry, verify_joints
 from comove.robots.grippers import COLOUR, gripper_links, without_gripper
 from comove.robots.proposal import examine, propose
 from comove.scenes import Scene
 from comove.simulators import simulate
 from comove.simulators.urdf import for_mujoco
+from comove.stored import joint_rows, run_rows, simulation_rows
 from comove.workbench.bodies import bodies_of as drawn_bodies
 from tests.brute_force import obstacle_distance
 from tests.commands import invoke

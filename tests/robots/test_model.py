@@ -540,6 +540,8 @@ def test_bodies_and_joints_that_are_too_many_are_refused_at_once(tmp_path):
     refused(tmp_path, ["it has 3002 collision bodies, more than 1000"], two_joints(more=bodies))
     joints = "".join(link(f"l{k}", "") + joint(f"f{k}", "hand", f"l{k}") for k in range(3000))
     refused(tmp_path, ["it has 3002 joints that move, more than 1000"], two_joints(more=joints))
+    links = "".join(link(f"l{k}", "") + joint(f"f{k}", "hand", f"l{k}", "fixed", "") for k in range(10_001))
+    refused(tmp_path, ["it has 10004 links, more than 10000"], two_joints(more=links))
 
 
 def test_a_thousand_bodies_are_compared_in_pairs_without_delay(tmp_path):

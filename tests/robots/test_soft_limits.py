@@ -14,10 +14,10 @@ from scipy.interpolate import CubicSpline
 from comove.errors import ComoveWarning, RobotError
 from comove.robots import JointMotion, Robot, carry, plan_transfers
 from comove.robots.effort import shortest_duration
-from comove.robots.joint_limits import FurtherLimits
 from comove.robots.motion import approach_shares, largest_approach, largest_jerk
 from comove.robots.online.executor import JointExecutor
 from comove.robots.online.joint_programme import JointState
+from comove.robots.supplements import FurtherLimits
 from comove.robots.verification import checks
 from comove.scenes import Scene
 from tests.robots.known_carry import baxter, known_carry

@@ -18,7 +18,7 @@ from comove.robots.free_space import Room
 from comove.robots.transfers import Transfers, plan_transfers, possible_transfers
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases
 from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
 from tests.robots.small_robots import SHELF, lifts_scene, robot
 

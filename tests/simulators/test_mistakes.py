@@ -94,8 +94,8 @@ def test_links_may_be_called_as_one_likes(tmp_path, name):
 
 
 def test_a_load_has_no_name_that_a_link_may_have():
+    from comove.simulators.engine import THE_LOAD
     from comove.simulators.urdf import ROOT
-    from comove.simulators.world import THE_LOAD
 
     assert " " in THE_LOAD and " " in ROOT
 

@@ -237,6 +237,31 @@ def test_every_limit_has_what_other_readers_ask_for_and_dynamics_are_kept(tmp_pa
     assert pin.buildModelFromXML(ET.tostring(tree, encoding="unicode")).nq == 3
 
 
+BOMBS = {
+    "entities": '<!DOCTYPE m [<!ENTITY a "aaaaaaaa"><!ENTITY b "&a;&a;&a;">]><mujoco model="&b;"/>',
+    "depth": "<mujoco><worldbody>" + "<body>" * 100_000,
+    "itself": '<mujoco><include file="arm.xml"/></mujoco>',
+    "a texture": "<mujoco><asset><texture name='t' type='2d' builtin='flat' width='1000000' height='1000000'/>"
+    "</asset></mujoco>",
+    "a height field": "<mujoco><asset><hfield name='h' nrow='100000' ncol='100000' size='1 1 1 1'/></asset></mujoco>",
+    "bodies": "<mujoco><worldbody>"
+    + '<replicate count="1000" offset="1 0 0">' * 4
+    + '<geom size="1"/>'
+    + "</replicate>" * 4
+    + "</worldbody></mujoco>",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("bomb", BOMBS.values(), ids=BOMBS)
+def test_a_small_file_that_asks_for_endless_work_is_refused_in_one_sentence(tmp_path, monkeypatch, bomb):
+    monkeypatch.setattr("comove.simulators.mjcf.SECONDS", 3)
+    with pytest.raises(
+        RobotError, match=r"arm\.xml: [^\n]*; (correct it|make it smaller|name a robot's model)$"
+    ):
+        urdf_of(written(tmp_path, bomb))
+
+
 def test_all_that_no_urdf_has_and_that_changes_the_robot_is_named_once(tmp_path):
     """A linkage, a polynomial, a held joint, tendons, thrusters, rotors, listed and filtered contacts."""
     text = ARM.replace(

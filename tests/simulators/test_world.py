@@ -12,10 +12,10 @@ from comove.robots.description import bundled_robots
 from comove.scenes import Scene
 from comove.simulators import Friction, Perturbation, Weld, simulate
 from comove.simulators.building import build_world
+from comove.simulators.dynamics import at_start
 from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.servos import PayloadTorques, servo_gains
-from comove.simulators.simulate import at_start
 from comove.simulators.world import lower_floor
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import posts, standing

@@ -5,6 +5,7 @@ import shutil
 import sys
 import zlib
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from comove.scenes.model import canonical
 from comove.studies import Study, StudyStore, on_processes, run_study
 from comove.studies.datasets import FORMATS, export_episodes
 from comove.studies.datasets.lerobot import ENVIRONMENT, STATE, Statistics
+from comove.studies.datasets.mcap import movements_of
 from comove.studies.datasets.samples import episodes_of
 from comove.studies.runs import RUNS
 from tests.commands import invoke
@@ -181,6 +183,17 @@ def test_mcap_reads_back(done):
             assert np.allclose(load.position[:, :2] + away, episode.position[:, hand], atol=1e-9)
         post = comove.Demonstration.load(file, topic="/obstacle1/point")
         assert np.array_equal(post.position[0, :2], scene.file.obstacles[1].center)
+
+
+def test_topics_of_obstacles_are_their_names_where_ros_allows_them(done):
+    episode = done[1][0]
+    contents = episode.scene.file.model_dump(mode="json", exclude_none=True)
+    for obstacle, name in zip(contents["obstacles"], ("shelf", "left", "two-words"), strict=True):
+        obstacle["name"] = name
+    named = SimpleNamespace(
+        scene=Scene.from_dict(contents), time=episode.time, position=episode.position, run=episode.run
+    )
+    assert [name for name, _ in movements_of(named)][-3:] == ["shelf", "obstacle1", "obstacle2"]
 
 
 def test_mcap_tells_about_the_episode_to_other_readers(done):

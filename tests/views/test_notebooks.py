@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 
 import comove
-from comove.results.words import motion_rows
+from comove.stored import motion_rows
 from tests.solved import example, solved
 
 

@@ -9,12 +9,12 @@ import sys
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
 from functools import wraps
 from importlib import import_module
 from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -93,10 +93,14 @@ verb = verb_of(app)
 _running: list[typer.Context] = []
 
 
+NOT_AGAIN = frozenset({"out", "json", "workers", "dask", "slurm", "shards"})
+"""Parameters on which no result depends: where it is written, what is printed, on how many processors it is made."""
+
+
 def command_words() -> list[str | Path]:
     """Return the words after ``comove`` that repeat the running command; names of files as `Path`.
 
-    They are its verb, its arguments and the options unlike their defaults, without `--out` and `--json`.
+    They are its verb, its arguments and the options unlike their defaults, without those of `NOT_AGAIN`.
     """
     (context,) = _running
     words: list[str | Path] = []
@@ -106,13 +110,14 @@ def command_words() -> list[str | Path]:
         place = place.parent
     for parameter in context.command.params:
         value = context.params.get(parameter.name or "")
-        if parameter.name in ("out", "json") or value is None or value == parameter.default:
+        if parameter.name in NOT_AGAIN or value is None or value == parameter.default:
             continue
-        is_flag = isinstance(value, bool)
-        if parameter.param_type_name == "option":
-            words.append(parameter.opts[0] if value or not is_flag else parameter.secondary_opts[0])
-        if not is_flag:
-            words.append(value if isinstance(value, Path) else str(value))
+        for one in value if isinstance(value, (list, tuple)) else (value,):
+            is_flag = isinstance(one, bool)
+            if parameter.param_type_name == "option":
+                words.append(parameter.opts[0] if one or not is_flag else parameter.secondary_opts[0])
+            if not is_flag:
+                words.append(one if isinstance(one, Path) else str(one))
     return words
 
 
@@ -248,3 +253,34 @@ def _report(error: BaseException) -> str:
     except OSError as refused:
         return f"no report could be written ({refused.strerror}): set TMPDIR to a folder that you may write"
     return f"please send the report {file.name}"
+
+
+INSTEAD = "instead of what SCENE says"
+
+
+@dataclass(frozen=True)
+class RunLimits:
+    """Options that change what a scene asks of an execution."""
+
+    duration: Annotated[float | None, typer.Option(help=f"Duration of the movement [s], {INSTEAD}.")] = None
+    speed: Annotated[float | None, typer.Option(help=f"Limit of the hands' speed [m/s], {INSTEAD}.")] = None
+    acceleration: Annotated[
+        float | None, typer.Option(help=f"Limit of the hands' acceleration [m/s^2], {INSTEAD}.")
+    ] = None
+    clearance: Annotated[
+        float | None, typer.Option(help=f"Distance to keep from everything [m], {INSTEAD}.")
+    ] = None
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """Return the options that were given, as the argument `changes` of `Scene.load`."""
+        given = {key: value for key, value in vars(self).items() if value is not None}
+        changes = {"duration": given.pop("duration")} if "duration" in given else {}
+        return changes | ({"limits": given} if given else {})
+
+
+@dataclass(frozen=True)
+class SceneLimits(RunLimits):
+    """Options that change what a scene asks of a motion."""
+
+    jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None

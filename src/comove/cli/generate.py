@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from comove.cli import studies as s
-from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.app import NOT_VERIFIED, VERIFIED, command_words, verb
 from comove.cli.options import require_one_of
 from comove.errors import SceneError, near_name
 
@@ -55,7 +55,8 @@ def generate(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
-    from comove.results.words import gripper_rows
+    from comove.results.inputs import command_again, write_inputs
+    from comove.stored import gripper_rows
     from comove.studies import Study, report_of, write_report
     from comove.studies.datasets import FORMATS, export_episodes
     from comove.studies.datasets.export import check_export
@@ -83,6 +84,7 @@ def generate(
         file=sys.stderr,
     )
     s.run_with_progress(loaded, out, run, part)
+    write_inputs(out, None, files=loaded.files(), command=command_words())
     report = report_of(out)
     path = write_report(report, out)
     sheet = _contact_sheet(out, loaded.folder)
@@ -94,7 +96,7 @@ def generate(
             for robot, arms in loaded.without_gripper.items():
                 for title, said, _ in gripper_rows(arms):
                     print(f"  {title:14s} {robot}: {said}")
-        print(f"report: {path}")
+        print(f"report: {path}", f"made again, in the folder: {command_again(out)}", sep="\n")
         if sheet is not None:
             print(f"first episodes: {sheet}")
     for name in wanted if report.verified else ():

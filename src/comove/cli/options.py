@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from comove.cli.app import RunLimits as RunLimits
+from comove.cli.app import SceneLimits as SceneLimits
 from comove.errors import OptionError, near_name
 from comove.methods import METHODS
 
@@ -21,7 +23,6 @@ if TYPE_CHECKING:
     from comove.scenes import Scene
 
 PICTURES = (".png", ".pdf", ".svg")
-INSTEAD = "instead of what SCENE says"
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="Scene file (YAML).")]
 ResultFolder = Annotated[Path, typer.Option("--out", help="Folder for the result.")]
@@ -34,34 +35,6 @@ Budget = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")]
-
-
-@dataclass(frozen=True)
-class RunLimits:
-    """Options that change what a scene asks of an execution."""
-
-    duration: Annotated[float | None, typer.Option(help=f"Duration of the movement [s], {INSTEAD}.")] = None
-    speed: Annotated[float | None, typer.Option(help=f"Limit of the hands' speed [m/s], {INSTEAD}.")] = None
-    acceleration: Annotated[
-        float | None, typer.Option(help=f"Limit of the hands' acceleration [m/s^2], {INSTEAD}.")
-    ] = None
-    clearance: Annotated[
-        float | None, typer.Option(help=f"Distance to keep from everything [m], {INSTEAD}.")
-    ] = None
-
-    @property
-    def changes(self) -> dict[str, Any]:
-        """Return the options that were given, as the argument `changes` of `Scene.load`."""
-        given = {key: value for key, value in vars(self).items() if value is not None}
-        changes = {"duration": given.pop("duration")} if "duration" in given else {}
-        return changes | ({"limits": given} if given else {})
-
-
-@dataclass(frozen=True)
-class SceneLimits(RunLimits):
-    """Options that change what a scene asks of a motion."""
-
-    jerk: Annotated[float | None, typer.Option(help=f"Limit of the hands' jerk [m/s^3], {INSTEAD}.")] = None
 
 
 PresentFile = Annotated[

@@ -136,8 +136,8 @@ def export(
     from comove.cli.texts import in_rows
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
-    from comove.results.words import gripper_rows
     from comove.robots.transfers import possible_transfers
+    from comove.stored import gripper_rows
 
     if format is not None:
         o.require_one_of(format, FORMATS, "format")

@@ -72,7 +72,7 @@ def summary_text(
     verdict : what is known of it; what the summary says unless given
     scene : the scene that was solved, whose resting contacts are named
     """
-    from comove.results.words import motion_rows
+    from comove.stored import motion_rows
 
     verdict = verdict or ("verified" if summary.get("verified") is True else "NOT VERIFIED")
     terms = summary.get("cost_terms") or {}
@@ -121,14 +121,14 @@ def _weighted(summary: Mapping[str, Any], name: str) -> str:
 
 def joints_text(robot: str, measures: Mapping[str, Any]) -> str:
     """Return a readable summary of a joint motion's measures."""
-    from comove.results.words import joint_rows
+    from comove.stored import joint_rows
 
     return "\n".join([printable(f"{robot}:"), *in_rows(joint_rows(measures))])
 
 
 def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of a simulation, from the contents of its simulation.json."""
-    from comove.results.words import simulation_rows
+    from comove.stored import simulation_rows
 
     verdict = verdict or ("delivered" if summary["delivered"] else "NOT DELIVERED")
     head = f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"
@@ -142,7 +142,7 @@ def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "")
 
 def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of a robot's online run, from the contents of its robot_run.json."""
-    from comove.results.words import run_rows
+    from comove.stored import run_rows
 
     verdict = verdict or ("arrived, as it should" if summary["as_it_should_be"] else "NOT AS IT SHOULD")
     median, slowest = 1e3 * summary["control_s_median"], 1e3 * summary["control_s_p999"]
@@ -159,7 +159,7 @@ def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") 
 
 def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return a readable summary of an execution, from the contents of its run.json."""
-    from comove.results.words import beyond_rounding
+    from comove.stored import beyond_rounding
 
     verdict = verdict or ("arrived, verified" if summary["verified"] else "NOT VERIFIED")
     clearance, median = summary["clearance_min"], 1e3 * summary["control_s_median"]

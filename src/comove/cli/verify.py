@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, TextIO
 
 import typer
 
-from comove.cli import options as o
-from comove.cli.app import NOT_VERIFIED, VERIFIED, verb
+from comove.cli.app import NOT_VERIFIED, VERIFIED, SceneLimits, verb
 from comove.cli.texts import HANDS_ALONE, in_rows, say
 from comove.errors import OptionError
 
@@ -34,7 +33,7 @@ def verify(
         ),
     ] = None,
     *,
-    limits: o.SceneLimits,
+    limits: SceneLimits,
 ) -> int:
     """Verify a saved result anew, from the files alone: a motion, joints, a run, a simulation."""
     from comove.cli.progress import progress_bar

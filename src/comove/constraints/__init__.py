@@ -1,4 +1,4 @@
-"""Constraints that must hold at every instant, one file a kind; see `comove.constraints.constraint`.
+"""Constraints that must hold at every instant; see `comove.constraints.constraint`.
 
 ============== =================================================================================
 constraint     requirement
@@ -19,11 +19,11 @@ from comove.constraints.constraint import (
     PairConstraint,
     PairKeys,
 )
-from comove.constraints.distance import DistanceConstraint, DistanceKeys
-from comove.constraints.relative_pose import RelativePoseConstraint, RelativePoseKeys
-from comove.constraints.same_height import SameHeightConstraint, SameHeightKeys
-from comove.constraints.separation import SeparationConstraint, SeparationKeys
-from comove.constraints.upright import UprightConstraint, UprightKeys
+from comove.constraints.kinds import DistanceConstraint, DistanceKeys
+from comove.constraints.kinds import RelativePoseConstraint, RelativePoseKeys
+from comove.constraints.kinds import SameHeightConstraint, SameHeightKeys
+from comove.constraints.kinds import SeparationConstraint, SeparationKeys
+from comove.constraints.kinds import UprightConstraint, UprightKeys
 
 KINDS: dict[str, type[ConstraintKeys]] = {
     "distance": DistanceKeys,

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     )
     from comove.coordination.dmp import CoordinatedDMP as CoordinatedDMP
     from comove.coordination.motion import CoordinatedMotion as CoordinatedMotion
+    from comove.coordination.online import OnlineMotion as OnlineMotion
     from comove.errors import ConstraintError as ConstraintError
     from comove.primitives.basis import rollouts as rollouts
     from comove.primitives.cooperative import (
@@ -44,6 +45,7 @@ __all__, __getattr__, __dir__ = lazily(
         ],
         "coordination.dmp": ["CoordinatedDMP"],
         "coordination.motion": ["CoordinatedMotion"],
+        "coordination.online": ["OnlineMotion"],
         "errors": ["ConstraintError"],
         "primitives.basis": ["rollouts"],
         "primitives.cooperative": ["CooperativeDMP", "CooperativeState"],

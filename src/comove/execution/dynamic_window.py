@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.planning.objective import Objective

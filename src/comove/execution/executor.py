@@ -16,8 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.group_poses import HandPoses, poses_at
+from comove.coordination.coordinates import HandPoses, load_coordinates, poses_at
 from comove.coordination.motion import CoordinatedMotion
 from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, OptionError

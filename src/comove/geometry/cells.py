@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.geometry.surfaces import AXES, side_of
 
 Array = NDArray[np.float64]
 
@@ -24,17 +25,6 @@ N_BINS = 64  # of the rays' plane, along each axis
 INWARD = 1e-6  # of a box, by which its corners are moved into it before they are asked for
 FLAT = 1e-9  # of the solid's size, below which a piece has no inside
 MAX_POLYGON = 16  # corners: a triangle cut by six planes has nine
-RAY = np.array([0.3710, 0.2437, 0.8960])  # no edge of a drawing is parallel to it
-
-
-def _axes() -> Array:
-    z = RAY / np.linalg.norm(RAY)
-    x = np.cross([0.0, 1.0, 0.0], z)
-    x /= np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z])
-
-
-AXES = _axes()  # two across the ray and one along it, as rows
 
 
 class Solid(NamedTuple):
@@ -134,17 +124,6 @@ def is_inside(solid, x, y, z):
             if total != 0.0 and (f * triangle[0, 2] + g * triangle[1, 2] + e * triangle[2, 2]) / total > w:
                 turns += 1 if total > 0.0 else -1
     return turns != 0
-
-
-@kernel
-def side_of(p, q, u, v):
-    """Return on which side of the edge p-q a ray passes, as a signed number.
-
-    Both triangles that share the edge get the same number, to the last digit.
-    """
-    if p[0] < q[0] or (p[0] == q[0] and p[1] < q[1]):
-        return (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
-    return -((p[0] - q[0]) * (v - q[1]) - (p[1] - q[1]) * (u - q[0]))
 
 
 @kernel

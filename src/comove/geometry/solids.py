@@ -28,6 +28,7 @@ from comove.geometry.distances import (
     BOX,
     CAPSULE,
     CYLINDER,
+    MAX_STEPS,
     MIDDLE,
     N_PLANES,
     N_VERTICES,
@@ -37,10 +38,11 @@ from comove.geometry.distances import (
     SPHERE,
     TINY,
     distance_and_gradient,
+    has_last_before,
+    nearest_of_simplex,
     nearest_on_segment,
     point_distance,
 )
-from comove.geometry.simplices import MAX_STEPS, has_last_before, nearest_of_simplex
 
 N_CORNERS = 8
 """A box's corners are numbered in binary: bit k says on which side of the centre along the half edge k."""

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.cells import AXES, RAY, side_of
-from comove.geometry.simplices import has_last_before, nearest_of_simplex
+from comove.geometry.distances import has_last_before, nearest_of_simplex
 
 if TYPE_CHECKING:
     from comove.geometry.topology import Parts
@@ -34,6 +33,17 @@ DEPTH = 64  # of a stack of boxes: halves of 2^32 triangles need no more
 MAX_STEPS = 40  # of GJK; the gap is a bound after any of them
 NEAR = 1e-9  # of a distance, by which gap and distance may differ when GJK ends
 GRAZING = 1e-9  # of where a box is, by which a ray may miss it
+RAY = np.array([0.3710, 0.2437, 0.8960])  # no edge of a drawing is parallel to it
+
+
+def _axes() -> Array:
+    z = RAY / np.linalg.norm(RAY)
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+AXES = _axes()  # two across the ray and one along it, as rows
 
 
 class Surfaces(NamedTuple):
@@ -274,6 +284,17 @@ def holds(surfaces, mesh, x, y, z):
                 if total != 0.0 and (f * seen[0, 2] + g * seen[1, 2] + e * seen[2, 2]) / total > w:
                     turns += 1 if total > 0.0 else -1
     return turns != 0
+
+
+@kernel
+def side_of(p, q, u, v):
+    """Return on which side of the edge p-q a ray passes, as a signed number.
+
+    Both triangles that share the edge get the same number, to the last digit.
+    """
+    if p[0] < q[0] or (p[0] == q[0] and p[1] < q[1]):
+        return (q[0] - p[0]) * (v - p[1]) - (q[1] - p[1]) * (u - p[0])
+    return -((p[0] - q[0]) * (v - q[1]) - (p[1] - q[1]) * (u - q[0]))
 
 
 @kernel

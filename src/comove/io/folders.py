@@ -17,6 +17,7 @@ from comove.io.files import refusal, require_room, telling
 
 FOLDER, LIST = "inputs", "inputs.json"
 """Where a folder keeps what it was made from, and the list of that, whose files belong to the folder."""
+LIST_BYTES = 2**26  # of the list
 ROOM = 2_000_000
 """What must be free on a disk before anything is begun that is written as a folder [bytes]."""
 
@@ -114,6 +115,8 @@ def _resolved(folder: str | Path, error: type[InputError]) -> Path:
 def listed_inputs(folder: Path) -> dict[str, Any]:
     """Return the contents of a folder's list of inputs; empty where there is none that can be read."""
     try:
+        if (folder / LIST).stat().st_size > LIST_BYTES:
+            return {}
         found = json.loads((folder / LIST).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}

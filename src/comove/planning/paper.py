@@ -34,7 +34,7 @@ from comove.planning.method import Method, require_distances
 from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
-from comove.primitives.phase import Phase
+from comove.primitives.system import Phase
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from comove.planning.method import Method, require_distances
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.search import Search
 from comove.primitives.basis import motion_basis
-from comove.primitives.phase import ExponentialPhase, Phase
+from comove.primitives.system import ExponentialPhase, Phase
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -28,7 +28,7 @@ from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
 from comove.primitives.dmp import DMP
-from comove.primitives.phase import LinearPhase, Phase
+from comove.primitives.system import LinearPhase, Phase
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 

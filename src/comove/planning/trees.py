@@ -15,7 +15,7 @@ import numpy as np
 from numba.extending import overload
 
 from comove.compiled import kernel
-from comove.compiled.fingerprint import answered
+from comove.compiled.cache import answered
 from comove.planning.clock import worked
 
 BLOCKED, FREE, ARRIVED = 0, 1, 2

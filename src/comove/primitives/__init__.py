@@ -27,7 +27,7 @@ if TYPE_CHECKING:
         PacingSettings as PacingSettings,
         slowed as slowed,
     )
-    from comove.primitives.phase import (
+    from comove.primitives.system import (
         ExponentialPhase as ExponentialPhase,
         LinearPhase as LinearPhase,
         Phase as Phase,
@@ -63,7 +63,7 @@ __all__, __getattr__, __dir__ = lazily(
         "primitives.limits": ["ViaPoint", "constrained", "largest"],
         "primitives.online": ["DMPState", "rate_for_lag"],
         "primitives.pacing": ["PacedDMP", "PacingSettings", "slowed"],
-        "primitives.phase": ["ExponentialPhase", "LinearPhase", "Phase"],
+        "primitives.system": ["ExponentialPhase", "LinearPhase", "Phase"],
         "primitives.pose_distributions": ["PoseProMP"],
         "primitives.poses": ["VERTICAL", "Pose", "PoseDMP", "PoseState"],
         "primitives.probabilistic": ["ProMP"],

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from comove.errors import DemonstrationError, OptionError
 from comove.primitives.dmp import DMP, Recording
-from comove.primitives.phase import Phase
+from comove.primitives.system import Phase
 from comove.primitives.variants import Variant
 
 Array = NDArray[np.float64]

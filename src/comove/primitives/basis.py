@@ -27,9 +27,17 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike, NDArray
 
-from comove.primitives.flow import OMEGA, from_rest, values_at
-from comove.primitives.forcing import INTERVAL, N_INTERVALS, Kernels, gaussians
-from comove.primitives.phase import LinearPhase, Phase
+from comove.primitives.system import (
+    INTERVAL,
+    N_INTERVALS,
+    OMEGA,
+    Kernels,
+    LinearPhase,
+    Phase,
+    from_rest,
+    gaussians,
+    values_at,
+)
 
 N_END_CONDITIONS = 2  # position and velocity
 MAX_BASIS = 200  # shape weights per dimension

@@ -23,10 +23,9 @@ from comove.primitives.arguments import (
     vector,
 )
 from comove.primitives.basis import MAX_BASIS, MotionBasis, released, rollouts
-from comove.primitives.flow import values_at
 from comove.primitives.online import Curve, DMPState, advance, begin
-from comove.primitives.phase import ExponentialPhase, Phase
 from comove.primitives.rhythm import RhythmicBasis, estimated_period, rhythmic_basis
+from comove.primitives.system import ExponentialPhase, Phase, values_at
 from comove.primitives.variants import APART, LARGE, NO_WAY, Variant, extent_of
 from comove.trajectory import Trajectory
 

@@ -27,10 +27,10 @@ from comove.primitives.averaging import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP
 from comove.primitives.kinds import KINDS, Movement, kind_of, traced
-from comove.primitives.phase import Phase
 from comove.primitives.pose_distributions import PoseProMP, PoseRecordings
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP, Recordings
+from comove.primitives.system import Phase
 from comove.primitives.variants import Variant
 
 Array = NDArray[np.float64]

@@ -17,7 +17,6 @@ from comove.errors import OptionError
 from comove.primitives.averaging import AveragedDMP
 from comove.primitives.cooperative import CooperativeDMP
 from comove.primitives.dmp import DMP, VECTORS
-from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
 from comove.primitives.pose_distributions import PoseProMP
 from comove.primitives.poses import Pose, PoseDMP
 from comove.primitives.probabilistic import ProMP
@@ -30,6 +29,7 @@ from comove.primitives.projection import (
     Separation,
     Upright,
 )
+from comove.primitives.system import ExponentialPhase, LinearPhase, Phase
 
 Array = NDArray[np.float64]
 Movement = DMP | PoseDMP | ProMP | PoseProMP | AveragedDMP | CooperativeDMP

@@ -20,8 +20,7 @@ from comove.errors import OptionError
 from comove.primitives.arguments import is_number, numbers, vector
 from comove.primitives.basis import MotionBasis
 from comove.primitives.dmp import DMP, require_positions
-from comove.primitives.flow import OMEGA
-from comove.primitives.forcing import INTERVAL
+from comove.primitives.system import INTERVAL, OMEGA
 
 Array = NDArray[np.float64]
 

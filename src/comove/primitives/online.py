@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.primitives.arguments import is_number, require_positive, vector
-from comove.primitives.flow import ALPHA_Y, LONG_AFTER, flow, responses, values_at
+from comove.primitives.system import ALPHA_Y, LONG_AFTER, flow, responses, values_at
 
 Array = NDArray[np.float64]
 

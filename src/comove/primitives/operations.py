@@ -19,8 +19,7 @@ from comove.primitives.arguments import is_number, numbers, require_positive, re
 from comove.primitives.averaging import mixed
 from comove.primitives.basis import MAX_BASIS
 from comove.primitives.dmp import DMP, VECTORS, require_positions
-from comove.primitives.forcing import N_INTERVALS
-from comove.primitives.phase import Phase
+from comove.primitives.system import N_INTERVALS, Phase
 from comove.primitives.variants import Variant
 from comove.trajectory import Trajectory
 

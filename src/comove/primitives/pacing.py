@@ -23,9 +23,8 @@ from comove.compiled import kernel
 from comove.errors import OptionError
 from comove.primitives.arguments import instants, require_numbers, require_positive, require_steps
 from comove.primitives.dmp import DMP
-from comove.primitives.flow import values_at
-from comove.primitives.forcing import INTERVAL, N_INTERVALS
 from comove.primitives.limits import ending_basis, limits_of
+from comove.primitives.system import INTERVAL, N_INTERVALS, values_at
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -25,9 +25,9 @@ from comove.primitives.arguments import numbers
 from comove.primitives.dmp import DMP
 from comove.primitives.estimation import USUAL, EstimationSettings
 from comove.primitives.limits import ViaPoint
-from comove.primitives.phase import Phase
 from comove.primitives.poses import UNIT, Pose, PoseDMP, PoseRecording
 from comove.primitives.probabilistic import ProMP, covariance_of
+from comove.primitives.system import Phase
 from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]

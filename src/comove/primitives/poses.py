@@ -31,9 +31,8 @@ from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.geometry import rotations
 from comove.primitives.arguments import numbers, require_steps, vector
 from comove.primitives.dmp import DMP, ROTATION_VECTOR, FitError, Recording
-from comove.primitives.forcing import N_INTERVALS
 from comove.primitives.online import Curve, DMPState, advance, begin
-from comove.primitives.phase import Phase
+from comove.primitives.system import N_INTERVALS, Phase
 from comove.primitives.variants import Variant
 from comove.trajectory import PoseTrajectory
 

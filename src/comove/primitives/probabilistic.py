@@ -48,7 +48,7 @@ from comove.primitives.estimation import (
     without_noise,
 )
 from comove.primitives.limits import ViaPoint
-from comove.primitives.phase import ExponentialPhase, Phase
+from comove.primitives.system import ExponentialPhase, Phase
 
 Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.primitives.basis import released
-from comove.primitives.flow import from_rest, values_at
-from comove.primitives.forcing import N_INTERVALS, von_mises
+from comove.primitives.system import N_INTERVALS, from_rest, values_at, von_mises
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

@@ -39,9 +39,8 @@ from numpy.typing import NDArray
 from comove.geometry.rotations import similarity
 from comove.primitives.arguments import NamedOption
 from comove.primitives.basis import MotionBasis, motion_basis
-from comove.primitives.forcing import mollifiers
-from comove.primitives.phase import ExponentialPhase, Phase
 from comove.primitives.rhythm import RhythmicBasis, rhythmic_basis
+from comove.primitives.system import ExponentialPhase, Phase, mollifiers
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.geometry.closest_points import (
     N_PARTS,
     near_on_edge,

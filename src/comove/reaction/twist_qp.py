@@ -32,7 +32,7 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.reaction.cbf_constraints import RESERVE, first_rows, missing_rows, rate
 from comove.reaction.control_points import load_points
 from comove.reaction.qp_workspace import (

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.compiled import kernel
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.geometry.rotations import quaternion_of_rotation, similarity
 from comove.scenes.groups import RigidGroup, fit_pose, orientation_of
 from comove.scenes.scene import Scene

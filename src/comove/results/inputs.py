@@ -18,7 +18,7 @@ from typing import Any
 
 from comove.errors import ComoveWarning, ResultError
 from comove.io.files import telling, whole_file
-from comove.io.folders import FOLDER, LIST
+from comove.io.folders import FOLDER, LIST, listed_inputs
 from comove.scenes.demonstration import library_file
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
@@ -31,7 +31,7 @@ Words = Sequence[str | Path]
 
 def write_inputs(
     folder: Path,
-    scene: Scene,
+    scene: Scene | None,
     *,
     files: Iterable[Path] = (),
     command: Words = (),
@@ -42,7 +42,7 @@ def write_inputs(
     Parameters
     ----------
     folder : result folder, which exists
-    scene : scene that was solved; its file is copied, and every file that it names
+    scene : scene that was solved; its file is copied, and every file that it names. None where `files` say it all
     files : further files and folders, such as a robot's description and models
     command : words after ``comove``; paths that exist are files that were read. Empty for results made in Python
     made : contents of files that are nowhere yet, by the paths at which they would be
@@ -52,12 +52,16 @@ def write_inputs(
     ResultError
         If something cannot be read or written.
     """
-    place, made = place_of_scene(scene), {_whole(path): data for path, data in made.items()}
-    places = {} if scene.path is None else {_whole(scene.path): place}  # a stored scene lies beside its files
-    if scene.path is None:
-        made[place] = canonical(scene.file) + b"\n"
+    made, place, places = {_whole(path): data for path, data in made.items()}, None, dict[Path, Path]()
     given = (word for word in command if isinstance(word, Path) and word.exists())  # not lasa:SHAPE
-    read = [*files_of_scene(scene), *files, *given]
+    read = [*files, *given]
+    if scene is not None:
+        place = place_of_scene(scene)
+        read += files_of_scene(scene)
+        if scene.path is None:
+            made[place] = canonical(scene.file) + b"\n"
+        else:  # a stored scene lies beside its files
+            places = {_whole(scene.path): place}
     places = {path: path for path in map(_whole, read)} | places
     root = Path(os.path.commonpath([path.parent for path in [*places.values(), *made]]))
     entries: dict[str, dict[str, Any]] = {}
@@ -72,7 +76,7 @@ def write_inputs(
     kept = {path: path for path in made} | places
     told = {
         "command": [_inside(kept[whole], root) if (whole := _whole(w)) in kept else str(w) for w in command],
-        "scene": _inside(place, root),
+        "scene": None if place is None else _inside(place, root),
         "files": entries,
     }
     with whole_file(folder / LIST, ResultError) as file:
@@ -97,11 +101,10 @@ def files_of_scene(scene: Scene) -> list[Path]:
 
 def command_again(folder: Path, out: str = "../again") -> str | None:
     """Return the command that makes a result again, to be given in its folder; None where none is known."""
-    try:
-        words = json.loads((folder / LIST).read_text(encoding="utf-8"))["command"]
-        return shlex.join(["comove", *words, "--out", out]) if words else None
-    except (OSError, ValueError, KeyError, TypeError):
+    words = listed_inputs(folder).get("command")
+    if not isinstance(words, list) or not words or not all(isinstance(word, str) for word in words):
         return None
+    return shlex.join(["comove", *words, "--out", out])
 
 
 def _whole(path: str | Path) -> Path:

@@ -12,21 +12,33 @@ from numpy.typing import NDArray
 
 import comove
 from comove.brief import brief
-from comove.coordination.coordinates import COORDINATES, coordinates_for
-from comove.coordination.group_poses import poses_at
+from comove.coordination.coordinates import COORDINATES, coordinates_for, poses_at
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError, ResultError, shortened
-from comove.io.entries import COUNT, MAPPING, NUMBER, TEXT, TEXTS, TRUTH, agrees, number, require_types
 from comove.io.folders import Contents
 from comove.primitives.basis import Metric, MotionBasis, motion_basis
-from comove.primitives.phase import ExponentialPhase, LinearPhase, Phase
+from comove.primitives.system import ExponentialPhase, LinearPhase, Phase
 from comove.results.reference import SCENE
-from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, finite
+from comove.results.sealed import (
+    AGAIN,
+    COUNT,
+    MAPPING,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    Arrays,
+    ResultKind,
+    Summary,
+    agrees,
+    finite,
+    number,
+    require_types,
+)
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.trajectory import Trajectory
-from comove.verification.cost import WEIGHTS, unit_terms
-from comove.verification.smoothness import smoothness
+from comove.verification.measures import WEIGHTS, smoothness, unit_terms
 from comove.verification.verify import Report, Verdict, verify
 
 Array = NDArray[np.float64]

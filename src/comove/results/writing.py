@@ -14,7 +14,7 @@ from comove.planning.objectives.own import name_of
 from comove.planning.solution import Solution
 from comove.results.sealed import Summary, finite
 from comove.results.solution import SAME, SOLUTION, motion_arrays, smoothness_of
-from comove.verification.cost import WEIGHTS
+from comove.verification.measures import WEIGHTS
 
 NAMES = {kind: name for name, kind in OBJECTIVES.items()}
 RECOMPUTED = ("goal", "velocity", "obstacle")  # resemblance needs a movement that is not in the folder

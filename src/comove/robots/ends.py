@@ -24,7 +24,7 @@ from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearance_at
 from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.verification.bodies import bodies_of, obstacle_object
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases
 from comove.scenes.grasp import Grasp
 from comove.scenes.scene import Scene
 

@@ -21,10 +21,22 @@ from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
-from comove.io.entries import NUMBER, TEXT, TEXTS, TRUTH, require_types
 from comove.io.folders import listed_inputs, scene_folder
 from comove.results.reference import SCENE, Reference, own_scene, reference_of
-from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, checksum, finite, read_json
+from comove.results.sealed import (
+    AGAIN,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    Arrays,
+    ResultKind,
+    Summary,
+    checksum,
+    finite,
+    read_json,
+    require_types,
+)
 from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
 from comove.robots.description import bundled_robots, errors_in, find_description, is_file
 from comove.robots.grippers import without_gripper
@@ -437,8 +449,9 @@ def _edited_samples(joints: JointMotion, arrays: Arrays) -> list[str]:
     for j, joint in enumerate(joints.joint_names):
         if of_rates[:, j].all() and of_places[:, j].all():
             continue
-        name, step = "position", _shared(np.flatnonzero(~of_places[:, j]), len(h))
-        if not of_rates[:, j].all():
+        if of_rates[:, j].all():
+            name, step = "position", _shared(np.flatnonzero(~of_places[:, j]), len(h))
+        else:
             name, step = _furthest(joints, arrays, j)
         reasons.append(
             f"'{name}[{step}, {j}]' in {JOINTS.arrays} was edited: {joint} at {joints.time[step]:.2f} s does not go "

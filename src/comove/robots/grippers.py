@@ -29,7 +29,7 @@ from comove.robots.description import (
     RobotFile,
     errors_in,
 )
-from comove.robots.srdf import Srdf
+from comove.robots.formats import Srdf
 from comove.robots.urdf import OF_JOINT, Source, read_source, source_of
 
 if TYPE_CHECKING:

@@ -43,6 +43,7 @@ COUNTS = {1: "one number", 3: "three numbers with blanks between", 4: "four numb
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _MINUS = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2212\ufe63\uff0d", "-"))
 MAX_NAME = 200  # characters
+MAX_LINKS = 10_000
 MAX_CHAIN = 1000  # joints one after the other: Pinocchio goes down by recursion
 MAX_JOINTS, MAX_BODIES = 1000, 1000  # that move; shapes, every two of which are compared
 FARTHEST = 1000.0  # m, of a frame from its parent frame
@@ -58,8 +59,8 @@ def require_sound(tree: ET.Element, prefix: str) -> None:
     RobotError
         If the model is refused; the message names the link or joint, and the way out.
     """
-    joints = tree.findall("./joint")
-    for element in (*tree.findall("./link"), *joints):
+    joints, links = tree.findall("./joint"), tree.findall("./link")
+    for element in (*links, *joints):
         _require_name(element, prefix)
     for element in tree:
         if element.tag in ("link", "joint", "material"):
@@ -70,7 +71,7 @@ def require_sound(tree: ET.Element, prefix: str) -> None:
         _check_axis(joint, name)
         _check_place(joint, f"the joint '{name}'")
     _check_mimics(joints, prefix)
-    for link in tree.findall("./link"):
+    for link in links:
         _check_link(link, f"the link '{prefix}{link.get('name', '')}'")
     _check_sizes(tree)
     require_tree(tree)
@@ -311,6 +312,11 @@ def require_tree(tree: ET.Element) -> None:
     if max(depth.values(), default=0) > MAX_CHAIN:
         raise RobotError(
             f"more than {MAX_CHAIN} joints follow one another", way_out="join links that do not move"
+        )
+    if len(links) > MAX_LINKS:
+        raise RobotError(
+            f"it has {len(links)} links, more than {MAX_LINKS}",
+            way_out="leave out what is no part of the robot",
         )
     if len(roots := [link for link in links if link not in hangs]) > 1:
         raise RobotError(

@@ -28,10 +28,10 @@ from comove.robots.search.chains import Iteration, chains_of, reach_pose
 from comove.robots.verification import checks as check
 from comove.robots.verification.bodies import LOAD, Bodies, beyond_wrists, bodies_of
 from comove.robots.verification.carried import Carried
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.scene import Scene
-from comove.verification.sealed import Sealed
+from comove.verification.verify import Sealed
 
 Array = NDArray[np.float64]
 

@@ -31,6 +31,8 @@ from pydantic import (
 from comove.constraints import KINDS, ConstraintKeys
 from comove.io.keys import (
     UNTURNED,
+    Contract,
+    Family,
     Hands,
     Length,
     Name,
@@ -49,8 +51,8 @@ from comove.io.keys import (
     at_least,
     at_most,
     safe_name,
+    show,
 )
-from comove.io.messages import Contract, Family, show
 from comove.scenes.moving import Motion
 
 CHOICES = ("episode", "topic")

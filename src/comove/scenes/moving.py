@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BeforeValidator, model_validator
 
-from comove.io.keys import NotNegative, Part, Positive, PositiveLength, Vector, Wrong, as_tuple
-from comove.io.messages import counted, show
+from comove.io.keys import NotNegative, Part, Positive, PositiveLength, Vector, Wrong, as_tuple, counted, show
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from comove.constraints import (
     SameHeightConstraint,
     UprightConstraint,
 )
-from comove.constraints.distance import distance_tolerance
+from comove.constraints.kinds import distance_tolerance
 from comove.errors import SceneError
 from comove.geometry.rotations import levelling, similarity, standing
 from comove.geometry.solids import N_CORNERS

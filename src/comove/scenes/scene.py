@@ -29,8 +29,7 @@ from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
 from comove.io.keys import scaled
-from comove.scenes.grasp import Grasp, alternatives, grasp_of
-from comove.scenes.grasp_distance import far_grasps
+from comove.scenes.grasp import Grasp, alternatives, far_grasps, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion

@@ -13,13 +13,13 @@ from comove.errors import RobotError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
 from comove.scenes.scene import Scene
-from comove.simulators.engine import below, engine, hangs_on
+from comove.simulators.engine import THE_LOAD, below, engine, hangs_on
 from comove.simulators.grasps import GraspModel
 from comove.simulators.loads import Load
 from comove.simulators.servos import add_servos
 from comove.simulators.settings import PLAN, Perturbation
 from comove.simulators.urdf import for_mujoco
-from comove.simulators.world import ROBOT, THE_LOAD, World, add_load, add_obstacles
+from comove.simulators.world import ROBOT, World, add_load, add_obstacles
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

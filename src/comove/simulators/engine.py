@@ -1,4 +1,4 @@
-"""Import of MuJoCo when it is first needed, and choice of its drawing backend.
+"""Import of MuJoCo when it is first needed, choice of its drawing backend, and small parts of its models.
 
 MuJoCo chooses its drawing backend when it is imported, by the environment variable MUJOCO_GL. Without a screen, this
 is EGL where it can open a display, else OSMesa, else none: a simulation needs no pictures.
@@ -18,6 +18,8 @@ from typing import Any
 
 from comove.errors import ExtraError, OptionError
 
+STIFF = (0.004, 1.0)  # s, time constant and damping ratio of contacts and grasps: two time steps
+THE_LOAD = "the load"  # with a blank, as no link of a URDF is called
 NO_PICTURES = "disabled"
 INSTALL = "apt-get install libegl1 libosmesa6 libgl1-mesa-dri"
 
@@ -130,3 +132,13 @@ def hangs_on(model: Any, body: int, other: int) -> bool:
 def below(body: Any) -> list[Any]:
     """Return a body of a specification and all that hang on it."""
     return [body, *body.find_all(engine().mjtObj.mjOBJ_BODY)]
+
+
+def add_servo(spec: Any, joint: str, stiffness: float, damping: float, force: float) -> None:
+    """Add a servo of one joint, under the joint's name; its control is the reference position."""
+    mj = engine()
+    servo = spec.add_actuator(name=joint, target=joint, trntype=mj.mjtTrn.mjTRN_JOINT)
+    servo.gaintype, servo.biastype = mj.mjtGain.mjGAIN_FIXED, mj.mjtBias.mjBIAS_AFFINE
+    servo.gainprm[0] = stiffness
+    servo.biasprm[:3] = 0.0, -stiffness, -damping
+    servo.forcelimited, servo.forcerange = True, (-force, force)

@@ -11,13 +11,25 @@ import numpy as np
 
 from comove._version import __version__
 from comove.errors import OptionError, ResultError
-from comove.io.entries import MAPPING, NUMBER, TEXT, TEXTS, TRUTH, require_types
-from comove.results.sealed import Arrays, ResultKind, Summary, checksum, finite
+from comove.results.sealed import (
+    MAPPING,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    Arrays,
+    ResultKind,
+    Summary,
+    checksum,
+    finite,
+    require_types,
+)
 from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
-from comove.simulators.execution import Contact, Execution
+from comove.simulators.execution import Contact, Execution, contacts_at
+from comove.simulators.grasps import GRASPS
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.settings import USUAL, Perturbation
 
@@ -157,8 +169,6 @@ def verify_simulation(
 
 def _restored(summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, motion: JointMotion) -> Execution:
     """Return the execution that arrays hold, by the usual settings."""
-    from comove.simulators.grasps import GRASPS  # MuJoCo's names, which reading needs not
-
     said = summary["grasp"]
     try:
         grasp = GRASPS[said["kind"]](**{key: value for key, value in said.items() if key != "kind"})
@@ -244,8 +254,6 @@ def _impossible(execution: Execution, arrays: Arrays) -> list[str]:
 
 def _untold(execution: Execution) -> list[str]:
     """List the bodies that are inside each other at samples, of which no contact tells, in words."""
-    from comove.simulators.playback import contacts_at
-
     if execution.contacts:  # it was not delivered then
         return []
     found = contacts_at(execution, stride=max(1, len(execution.time) // LOOKS))

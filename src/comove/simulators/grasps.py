@@ -10,17 +10,18 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from comove.errors import RobotError
 from comove.robots.model import Arm
-from comove.simulators.engine import below, engine, hangs_on
+from comove.simulators.engine import STIFF, THE_LOAD, add_servo, below, engine, hangs_on
 from comove.simulators.loads import THINNEST
-from comove.simulators.servos import add_servo
 from comove.simulators.settings import require_finite
-from comove.simulators.world import STIFF, THE_LOAD, World
+
+if TYPE_CHECKING:
+    from comove.simulators.world import World
 
 
 def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second: str) -> None:

@@ -12,13 +12,13 @@ from comove.planning.search import Interruption
 from comove.processes import one_blas_thread
 from comove.robots.online.executor import JointExecutor
 from comove.simulators.building import TIMESTEP, build_world
+from comove.simulators.dynamics import at_start, broken, contacts_of, note_contacts
 from comove.simulators.engine import engine, without_log
 from comove.simulators.grasps import GraspModel, Weld
 from comove.simulators.live_record import OnlineRecord
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.servos import PayloadTorques, carry_payload, limit_servos
 from comove.simulators.settings import PLAN, USUAL, Perturbation
-from comove.simulators.simulate import at_start, broken, contacts_of, note_contacts
 from comove.simulators.world import World, moving_body
 
 Array = NDArray[np.float64]

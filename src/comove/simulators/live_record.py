@@ -25,9 +25,8 @@ from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion, approach_shares
 from comove.scenes.scene import Scene
-from comove.simulators.execution import Contact, distances
+from comove.simulators.execution import Contact, distances, work_geometry
 from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of
-from comove.simulators.playback import work_geometry
 from comove.ties import first_least
 
 if TYPE_CHECKING:

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from comove.errors import ExtraError, MeshError, RobotError
 from comove.geometry.polytopes import hull_triangles
-from comove.geometry.triangles import MAX_BYTES, triangles_of
+from comove.geometry.triangles import FORMATS, MAX_BYTES, triangles_of
 from comove.io.files import telling, whole_file
 from comove.robots.search.capsules import convex_parts
 
-KINDS = ("reader", "collada", "markup", "obj", "off", "ply", "stl")
+KINDS = ("reader", *FORMATS.values())
 MAKERS = ("comove.simulators.meshes", "comove.robots.search.capsules", "comove.geometry.polytopes")
 READERS = tuple(f"comove.geometry.triangles.{kind}" for kind in KINDS)
 SEAL = b"# sha256 "

@@ -12,6 +12,8 @@ share of its weight that the model takes off its motor (``gravcomp``). Readers t
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import suppress
@@ -40,6 +42,22 @@ ROOT = "world"
 MESHES = "meshes"  # folder beside the URDF
 DRAWN = (0, 1, 2)  # groups of shapes that MuJoCo's viewers draw unless asked otherwise
 NAMESPACE = "urn:comove"  # of attributes that other readers pass over
+SECONDS, GIGABYTES, REFUSED = 30, 4, 3
+BUILD = f"""
+import resource, sys
+import mujoco
+seconds, gigabytes = int(sys.argv[2]), int(sys.argv[3])
+limits = {{resource.RLIMIT_CPU: seconds, resource.RLIMIT_AS: gigabytes << 30, resource.RLIMIT_CORE: 0}}
+for kind, most in limits.items():
+    ceiling = resource.getrlimit(kind)[1]
+    resource.setrlimit(kind, (most if ceiling < 0 else min(most, ceiling), ceiling))
+try:
+    mujoco.MjModel.from_xml_path(sys.argv[1])
+except ValueError as error:
+    print(str(error).splitlines()[0] if str(error) else "")
+    sys.exit({REFUSED})
+"""
+"""Program that builds a model and says why it cannot; it ends itself where that takes too much."""
 KNOWN = ("BOX", "SPHERE", "CYLINDER", "CAPSULE", "MESH")
 
 
@@ -77,12 +95,31 @@ def urdf_of(file: Path) -> Converted:
     mj = engine()
     with suppress(MeshError):  # what is no XML is told by MuJoCo
         require_format(elements_of(bytes_in(file, MAX_BYTES)), file, MJCF)
-    try:
-        model = mj.MjModel.from_xml_path(str(file))
-    except ValueError as error:
-        told = str(error).splitlines()[0]
-        raise RobotError(f"MuJoCo cannot read it: {told}", file=file, way_out="correct it") from None
-    return _Writer(mj, model, file).converted()
+    _require_bounded(file)
+    return _Writer(mj, mj.MjModel.from_xml_path(str(file)), file).converted()
+
+
+def _require_bounded(file: Path) -> None:
+    """Refuse a model that MuJoCo cannot build in `SECONDS` of processor time and `GIGABYTES`.
+
+    A line of a model may ask for any number of bodies, and MuJoCo builds it in native code that cannot be stopped. It
+    is therefore built in a process of its own first.
+
+    Raises
+    ------
+    RobotError
+        If it cannot be built; MuJoCo's reason is told.
+    """
+    command = [sys.executable, "-c", BUILD, str(file), str(SECONDS), str(GIGABYTES)]
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
+    if done.returncode == 0:
+        return
+    if done.returncode == REFUSED:
+        told, way_out = f"MuJoCo cannot read it: {done.stdout.strip() or 'it is no model'}", "correct it"
+    else:
+        told = f"MuJoCo needs more than {SECONDS} s of processor time or {GIGABYTES} GB for it"
+        way_out = "make it smaller"
+    raise RobotError(told, file=file, way_out=way_out)
 
 
 class _Writer:

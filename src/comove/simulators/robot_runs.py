@@ -20,9 +20,19 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.errors import ResultError, shortened
-from comove.io.entries import COUNT, NUMBER, TEXT, TEXTS, TRUTH, require_types
 from comove.results.reference import SCENE
-from comove.results.sealed import Arrays, ResultKind, Summary, finite
+from comove.results.sealed import (
+    COUNT,
+    NUMBER,
+    TEXT,
+    TEXTS,
+    TRUTH,
+    Arrays,
+    ResultKind,
+    Summary,
+    finite,
+    require_types,
+)
 from comove.robots.files import source_of
 from comove.robots.model import Robot
 from comove.scenes.model import canonical

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from comove.errors import OptionError, RobotError
 from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.robots.model import Robot
-from comove.robots.verification.reach import joint_axes
+from comove.robots.verification.kinematics import joint_axes
 from comove.scenes.scene import Scene
-from comove.simulators.engine import engine
+from comove.simulators.engine import add_servo
 from comove.simulators.world import World
 
 Array = NDArray[np.float64]
@@ -76,16 +76,6 @@ def add_servos(spec: Any, robot: Robot, factors: tuple[float, ...]) -> Array:
         add_servo(spec, name, stiffness[i] * factor, damping[i] * factor, robot.effort[i])
         spec.joint(name).actfrclimited = False  # the limit is the motor's, see `limit_servos`
     return damping / stiffness
-
-
-def add_servo(spec: Any, joint: str, stiffness: float, damping: float, force: float) -> None:
-    """Add a servo of one joint, under the joint's name; its control is the reference position."""
-    mj = engine()
-    servo = spec.add_actuator(name=joint, target=joint, trntype=mj.mjtTrn.mjTRN_JOINT)
-    servo.gaintype, servo.biastype = mj.mjtGain.mjGAIN_FIXED, mj.mjtBias.mjBIAS_AFFINE
-    servo.gainprm[0] = stiffness
-    servo.biasprm[:3] = 0.0, -stiffness, -damping
-    servo.forcelimited, servo.forcerange = True, (-force, force)
 
 
 def limit_servos(world: World, data: Any) -> None:

@@ -18,7 +18,7 @@ from comove.geometry.polytopes import vertices_in
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
 from comove.scenes.scene import Scene
-from comove.simulators.engine import engine
+from comove.simulators.engine import STIFF, THE_LOAD, engine
 from comove.simulators.loads import Load
 
 Array = NDArray[np.float64]
@@ -26,8 +26,6 @@ Ints = NDArray[np.int64]
 
 ROBOT, OTHER = (1, 2), (2, 3)  # contype, conaffinity
 GROUP = 2  # of obstacles, floor and load; shapes that links collide with are in 0, those that are drawn in 1
-STIFF = (0.004, 1.0)  # s, time constant and damping ratio of contacts and grasps: two time steps
-THE_LOAD = "the load"  # with a blank, as no link of a URDF is called
 
 
 @dataclass(frozen=True, eq=False)

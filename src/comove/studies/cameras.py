@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from comove.io.keys import Number, Part, Wrong, as_tuple
-from comove.io.messages import show
+from comove.io.keys import Number, Part, Wrong, as_tuple, show
 from comove.io.videos import require_videos
 from comove.studies.videos import encoded
 

@@ -26,8 +26,7 @@ from comove.errors import (
     shortened,
 )
 from comove.io.files import telling
-from comove.io.keys import Part, Wrong
-from comove.io.messages import Contract, Flaw, explained, scene_error
+from comove.io.keys import Contract, Flaw, Part, Wrong, explained, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.planning import Comove
 from comove.primitives import Library
@@ -285,6 +284,22 @@ class Study:
             file = _file_of(source, self.folder) if isinstance(source, dict) else None
             if file is not None:
                 yield file.relative_to(self.folder).as_posix(), _checksum(file)
+
+    def files(self) -> list[Path]:
+        """Return the files and folders that the episodes follow from."""
+        found = [self.path, *(self.folder / name for name, _ in self._checksums())]
+        if isinstance(self.file.scene, str):
+            found.append(self.path.parent / self.file.scene)
+        found += [
+            self.folder / name for part in self.file.draws for name in (part.library, part.recordings) if name
+        ]
+        parts = [*(self.template.get("obstacles") or []), self.template.get("load")]
+        found += [self.folder / part["file"] for part in parts if isinstance(part, dict) and part.get("file")]
+        if self.on_robot:
+            from comove.studies.carried import robot_named
+
+            found += [path for name in self._robots for path in robot_named(name, self.folder).files]
+        return found
 
     def seed_of(self, number: int) -> int:
         """Return the seed of an episode, which depends on the study's seed and the episode's number alone."""

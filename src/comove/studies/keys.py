@@ -12,8 +12,7 @@ import math
 from typing import Any
 
 from comove.errors import near_name
-from comove.io.keys import Wrong
-from comove.io.messages import show
+from comove.io.keys import Wrong, show
 
 ENDS = ("start", "goal")
 TURNS = {f"{end}.turn_deg": end for end in ENDS}

@@ -14,8 +14,7 @@ from typing import Any
 
 from comove._version import __version__
 from comove.errors import ComoveWarning, RobotError, SceneError, near_name
-from comove.io.keys import Wrong
-from comove.io.messages import Flaw, scene_error
+from comove.io.keys import Flaw, Wrong, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.methods import METHODS as KNOWN
 from comove.methods import OWN

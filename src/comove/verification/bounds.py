@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from comove.constraints.constraint import nearest_on_chords
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.flow import OMEGA
-from comove.primitives.forcing import INTERVAL, N_INTERVALS
+from comove.primitives.system import INTERVAL, N_INTERVALS, OMEGA
 
 Array = NDArray[np.float64]
 

@@ -22,8 +22,7 @@ from comove.geometry.rotations import matrices, quaternion_product
 from comove.scenes.scene import Scene
 from comove.verification.certificate import Clearance, certify_curve
 from comove.verification.clearance_kernels import CurveArrays, Paths
-from comove.verification.constraints import examine, measures
-from comove.verification.verify import Report, broken_limits, support_measures
+from comove.verification.verify import Report, broken_limits, examine, measures, support_measures
 
 Array = NDArray[np.float64]
 

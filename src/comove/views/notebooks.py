@@ -10,10 +10,10 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from comove.io.messages import counted
+from comove.io.keys import counted
 from comove.planning.solution import Solution
-from comove.results.words import joint_rows, limits_row, motion_rows
 from comove.scenes.scene import Scene
+from comove.stored import joint_rows, limits_row, motion_rows
 from comove.verification.verify import VerifiedMotion
 from comove.views.motion import draw_motion, draw_scene
 from comove.views.results import arms_along

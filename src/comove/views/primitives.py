@@ -14,9 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.demonstrations import Demonstration
 from comove.primitives import DMP, Primitive, Variant
-from comove.primitives.forcing import gaussians, mollifiers, von_mises
 from comove.primitives.poses import PoseDMP
 from comove.primitives.probabilistic import ProMP
+from comove.primitives.system import gaussians, mollifiers, von_mises
 from comove.trajectory import Trajectory
 from comove.views.style import GOAL, START, new_figure
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.errors import OptionError
 from comove.execution import ExecutionLog, Executor, Functions, Pace, write_run
 from comove.reaction.twists import nodes_of

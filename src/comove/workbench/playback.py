@@ -19,9 +19,8 @@ from comove.errors import ComoveError, ExtraError
 from comove.planning import Solution
 from comove.results.reference import SCENE
 from comove.results.solution import StoredResult
-from comove.results.words import Row, joint_rows, motion_rows
 from comove.scenes.scene import Scene
-from comove.stored import Part, Verification, verify_part
+from comove.stored import Part, Row, Verification, joint_rows, motion_rows, verify_part
 from comove.verification.certificate import Clearance, certify
 from comove.verification.record import Record, clearance_of, verify_execution
 from comove.verification.verify import Report, VerifiedMotion, verify

@@ -12,7 +12,7 @@ from typing import Any
 from comove.results.inputs import command_again
 from comove.results.sealed import AGAIN, read_json
 from comove.scenes.scene import Scene
-from comove.stored.parts import Part
+from comove.stored import Part
 from comove.workbench.playback import Playback, playback_of_item
 from comove.workbench.recorded import POLICY, page_of
 from comove.workbench.shelf import Item, Shelf, parts_of

@@ -10,12 +10,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from comove import stored
 from comove.errors import ComoveWarning, OptionError, ResultError
 from comove.io.folders import require_folder
 from comove.results.reference import SCENE
 from comove.scenes.scene import Scene
-from comove.stored import parts as stored
-from comove.stored.parts import Part
+from comove.stored import Part
 
 
 @dataclass(frozen=True)

@@ -126,7 +126,8 @@ def demonstration_from(taught: Sequence[Sequence[float]], name: str = "drawn") -
 def csv_of(taught: Taught) -> bytes:
     """Return the text of a recording that reads back to the same movement."""
     names = ["time", "x", "y", "z"][: len(taught[0])]
-    return "\n".join([",".join(names), *(",".join(map(repr, row)) for row in taught), ""]).encode()
+    rows = (",".join(repr(float(value)) for value in row) for row in taught)
+    return "\n".join([",".join(names), *rows, ""]).encode()
 
 
 def keep(taught: Taught, name: str, folder: Path) -> Path:

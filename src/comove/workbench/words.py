@@ -65,7 +65,7 @@ def named_in(scene: Scene, reasons: Sequence[str]) -> tuple[int, ...]:
 
 
 def measures_words(rows: Sequence[Sequence[str]], proved: bool = True) -> str:
-    """Return measures, rows of `comove.results.words`, as a table in Markdown that says whether they are proved."""
+    """Return measures, rows of `comove.stored`, as a table in Markdown that says whether they are proved."""
     lines = "\n".join(f"| {name} | {said} | {asked} |" for name, said, asked in rows)
     head = "at every instant | proved" if proved else "in the simulation | measured"
     return f"| {head} | asked for |\n|---|---|---|\n{lines}"

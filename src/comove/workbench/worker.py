@@ -55,7 +55,7 @@ from comove.workbench.playback import (
     playback_of_joints,
     playback_of_run,
 )
-from comove.workbench.protocol import Mailbox, Message
+from comove.workbench.protocol import Mailbox, Message, SearchTimes
 from comove.workbench.shelf import read_scene
 from comove.workbench.teaching import csv_of, demonstration_from
 
@@ -160,6 +160,7 @@ class Worker:
         self.arms: PlannedArms | None = None
         self.solution: tuple[int, Solution | RobotSolution | LiveRun] | None = None
         self.draft: Draft | None = None
+        self.times = SearchTimes()
         self._taught: tuple[str, Any] | None = None
         self._begun = 0.0
         self._verified_after: float | None = None
@@ -257,7 +258,7 @@ class Worker:
         if self.mailbox.draft is not None:  # which nobody waits for any more
             return
         hands = solution if isinstance(solution, Solution) else solution.solution
-        self.solution, self.draft = (asked["id"], solution), asked["draft"]
+        self.solution, self.draft, self.times = (asked["id"], solution), asked["draft"], asked["times"]
         if solution.verified:
             self.kept = hands.attempt
             if self.arms is not None and not isinstance(solution, Solution):
@@ -365,11 +366,11 @@ class Worker:
             if isinstance(solution, LiveRun):
                 save_run(solution, draft, seed=asked["seed"])
             elif isinstance(solution, Solution):
-                again = _command_again(self.draft, solution.scene)
+                again = _command_again(self.draft, solution.scene, self.times)
                 save_result(solution, draft, wall_time_s=solution.solve_time_s, **again)
             else:
                 hands = solution.solution
-                again = _command_again(self.draft, hands.scene)
+                again = _command_again(self.draft, hands.scene, self.times)
                 save_robot_result(solution, draft, wall_time_s=hands.solve_time_s, **again)
         self._send(asked, "saved", target=asked["target"])
 
@@ -403,18 +404,12 @@ def _aim_of(scene: Scene, draft: Draft) -> Any:
     return LeastJerk(resemblance=resemblance) if aim is None else type(aim)(resemblance=resemblance)
 
 
-def _command_again(draft: Draft | None, scene: Scene) -> dict[str, Any]:
+def _command_again(draft: Draft | None, scene: Scene, times: SearchTimes) -> dict[str, Any]:
     """Return the command that solves a draft again, and the recording that was drawn, as `save_result` takes them."""
     if draft is None:
         return {}
-    words: list[str | Path] = [
-        "solve",
-        place_of_scene(scene),
-        "--method",
-        draft.method,
-        "--seed",
-        str(draft.seed),
-    ]
+    words: list[str | Path] = ["solve", place_of_scene(scene), "--method", draft.method]
+    words += ["--seed", str(draft.seed), "--budget", repr(times.budget)]
     made: dict[Path, bytes] = {}
     if draft.objective in OBJECTIVES:
         aim = draft.objective if draft.method == Comove.name else "paper"

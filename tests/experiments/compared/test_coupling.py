@@ -7,7 +7,7 @@ from scipy.linalg import expm
 
 from comove.errors import OptionError
 from comove.experiments.compared.leader_follower import Gains, learn, run_epoch, spectral_radius, transition
-from comove.primitives.flow import OMEGA
+from comove.primitives.system import OMEGA
 
 DISTANCE, DURATION = 0.5, 2.0  # m, s
 LEADS, BOTH = np.array([0.0, 1.0]), np.array([1.0, 1.0])

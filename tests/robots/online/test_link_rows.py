@@ -5,7 +5,7 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.geometry.closest_points import near_on_edge
 from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.reaction.twist_qp import TwistProgramme

@@ -13,7 +13,7 @@ from comove.robots import JointMotion, Robot, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried, placements
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases
 from comove.scenes import Scene
 from tests.robots.known_carry import followed, grasp_frames
 

@@ -24,7 +24,7 @@ from comove.robots.verification.certificate import (
     PairCells,
     certify,
 )
-from comove.robots.verification.reach import Bases, Reaches
+from comove.robots.verification.kinematics import Bases, Reaches
 from comove.scenes import Scene
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data

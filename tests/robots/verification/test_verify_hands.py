@@ -7,8 +7,7 @@ import pinocchio as pin
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.robots.verification.carried import Carried
-from comove.robots.verification.holding import holding_errors
+from comove.robots.verification.carried import Carried, holding_errors
 from tests.cases import examples
 from tests.robots.known_carry import baxter, grasp_frames, known_carry
 

@@ -22,7 +22,7 @@ from comove.robots.verification.certificate import (
     PairCells,
     support_function,
 )
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases
 from comove.scenes import Scene
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data

@@ -47,7 +47,7 @@ from comove.experiments.compared.common import (
 from comove.planning.method import Method, require_distances
 from comove.planning.search import Search
 from comove.primitives.arguments import is_number, require_count, require_positive
-from comove.primitives.flow import OMEGA
+from comove.primitives.system import OMEGA
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

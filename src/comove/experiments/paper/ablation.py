@@ -17,7 +17,7 @@ from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.paper import OPTIMISER, Paper
 from comove.planning.printed import Printed
-from comove.primitives.phase import ExponentialPhase
+from comove.primitives.system import ExponentialPhase
 
 EXAMPLES = ("wide", "narrow", "complex")
 SET = "easy"

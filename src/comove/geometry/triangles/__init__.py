@@ -1,6 +1,6 @@
 """Strict readers of triangles from mesh files: damaged files and false claims are refused, in one sentence."""
 
-from comove.geometry.triangles.markup import elements_of
+from comove.geometry.triangles.reader import elements_of
 from comove.geometry.triangles.reader import (
     FORMATS,
     MAX_BYTES,

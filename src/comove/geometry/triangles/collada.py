@@ -11,8 +11,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from comove.errors import MeshError
-from comove.geometry.triangles.checks import ANEW, Array, Ints, fans, numbers, require_few, shown
-from comove.geometry.triangles.markup import MAX_DEPTH, elements_of
+from comove.geometry.triangles.reader import (
+    ANEW,
+    MAX_DEPTH,
+    Array,
+    Ints,
+    elements_of,
+    fans,
+    numbers,
+    require_few,
+    shown,
+)
 
 MAX_NODES = 10_000
 _EMPTY = ("lines", "linestrips")

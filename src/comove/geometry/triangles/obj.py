@@ -10,7 +10,7 @@ import re
 import numpy as np
 
 from comove.errors import MeshError
-from comove.geometry.triangles.checks import ANEW, Array, Ints, fans, numbers, shown
+from comove.geometry.triangles.reader import ANEW, Array, Ints, fans, numbers, shown
 
 LEFT_ALONE = frozenset(
     b"vt vn vp g o s l p mg mtllib usemtl maplib usemap lod bevel c_interp d_interp shadow_obj trace_obj".split()

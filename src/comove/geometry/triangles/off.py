@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from comove.errors import MeshError
-from comove.geometry.triangles.checks import ANEW, Array, Ints, fans, numbers, shown, whole
+from comove.geometry.triangles.reader import ANEW, Array, Ints, fans, numbers, shown, whole
 
 
 def read_off(data: bytes) -> tuple[Array, Ints]:

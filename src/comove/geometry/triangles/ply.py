@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from comove.errors import MeshError
-from comove.geometry.triangles.checks import ANEW, Array, Ints, fans, numbers, shown, whole
+from comove.geometry.triangles.reader import ANEW, Array, Ints, fans, numbers, shown, whole
 
 MAX_HEADER = 65_536  # bytes
 MAX_PARTS = 256  # elements, and properties of one

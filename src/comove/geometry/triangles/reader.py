@@ -1,15 +1,154 @@
-"""Readers of the triangles of a mesh in any of the known formats."""
+"""Reader of the triangles of a mesh in any of the known formats, and the checks that all formats share.
+
+XML is read safely from hostile files: no document type, limited depth, limited number of elements. Namespaces are not
+resolved: names are kept as they are written, as in ``drake:acceleration``. So prefixes need not be declared, which
+many robot models omit.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import warnings
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
+from typing import Any
+from xml.parsers import expat
 
 import numpy as np
+from numpy.typing import NDArray
 
 from comove.errors import MeshError
-from comove.geometry.triangles.checks import ANEW, SIMPLER, Array, Ints, require_few
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MAX_FACES = 1_000_000
+ANEW = "write it anew: it is cut off or damaged"
+SIMPLER = "simplify it: its hull will do"
+_DECIMAL = b"0123456789+-.eE "
+
+
+def numbers(texts: Sequence[bytes]) -> Array:
+    """Return plain decimal numbers from their texts: no NaN, no infinity, no underscores, no decimal commas."""
+    joined = b" ".join(texts)
+    if not joined.translate(None, _DECIMAL):
+        with suppress(ValueError, DeprecationWarning), warnings.catch_warnings():
+            warnings.simplefilter("error", DeprecationWarning)  # raised for no number; error in new NumPy
+            values = np.fromstring(joined, sep=" ")
+            if len(values) == len(texts):
+                return values
+    bad = next(text for text in texts if not _is_number(text))
+    raise MeshError(f"'{shown(bad)}' is no number", way_out=ANEW)
+
+
+def _is_number(text: bytes) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return not text.translate(None, _DECIMAL)
+
+
+def whole(text: bytes, what: str, largest: int) -> int:
+    """Return a whole number from 0 to `largest`, the number of items for which there is room."""
+    if not text.isdigit() or len(text) > 18:
+        raise MeshError(f"'{shown(text)}' is no number of {what}", way_out=ANEW)
+    if int(text) > largest:
+        raise MeshError(f"it claims {int(text)} {what} and has room for {largest}", way_out=ANEW)
+    return int(text)
+
+
+def shown(text: bytes) -> str:
+    """Return the first characters of a text in a file, made safe to be quoted in a message."""
+    words = text[:40].decode(errors="replace")
+    return "".join(c if c.isprintable() else "?" for c in words) + ("..." if len(text) > 40 else "")
+
+
+def fans(sizes: Ints, corners: Ints) -> Ints:
+    """Return the triangles (n, 3) of polygons, each split into a fan from its first corner.
+
+    A fan also covers a concave polygon.
+
+    Parameters
+    ----------
+    sizes : number of corners of each polygon
+    corners : corners of all polygons, one after the other
+    """
+    if len(sizes) and sizes.min() < 3:
+        raise MeshError(f"a face has {sizes.min()} corners", way_out="write triangles")
+    starts = np.cumsum(sizes) - sizes
+    require_few(int((sizes - 2).sum()))
+    polygon = np.repeat(np.arange(len(sizes)), sizes - 2)
+    first = starts[polygon]
+    step = np.arange(len(polygon)) - np.repeat(np.cumsum(sizes - 2) - (sizes - 2), sizes - 2)
+    return np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
+
+
+def require_few(n_faces: int) -> None:
+    """Refuse more than `MAX_FACES` faces."""
+    if n_faces > MAX_FACES:
+        raise MeshError(f"it has {n_faces} triangles, more than {MAX_FACES}", way_out=SIMPLER)
+
+
+MAX_DEPTH = 64  # levels of elements
+MAX_ELEMENTS = 300_000
+MAX_ATTRIBUTES = 64  # of one element
+
+
+def elements_of(data: bytes) -> ET.Element:
+    """Return the root element of a document; names keep their prefixes.
+
+    Raises
+    ------
+    MeshError
+        If it is not XML, has a document type, or exceeds a limit of size.
+    """
+    builder, parser = _Builder(), expat.ParserCreate()
+    parser.buffer_text = True
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    parser.CharacterDataHandler, parser.StartDoctypeDeclHandler = builder.data, _refuse_doctype
+    try:
+        parser.Parse(data, True)
+        return builder.close()
+    except expat.ExpatError as error:
+        raise MeshError(f"it is not XML: {error}", way_out="correct it") from None
+    except (ValueError, LookupError) as error:  # an encoding that is not known
+        raise MeshError(f"it cannot be read: {error}", way_out="write it in UTF-8") from None
+
+
+def _refuse_doctype(*_: Any) -> None:
+    """Refuse a document type, in which entities would be defined."""
+    raise MeshError("it has a document type (<!DOCTYPE>)", way_out="leave it out, and write entities out")
+
+
+class _Builder(ET.TreeBuilder):
+    """A builder of trees of limited size."""
+
+    depth = n_elements = 0
+
+    def start(self, tag: Any, attributes: Any) -> ET.Element:
+        """Open an element, and refuse it where a limit is exceeded."""
+        self.depth += 1
+        self.n_elements += 1
+        if self.depth > MAX_DEPTH:
+            raise MeshError(f"the nesting is deeper than {MAX_DEPTH} levels", way_out="flatten it")
+        if self.n_elements > MAX_ELEMENTS:
+            raise MeshError(
+                f"it has more than {MAX_ELEMENTS} elements", way_out="leave out what is not needed"
+            )
+        if len(attributes) > MAX_ATTRIBUTES:
+            raise MeshError(
+                f"an element has {len(attributes)} attributes", way_out=f"write at most {MAX_ATTRIBUTES}"
+            )
+        return super().start(tag, attributes)
+
+    def end(self, tag: Any) -> ET.Element:
+        """Close an element."""
+        self.depth -= 1
+        return super().end(tag)
+
 
 FORMATS = {".dae": "collada", ".obj": "obj", ".off": "off", ".ply": "ply", ".stl": "stl"}
 """Formats by the suffix of their files; each has a module, which is loaded with the first such file."""

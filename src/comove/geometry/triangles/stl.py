@@ -7,7 +7,7 @@ import re
 import numpy as np
 
 from comove.errors import MeshError
-from comove.geometry.triangles.checks import ANEW, Array, Ints, numbers, require_few, shown
+from comove.geometry.triangles.reader import ANEW, Array, Ints, numbers, require_few, shown
 
 HEADER, FACE = 84, 50  # bytes
 _NAMES = re.compile(rb"^[ \t]*(end)?solid\b[^\r\n]*", re.MULTILINE)

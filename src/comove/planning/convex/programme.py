@@ -23,7 +23,7 @@ from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
 from comove.planning.convex.quadratic import QuadraticSettings
 from comove.primitives.basis import MotionBasis
-from comove.primitives.forcing import N_INTERVALS
+from comove.primitives.system import N_INTERVALS
 from comove.scenes.resting import recessions
 from comove.scenes.scene import Scene
 

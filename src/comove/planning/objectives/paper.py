@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from comove.errors import OptionError
-from comove.verification.cost import WEIGHTS
+from comove.verification.measures import WEIGHTS
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.blocks import write_pose
-from comove.coordination.group_poses import HandPoses, poses_at
+from comove.coordination.coordinates import HandPoses, poses_at
 from comove.errors import OptionError, RobotError
 from comove.execution.clouds import Clouds
 from comove.execution.executor import Event, StepLog

@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.group_poses import HandPoses
+from comove.coordination.coordinates import HandPoses
 from comove.errors import SceneError
 from comove.reaction.qp_workspace import LIMIT, Sighting
 from comove.reaction.twist_qp import ENDLESS, EQUAL, Allowed, Assembled, ProgrammeSettings, TwistProgramme

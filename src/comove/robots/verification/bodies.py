@@ -32,8 +32,7 @@ from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.robots.model import Arm, Robot
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
-from comove.robots.verification.kinematics import moved_by
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.kinematics import Bases, moved_by
 from comove.scenes.model import ROBOT_CLEARANCE
 from comove.scenes.scene import Scene
 

@@ -21,10 +21,9 @@ from comove.robots.motion import (
     least_margin,
 )
 from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_inside
-from comove.robots.verification.carried import LoadMotion
+from comove.robots.verification.carried import Errors, LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
-from comove.robots.verification.holding import Errors
-from comove.robots.verification.reach import Bases, joint_axes
+from comove.robots.verification.kinematics import Bases, joint_axes
 from comove.scenes.resting import TOLERANCE
 from comove.scenes.scene import Scene
 from comove.ties import first_largest

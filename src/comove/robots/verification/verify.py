@@ -33,12 +33,10 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointCommand, JointMotion, commands
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import bodies_of
-from comove.robots.verification.carried import Carried
-from comove.robots.verification.holding import holding_errors
-from comove.robots.verification.reach import Bases
+from comove.robots.verification.carried import Carried, holding_errors
+from comove.robots.verification.kinematics import Bases
 from comove.scenes.scene import Scene
-from comove.verification.sealed import Sealed
-from comove.verification.verify import VerifiedMotion, verify
+from comove.verification.verify import Sealed, VerifiedMotion, verify
 
 _SEAL = object()
 

@@ -4,7 +4,7 @@
 |---|---|---|
 | ``/HAND/point`` | PointStamped | a hand, planar ones at z = 0 [m] |
 | ``/load/pose`` | PoseStamped | the load's frame; ``/load1``, ... where hands move as several bodies [m] |
-| ``/obstacle0/point``, ... | PointStamped | centre of an obstacle [m] |
+| ``/NAME/point`` | PointStamped | centre of an obstacle by its name, of others ``/obstacle0/point``, ... [m] |
 | ``/CAMERA/image/compressed`` | CompressedImage | what a camera saw, as JPEG |
 | ``/comove/about`` | String | JSON: scene, seed, checksums and certified figures |
 """
@@ -16,13 +16,13 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.group_poses import poses_at
+from comove.coordination.coordinates import load_coordinates, poses_at
 from comove.demonstrations.formats import rosbag
 from comove.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError
 from comove.scenes.shapes import spatial
 from comove.studies.datasets.samples import EpisodeSamples
+from comove.studies.datasets.sizes import obstacle_names
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
@@ -39,7 +39,7 @@ def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:
     for episode in episodes:
         path = folder / f"episode_{episode.run.number:06d}.mcap"
         movements: dict[str, RecordedSamples] = {}
-        for name, movement in _movements(episode):
+        for name, movement in movements_of(episode):
             if name in movements or not rosbag.NAME.fullmatch(name):
                 raise ResultError(
                     f"the hand '{name}' cannot be a topic of ROS beside the load and the obstacles",
@@ -65,7 +65,7 @@ def _jpegs(name: str, episode: EpisodeSamples, quality: int = 92) -> list[bytes]
     return files
 
 
-def _movements(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]:
+def movements_of(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]:
     """Yield the movements of hands, bodies that several of them hold, and obstacles, with their names."""
     scene, time, position = episode.scene, episode.time, spatial(episode.position)
     for hand, name in enumerate(scene.manipulators):
@@ -73,9 +73,10 @@ def _movements(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples]]
     load = load_coordinates(scene)
     poses = poses_at(load, load.from_hands(episode.position))
     bodies = [g for g, group in enumerate(scene.groups) if len(group.members) > 1]
-    for number, g in enumerate(bodies):
-        name = f"load{number or ''}"
+    loads = [f"load{number or ''}" for number in range(len(bodies))]
+    for name, g in zip(loads, bodies, strict=True):
         yield name, RecordedSamples(time, poses.center[:, g], orientation=poses.quaternion[:, g])
-    centers = scene.centers + scene.offsets(time)
-    for obstacle in range(len(scene.file.obstacles)):
-        yield f"obstacle{obstacle}", RecordedSamples(time, centers[:, obstacle])
+    centers, taken = scene.centers + scene.offsets(time), {*scene.manipulators, *loads}
+    for i, name in enumerate(obstacle_names(scene)):
+        is_topic = rosbag.NAME.fullmatch(name) and name not in taken
+        yield name if is_topic else f"obstacle{i}", RecordedSamples(time, centers[:, i])

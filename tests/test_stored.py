@@ -13,7 +13,7 @@ from comove.stored import Part, parts_of, verify_folder, verify_part
 from tests.commands import invoke
 from tests.robots.known_carry import baxter, known_carry
 from tests.robots.known_folder import write, write_forged
-from tests.stored.known_run import write_known_run
+from tests.robots.known_run import write_known_run
 
 
 @pytest.fixture(scope="module")

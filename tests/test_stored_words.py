@@ -6,7 +6,7 @@ import pytest
 
 from comove.cli.generate import _sides
 from comove.cli.texts import summary_text
-from comove.results.words import joint_rows, motion_rows, run_rows, simulation_rows
+from comove.stored import joint_rows, motion_rows, run_rows, simulation_rows
 from comove.studies.variety import Variety
 
 DEVIATIONS = [

@@ -13,10 +13,10 @@ from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.scenes import Scene
 from comove.simulators import Connect, Friction, Perturbation, Push, Settings, Weld, play, simulate
 from comove.simulators.building import build_world
+from comove.simulators.dynamics import at_start
 from comove.simulators.engine import engine
 from comove.simulators.loads import hand_poses, load_of
 from comove.simulators.servos import PayloadTorques
-from comove.simulators.simulate import at_start
 from tests.robots.known_path import known_motion
 from tests.simulators.benchmark import joints_straight, load_straight, posts, standing
 

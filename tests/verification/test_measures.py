@@ -10,7 +10,7 @@ from comove import LeastJerk, PaperCost
 from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
-from comove.verification.smoothness import smoothness, spectral_arc_length
+from comove.verification.measures import smoothness, spectral_arc_length
 from tests.solved import example
 
 S = np.linspace(0.0, 1.0, 801)

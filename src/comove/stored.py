@@ -1,0 +1,468 @@
+"""Verification of the parts of a result folder: the one place that decides what they are verified against.
+
+A part is verified against the scene and the robot that the caller trusts. Without a trusted scene it is verified
+against the folder's own, and without a trusted robot for the one that the scene names; `against` says so. Nothing
+else in a folder may loosen what it is verified by. Measures are told in words, for the command line and for pages.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from comove.brief import brief
+from comove.coordination.motion import CoordinatedMotion
+from comove.errors import ExtraError, ResultError
+from comove.io.folders import require_folder
+from comove.results.reference import Reference, reference_of
+from comove.results.sealed import Arrays, Summary
+from comove.results.solution import StoredResult, read_result, rebuild, verify_result
+from comove.scenes.scene import Scene
+from comove.verification.verify import Report
+
+Row = tuple[str, str, str]
+"""A measure: of what, by how much, and what was asked for."""
+_Described = tuple[str, str, str, float]  # of what, its name, its words, and the factor to their unit
+
+NO_GRIPPER = "without_gripper"
+"""Name of the measure that lists arms whose description has no gripper."""
+ROUNDING = 1e-12
+"""Deviations below this many metres or radians are rounding, and said to be 0."""
+
+_MOTION: tuple[_Described, ...] = (
+    ("clearance", "clearance_min", "{:.4g} mm at least, at every instant", 1e3),
+    ("distance from supports", "support_distance_min", "{:.3g} mm at least, near start and goal", 1e3),
+    ("supports of the start", "support_left", "full clearance from {:.3g} s on", 1.0),
+    ("supports of the goal", "support_met", "full clearance until {:.3g} s", 1.0),
+    ("speed", "speed_max", "{:.4g} m/s at most", 1.0),
+    ("acceleration", "acceleration_max", "{:.4g} m/s^2 at most", 1.0),
+    ("jerk", "jerk_max", "{:.4g} m/s^3 at most", 1.0),
+    ("distances between hands", "distance_error_max", "off by {:.2g} m at most", 1.0),
+    ("goal and start", "end_error", "missed by {:.2g} m at most", 1.0),
+    ("tilt", "tilt_max", "{:.3g} deg at most", 180.0 / math.pi),
+    ("separation", "separation_spare_min", "{:.3g} mm to spare at least", 1e3),
+    ("same height", "height_error_max", "off by {:.2g} m at most", 1.0),
+    ("other constraints", "constraint_excess_max", "exceeded by {:.2g} at most", 1.0),
+    ("duration", "duration", "{:.4g} s", 1.0),
+)
+_JOINTS: tuple[_Described, ...] = (
+    ("joints from their limits", "joint_margin_min", "{:.3g} rad at least", 1.0),
+    ("share of joint speeds", "velocity_ratio_max", "{:.3g} at most", 1.0),
+    ("share of joint accelerations", "acceleration_ratio_max", "{:.3g} at most", 1.0),
+    ("share of joint jerks", "jerk_ratio_max", "{:.3g} at most", 1.0),
+    ("share of torques", "torque_ratio_max", "{:.3g} at most", 1.0),
+    ("share of payloads", "payload_ratio_max", "{:.3g} at most", 1.0),
+    ("hands on the load", "hand_error_max", "off by {:.2g} m at most", 1.0),
+    ("hands' turn on the load", "hand_turn_max", "off by {:.2g} rad at most", 1.0),
+    ("links from obstacles", "clearance_scene", "{:.4g} mm at least", 1e3),
+    ("links from the load", "clearance_load", "{:.4g} mm at least", 1e3),
+    ("links from each other", "clearance_self", "{:.4g} mm at least", 1e3),
+)
+_ROBOT_RUN: tuple[_Described, ...] = (
+    ("links from obstacles", "clearance_scene", "{:.1f} mm at samples", 1e3),
+    ("load from obstacles", "clearance_carried", "{:.1f} mm at samples", 1e3),
+    ("links from each other", "clearance_self", "{:.1f} mm at samples", 1e3),
+    ("hands on the load", "hold_error_max", "{:.2g} m or rad, commanded", 1.0),
+    ("hands' distance", "distance_error_max", "{:.2g} mm off in the simulator", 1e3),
+    ("end error", "end_error", "{:.2g} mm", 1e3),
+    ("share of speed", "velocity_ratio_max", "{:.3g}", 1.0),
+    ("share of acceleration", "acceleration_ratio_max", "{:.3g}", 1.0),
+    ("servos behind", "lag_max", "{:.2g} rad at most", 1.0),
+    ("took", "duration_s", "{:.2f} s", 1.0),
+)
+_SIMULATION: tuple[_Described, ...] = (
+    ("load from its goal", "end_error", "{:.3g} mm", 1e3),
+    ("hands' distances", "distance_error_max", "off by {:.3g} mm at most", 1e3),
+    ("load behind its plan", "lag_max", "{:.3g} mm at most", 1e3),
+    ("slip in a hand", "slip_max", "{:.3g} mm at most", 1e3),
+    ("force inside the load", "internal_force_max", "{:.3g} N at most", 1.0),
+    ("share of torque", "torque_share_max", "{:.3g} at most", 1.0),
+)
+
+
+def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[Row]:
+    """Return what is proved of a motion at every instant: of what, by how much, and what the scene asks for.
+
+    Parameters
+    ----------
+    report : measures by their names in `comove.verification.verify.Report`, and `duration` [s]
+    """
+    supports = [] if scene is None else support_words(scene)
+    asked: dict[str, str] = {}
+    if scene is not None:
+        limits = scene.file.limits
+        asked = {
+            "clearance": f"{1e3 * scene.clearance:.4g} mm",
+            "speed": _limit(limits.speed, "m/s"),
+            "acceleration": _limit(limits.acceleration, "m/s^2"),
+            "jerk": _limit(limits.jerk, "m/s^3"),
+        }
+    rows = [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+    if (
+        report.get("support_distance_min") is not None
+    ):  # they recede: the bound is none of the distance from them
+        rows = [
+            (n, f"{said}, off its supports" if n == "clearance" else said, want) for n, said, want in rows
+        ]
+    rows += [("rests on", words, "") for words in supports]
+    if asked.get("jerk") and not any(name == "jerk" for name, *_ in rows):
+        rows.append(("jerk", "not measured: executions are not bound by it", asked["jerk"]))
+    return rows
+
+
+def support_words(scene: Scene) -> list[str]:
+    """Return the resting contacts of a scene, and where they end, in words."""
+    told = []
+    for rest in scene.rests:
+        along = ", ".join(f"{x:.3g}" for x in rest.normal[: scene.n_dims] + 0.0)
+        told.append(
+            f"{scene.name_of(rest.obstacle)} at the {rest.end}, {1e3 * beyond_rounding(rest.distance):.3g} mm apart; "
+            f"full clearance beyond {1e3 * rest.reach(scene.clearance):.3g} mm of displacement, along [{along}]"
+        )
+    return told
+
+
+def joint_rows(report: Mapping[str, Any]) -> list[Row]:
+    """Return what is proved of a robot's joints at every instant, as `motion_rows`.
+
+    Parameters
+    ----------
+    report : measures by their names in `comove.robots.JointReport`; those that are not numbers are left out
+    """
+    return [*_rows(_JOINTS, report), *gripper_rows(report.get(NO_GRIPPER))]
+
+
+def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
+    """Return the measures of a simulation from its summary, as `motion_rows`; none of them is a proof."""
+    rows = _rows(_SIMULATION, summary)
+    if simulator := summary.get("simulator"):
+        rows.insert(0, ("simulated by", str(simulator), ""))
+    return [*rows, *gripper_rows(summary.get(NO_GRIPPER))]
+
+
+def run_rows(measures: Mapping[str, Any]) -> list[Row]:
+    """Return the measures of a robot's online run, as `motion_rows`; distances are sampled."""
+    return [*_rows(_ROBOT_RUN, measures), *gripper_rows(measures.get(NO_GRIPPER))]
+
+
+def gripper_rows(arms: Iterable[str] | None) -> list[Row]:
+    """Return in words which arms have no gripper in their description; nothing where all have one."""
+    named = ", ".join(f"'{arm}'" for arm in arms or ())
+    return [("grippers", f"none in the description at {named}: not verified", "")] if named else []
+
+
+def beyond_rounding(value: float) -> float:
+    """Return a deviation [m or rad], 0 where it is nothing but rounding."""
+    return 0.0 if abs(value) < ROUNDING else value
+
+
+def limits_row(scene: Scene) -> list[str]:
+    """Return in one line which limits of the hands a scene sets; empty where it sets none."""
+    limits = scene.file.limits
+    said = [
+        _limit(limits.speed, "m/s"),
+        _limit(limits.acceleration, "m/s^2"),
+        _limit(limits.jerk, "m/s^3"),
+        f"{1e3 * scene.clearance:.4g} mm of clearance" if scene.clearance else "",
+    ]
+    told = ", ".join(limit for limit in said if limit)
+    return [f"limits of {told}"] if told else ["no limits of speed, acceleration or jerk"]
+
+
+def _rows(described: tuple[_Described, ...], measures: Mapping[str, Any]) -> list[Row]:
+    rows = []
+    for name, key, words, factor in described:
+        value = measures.get(key)
+        if isinstance(value, (int, float)) and not math.isnan(value):
+            said = "nothing near" if math.isinf(value) else words.format(factor * beyond_rounding(value))
+            rows.append((name, said, ""))
+    return rows
+
+
+def _limit(value: float | None, unit: str) -> str:
+    return "" if value is None else f"{value:.4g} {unit}"
+
+
+class Part(Enum):
+    """A part of a result folder, with the name of its summary, and what it is called."""
+
+    MOTION = "solution.json", "the hands"
+    JOINTS = "robot.json", "the robot"
+    RUN = "run.json", "the run"
+    ROBOT_RUN = "robot_run.json", "the robot's run"
+    SIMULATION = "simulation.json", "the simulation"
+
+    def __init__(self, file: str, words: str):
+        self.file, self.words = file, words
+
+
+ARRAYS = {Part.JOINTS: "joints.npz"}
+"""Further files that show that a part is there, so that it is not passed over where its summary was removed."""
+
+
+def parts_of(folder: Path) -> tuple[Part, ...]:
+    """Return the parts of a result folder.
+
+    Raises
+    ------
+    ResultError
+        If it holds none, or there is no such folder.
+    """
+    require_folder(folder, "comove solve SCENE --out DIR")
+    found = tuple(
+        part
+        for part in Part
+        if (folder / part.file).is_file() or (part in ARRAYS and (folder / ARRAYS[part]).is_file())
+    )
+    if not found:
+        raise ResultError(
+            f"it holds no {Part.MOTION.file} and no {Part.RUN.file}",
+            file=folder,
+            way_out="name a folder of comove solve, robot solve or run",
+        )
+    return found
+
+
+if TYPE_CHECKING:  # robots are an extra
+    from comove.robots.files import RobotSource, StoredJoints
+    from comove.robots.model import Robot
+    from comove.robots.motion import JointMotion
+    from comove.robots.verification.verify import VerifiedJointMotion
+    from comove.simulators.live_record import OnlineRecord
+    from comove.verification.record import Record
+
+
+@dataclass(frozen=True, eq=False)
+class Verification:
+    """The result of the verification of one part of a result folder.
+
+    Attributes
+    ----------
+    part : what was verified
+    scene : the scene that it was verified against
+    against : where scene and robot are from, in words, what is not trusted first
+    reasons : why it is not verified, in words
+    rows : measures: of what, by how much, and what is asked for
+    summary : contents of the part's summary, as stored
+    report : measures of the hands, where they are a motion or an execution
+    motion : motion of the hands; None for runs, and where it cannot be rebuilt
+    record : what happened in an execution of hands
+    robot, joints : a robot, and its motion, if it is one of this robot's joints
+    verified_joints : the joint motion, if it is verified
+    series : arrays of a simulation, if it is one of this motion
+    online : what happened in an online run of a robot
+    """
+
+    __repr__ = brief
+
+    part: Part
+    scene: Scene
+    against: tuple[str, ...]
+    reasons: tuple[str, ...]
+    rows: tuple[Row, ...]
+    summary: Summary
+    report: Report | None = None
+    motion: CoordinatedMotion | None = None
+    record: Record | None = None
+    robot: Robot | None = None
+    joints: JointMotion | None = None
+    verified_joints: VerifiedJointMotion | None = None
+    series: Arrays | None = None
+    online: OnlineRecord | None = None
+
+    @property
+    def is_proof(self) -> bool:
+        """Return whether the measures hold at every instant, and not at samples."""
+        return self.part not in (Part.ROBOT_RUN, Part.SIMULATION)
+
+    @property
+    def is_hands_alone(self) -> bool:
+        """Return whether the scene names a robot, and no joint of it was looked at."""
+        return self.scene.file.robot is not None and self.part in (Part.MOTION, Part.RUN)
+
+    @property
+    def verified(self) -> bool:
+        """Return whether nothing speaks against it."""
+        return not self.reasons
+
+
+def verify_folder(
+    folder: str | Path, scene: Scene | None = None, robot: str | Path | None = None
+) -> tuple[Verification, ...]:
+    """Verify all parts of a result folder anew.
+
+    Parameters
+    ----------
+    scene
+        A trusted scene; the folder's own unless given.
+    robot
+        Name or path of a trusted robot description; the one of the scene unless given.
+
+    Raises
+    ------
+    ResultError
+        If a part is missing, incomplete or unreadable.
+    RobotError
+        If no robot may be trusted, or it cannot be loaded.
+    ExtraError
+        If a part needs what is not installed.
+    """
+    stored = _Folder(Path(folder), scene, robot)
+    return tuple(stored.verify(part) for part in parts_of(Path(folder)))
+
+
+def verify_part(
+    folder: str | Path, part: Part, scene: Scene | None = None, robot: str | Path | None = None
+) -> Verification:
+    """Verify one part of a result folder anew; as `verify_folder`."""
+    return _Folder(Path(folder), scene, robot).verify(part)
+
+
+class _Folder:
+    """A result folder, and what its parts are verified against."""
+
+    def __init__(self, folder: Path, scene: Scene | None, robot: str | Path | None):
+        self.folder, self.robot = folder, robot
+        self.given = reference_of(folder, scene)
+
+    def verify(self, part: Part) -> Verification:
+        """Verify one part."""
+        return {
+            Part.MOTION: lambda: self.hands,
+            Part.JOINTS: lambda: self.carried,
+            Part.RUN: self._run,
+            Part.ROBOT_RUN: self._robot_run,
+            Part.SIMULATION: self._simulation,
+        }[part]()
+
+    @cached_property
+    def result(self) -> StoredResult:
+        """Return the stored motion of the hands."""
+        return read_result(self.folder)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """Return what the hands' motion is verified against, whose open duration and grasp are the result's."""
+        return self.given.for_result(self.result)
+
+    @cached_property
+    def source(self) -> RobotSource:
+        """Return the robot."""
+        return _robots().robot_of(self.folder, self.reference, self.robot)
+
+    @cached_property
+    def joints(self) -> StoredJoints:
+        """Return the stored joints."""
+        stored: StoredJoints = _robots().read_joints(self.folder)
+        return stored
+
+    @cached_property
+    def hands(self) -> Verification:
+        """Return the verification of the hands' motion."""
+        reference = self.reference
+        scene, verdict = reference.scene, verify_result(self.result, reference.scene)
+        try:
+            motion = rebuild(self.result.arrays, scene)
+        except ResultError:
+            motion = None
+        rows = motion_rows({**verdict.report.asdict(), "duration": scene.duration}, scene)
+        return Verification(
+            part=Part.MOTION,
+            scene=scene,
+            against=(str(reference), *limits_row(scene)),
+            reasons=verdict.reasons,
+            rows=tuple(rows),
+            summary=self.result.summary,
+            report=verdict.report,
+            motion=motion,
+        )
+
+    @cached_property
+    def carried(self) -> Verification:
+        """Return the verification of a robot's joints."""
+        hands, source = self.hands, self.source
+        verdict = _robots().verify_stored(self.folder, source.robot, scene=hands.scene)
+        from comove.robots.verification.bodies import warn_of_buried_links  # robots are there by now
+
+        warn_of_buried_links(source.robot, hands.scene)
+        joints = self.joints.joints
+        fits = not _robots().unfit_joints(source.robot, hands.scene, joints)
+        return replace(
+            hands,
+            part=Part.JOINTS,
+            against=(*hands.against, str(source)),
+            reasons=tuple(dict.fromkeys((*hands.reasons, *verdict.reasons))),
+            rows=(*hands.rows, *joint_rows(vars(verdict.report))),
+            summary=self.joints.summary,
+            robot=source.robot,
+            joints=joints if fits else None,
+            verified_joints=verdict.verified,
+        )
+
+    def _run(self) -> Verification:
+        from comove.results.runs import StoredRun, read_run, verify_run
+
+        stored = read_run(self.folder, self.given.scene)
+        reference = self.given.for_result(stored)
+        stored = StoredRun(stored.folder, stored.summary, stored.arrays, reference.scene)
+        report = verify_run(stored)
+        rows = motion_rows({**report.asdict(), "duration": float(stored.record.time[-1])}, reference.scene)
+        return Verification(
+            part=Part.RUN,
+            scene=reference.scene,
+            against=(str(reference), *limits_row(reference.scene)),
+            reasons=report.reasons,
+            rows=tuple(rows),
+            summary=stored.summary,
+            report=report,
+            record=stored.record,
+        )
+
+    def _robot_run(self) -> Verification:
+        from comove.simulators.robot_runs import ROBOT_RUN, read_robot_run, verify_robot_run
+
+        stored = read_robot_run(self.folder)
+        reference = self.given.for_result(stored)
+        source = _robots().robot_of(self.folder, reference, self.robot, ROBOT_RUN)
+        record, report = verify_robot_run(stored, reference.scene, source.robot)
+        return Verification(
+            part=Part.ROBOT_RUN,
+            scene=reference.scene,
+            against=(str(reference), str(source)),
+            reasons=report.reasons,
+            rows=tuple(run_rows(vars(report))),
+            summary=stored.summary,
+            robot=source.robot,
+            online=record,
+        )
+
+    def _simulation(self) -> Verification:
+        from comove.robots.grippers import without_gripper
+        from comove.simulators.files import SIMULATION, verify_simulation
+
+        carried = self.carried
+        summary, arrays = SIMULATION.read(self.folder)
+        joints = self.joints.joints
+        reasons = verify_simulation(summary, arrays, self.source.robot, carried.scene, joints)
+        return replace(
+            carried,
+            part=Part.SIMULATION,
+            reasons=tuple(dict.fromkeys((*carried.reasons, *reasons))),
+            rows=tuple(simulation_rows({**summary, "without_gripper": without_gripper(self.source.robot)})),
+            summary=summary,
+            series=None if reasons else arrays,
+        )
+
+
+def _robots() -> Any:
+    """Return the files of robots, which are an extra."""
+    try:
+        from comove.robots import files
+    except ExtraError:
+        raise ExtraError("to verify a robot's motion", "robot") from None
+    return files
