@@ -157,3 +157,16 @@ def test_verbs_that_use_joints_say_what_they_are_verified_against_and_take_what_
     for options in (("--scene", scene), ("--robot", "pr2")):
         done = invoke("robot", "export", copy, "--format", "csv", *options)
         assert done.exit_code == 2, done.output
+
+
+def test_nothing_of_a_folder_is_played_that_does_not_fit(simulated, tmp_path):
+    """Broken contacts, poses or joints are told in reasons, and whoever shows the part draws the plan alone."""
+    folder = shutil.copytree(simulated, tmp_path / "result")
+    summary, arrays = SIMULATION.read(folder)
+    (folder / "simulation.json").write_text(json.dumps(summary | {"contacts": [5], "reasons": None}))
+    np.savez(folder / "simulation.npz", **(arrays | {"hands": np.zeros(3)}))
+    with np.load(folder / "joints.npz") as found:
+        np.savez(folder / "joints.npz", **(dict(found) | {"joint_names": np.array(["a", "b"])}))
+    _, joints, simulation = verify_folder(folder)
+    assert joints.reasons and joints.joints is None
+    assert simulation.reasons and simulation.series is None
