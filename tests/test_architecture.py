@@ -79,6 +79,7 @@ def test_the_order_is_that_of_the_design():
             "errors",
             "brief",
             "ties",
+            "methods",
             "compiled",
             "trajectory",
             "io",

@@ -49,7 +49,12 @@ LONG = (
     "view mine.yaml",
     "view window.yaml",
     "04_a_library_of_movements",
+    "09_a_tray_over_a_wall",
     "12_your_own_objective",
+    "comove learn lasa:Angle:0 lasa",
+    "comove solve triangle.yaml",
+    "view narrow.yaml",
+    *("propose_scene(", "solve_many(", "objective=height", "objective=effort"),
 )
 
 
@@ -133,7 +138,9 @@ def serve(words: list[str]) -> None:
             running.kill()
 
 
-@pytest.mark.parametrize(("page", "code"), blocks("python"))
+@pytest.mark.parametrize(
+    ("page", "code"), [pytest.param(*block, marks=how_long(block[1])) for block in blocks("python")]
+)
 def test_python(page, code, folder, monkeypatch):
     monkeypatch.chdir(folder)
     if "show" in code and importlib.util.find_spec("viser") is None:

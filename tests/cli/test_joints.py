@@ -102,3 +102,10 @@ def test_run_is_that_of_the_robot(tmp_path):
     assert (tmp_path / "out/robot_run.png").is_file() or "no pictures" in done.stderr
     done = invoke("verify", SCENE, tmp_path / "out")
     assert done.exit_code == 0 and "at samples" in done.stdout.splitlines()[0]
+
+
+@pytest.mark.parametrize(("option", "film"), [((), False), (("--film",), True), (("--no-film",), False)])
+def test_a_film_of_a_robots_run_is_drawn_where_it_is_asked_for(option, film, asked, scenes, tmp_path):
+    assert invoke("run", scenes[0], "--out", tmp_path / "out", *option).exit_code == 0
+    ((_, arguments, _),) = asked
+    assert arguments[4].film is film

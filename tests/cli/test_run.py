@@ -137,3 +137,13 @@ def test_bad_input(invoke, tmp_path, change, options, words):
     assert words in result.output
     assert "Traceback" not in result.output
     assert not (tmp_path / "out").exists()
+
+
+def test_only_what_was_drawn_is_named_and_opened(invoke, tmp_path, monkeypatch):
+    folder, opened = tmp_path / "out", []
+    monkeypatch.setattr("typer.launch", opened.append)
+    done = invoke(SCENE, "--no-film")
+    assert done.exit_code == 0, done.stderr
+    assert str(folder / "run.png") in done.stdout and "run.gif" not in done.stdout
+    shown = commands.invoke("show", folder, "--open")
+    assert "run.gif" not in shown.stdout and opened == [str(folder / "run.png")]

@@ -74,6 +74,7 @@ print(scene().scaled(3.0).constraints[0].height)
     assert float(large) == pytest.approx(0.3)
 
 
+@pytest.mark.slow
 def test_it_is_searched_certified_and_bounded():
     """Without it the bar dives below the circle; the bound lies above dense samples and by next to nothing."""
     out = run(

@@ -1,19 +1,16 @@
 """The vocabulary of columns: names of many recorders, told apart."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations.columns import (
-    Kind,
-    bodies_of,
-    flat_names,
-    matching_body,
-    quaternions,
-    read_columns,
-)
+from comove.demonstrations.bodies import bodies_of, matching_body, quaternions
+from comove.demonstrations.columns import Kind, read_columns
+from comove.demonstrations.formats.lerobot_features import Feature
 
 
 def described(names, **rows):
@@ -169,4 +166,5 @@ def test_a_body_is_meant_in_any_case_and_by_part_of_its_name():
     ],
 )
 def test_names_of_lerobot_are_flattened(names, found):
-    assert flat_names(names, 2) == found
+    feature = {"dtype": "float32", "shape": [2], "names": names}
+    assert Feature.of(Path("info.json"), {"state": feature}, "state").names == found

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from comove import solve
-from comove.cli.options import COMPARED, METHODS
 from comove.demonstrations import Demonstration
 from comove.errors import InputError, OptionError
+from comove.methods import METHODS, OF_ROBOTS, OWN
 from comove.planning import arguments
 from comove.planning.method import Method
+from comove.studies import sweep
 from tests.solved import example
 
 OBJECTIVES = ("least-jerk", "least-time", "paper")
@@ -22,7 +23,7 @@ def imported(text):
     return getattr(import_module(module), kind.strip())
 
 
-@pytest.mark.parametrize("name", [*METHODS, *COMPARED])
+@pytest.mark.parametrize("name", METHODS)
 def test_a_method_given_by_name(name):
     scene = example("wide")
     with pytest.raises(OptionError) as caught:
@@ -45,9 +46,9 @@ def test_an_objective_given_by_name(name, spelt):
     arguments.check_options(scene, None, 0, None, 1.0, kind(), "constraint", ())
 
 
-def test_tables_name_what_the_command_line_names():
-    assert tuple(arguments.METHODS) == (*METHODS, *COMPARED)
-    assert tuple(arguments.OBJECTIVES) == OBJECTIVES
+def test_every_table_of_methods_is_derived_from_one():
+    assert {name: known.kind.name for name, known in METHODS.items()} == {name: name for name in METHODS}
+    assert tuple(sweep.METHODS) == OWN and set(sweep.ROBOT_METHODS) == set(OWN) & set(OF_ROBOTS)
 
 
 def test_what_is_no_name_gets_the_general_hint():

@@ -32,7 +32,7 @@ def test_deviations_of_rounding_are_zero(rows, key):
 
 def test_a_summary_says_what_its_numbers_are():
     text = summary_text({"scene": "wide", "smoothness": {"jerk_ratio": 835.0}}, Path())
-    assert "integrated squared jerk" in text and "835 times that of a straight minimum-jerk motion" in text
+    assert "root mean square jerk" in text and "28.9 times that of a straight minimum-jerk motion" in text
     assert "noted, not proven" not in text
 
 

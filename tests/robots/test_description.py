@@ -10,6 +10,8 @@ from comove.errors import RobotError
 from comove.robots import bundled_robots, description, find_description
 from comove.robots.description import (
     ArmDescription,
+    GripperDescription,
+    GripperShape,
     JointLimits,
     ModelSource,
     RobotFile,
@@ -80,10 +82,12 @@ def test_the_example_of_the_module_is_a_description():
 
 def test_the_page_for_users_shows_a_description_and_every_key():
     page = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
-    (text,) = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
-    assert RobotFile.model_validate(yaml.safe_load(text)).name == "two_pandas"
+    files = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
+    names = [RobotFile.model_validate(yaml.safe_load(text)).name for text in files]
+    assert names == ["two_pandas", "held"]
     keys = set(re.findall(r"^\| (?:· )?`(\w+)`", page, re.MULTILINE))
-    for part in (RobotFile, ModelSource, ArmDescription):
+    keys |= set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\|.*", page, re.MULTILINE))))
+    for part in (RobotFile, ModelSource, ArmDescription, GripperDescription, GripperShape):
         assert set(part.model_fields) <= keys
     assert all(key in page for part in (JointLimits, Servo, Uncertainty) for key in part.model_fields)
 

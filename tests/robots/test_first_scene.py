@@ -46,9 +46,14 @@ def test_of_rectangles_as_large_the_one_about_home_is_taken():
     assert (a + b, c + d) == (N_CELLS - 1, N_CELLS - 1)
 
 
-def test_a_first_scene_is_solved_and_its_rail_is_in_the_way():
-    robot = Robot.load(TWO_ARMS)
-    proposal = propose_scene(robot, str(TWO_ARMS))
+@pytest.fixture(scope="module")
+def proposal():
+    """A first scene for two arms."""
+    return propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS))
+
+
+def test_a_first_scene_is_solved_and_its_rail_is_in_the_way(proposal):
+    robot = proposal.found.robot
     scene = Scene.from_dict(proposal.data)
     assert proposal.found.verified
     RobotCarrier(robot, scene).require_reach()
@@ -62,8 +67,7 @@ def test_a_first_scene_is_solved_and_its_rail_is_in_the_way():
     assert scene.lower[2] >= floor_of(robot) - 1e-3
 
 
-def test_a_first_scene_can_be_approached_from_home_and_left_for_it():
-    proposal = propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS))
+def test_a_first_scene_can_be_approached_from_home_and_left_for_it(proposal):
     assert proposal.unreached == ""
     transfers = plan_transfers(proposal.found.motion)
     home = proposal.found.robot.home
@@ -72,6 +76,7 @@ def test_a_first_scene_can_be_approached_from_home_and_left_for_it():
     )
 
 
+@pytest.mark.slow
 def test_what_keeps_hands_from_approaching_is_told(monkeypatch):
     """Other scenes are tried first; then one is proposed without."""
     tried = []
@@ -93,12 +98,11 @@ def test_every_robot_that_comes_with_comove_has_a_first_scene(name):
     assert propose_scene(Robot.load(name), name).found.verified
 
 
-def test_the_same_scene_is_proposed_each_time():
-    robot = Robot.load(TWO_ARMS)
-    one, other = (propose_scene(robot, "robot.yaml").data for _ in range(2))
-    assert one == other
+def test_the_same_scene_is_proposed_each_time(proposal):
+    assert propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS)).data == proposal.data
 
 
+@pytest.mark.slow
 def test_a_robot_without_any_collision_body_has_one(tmp_path):
     """Nothing is compared then but the load and what stands; that is told when it is loaded."""
     for source in TWO_ARMS.parent.iterdir():
@@ -121,6 +125,7 @@ def test_hands_that_are_out_of_reach_of_a_bar_are_told(monkeypatch):
         propose_scene(Robot.load(TWO_ARMS), "robot.yaml")
 
 
+@pytest.mark.slow
 def test_obstacles_around_the_robot_are_in_the_scene_and_their_files_are_found(tmp_path):
     """A crate beside the arms, as a mesh whose file is beside the list of obstacles, not beside the scene."""
     (tmp_path / "made").mkdir()
@@ -134,6 +139,10 @@ def test_obstacles_around_the_robot_are_in_the_scene_and_their_files_are_found(t
     result = invoke("robot", "scene", TWO_ARMS, "--out", scene, "--obstacles", around)
     assert result.exit_code == 0, result.output
     assert [obstacle.name for obstacle in Scene.load(scene).file.obstacles] == [None, "crate"]
+
+
+def test_a_list_of_obstacles_that_is_none_is_refused(tmp_path):
+    around = tmp_path / "around.yaml"
     around.write_text("tables: []", encoding="utf-8")
     result = invoke("robot", "scene", TWO_ARMS, "--out", tmp_path / "other.yaml", "--obstacles", around)
     assert result.exit_code == 2

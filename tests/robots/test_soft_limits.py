@@ -92,7 +92,6 @@ def test_the_limits_of_a_robot_are_the_narrowest_that_its_files_state(name):
 @pytest.mark.parametrize(
     ("name", "seed"),
     [
-        ("pr2", 1),
         ("tiago_pro", 1),
         *(
             pytest.param(name, seed, marks=pytest.mark.slow)

@@ -1,15 +1,20 @@
 """The movement that a scene names: a recording, or a primitive of a library beside the scene file."""
 
+import re
+import shlex
+
 import numpy as np
 import pytest
 import yaml
 
-from comove.demonstrations import Demonstration, write_npz, write_robomimic, write_rosbag
+from comove.demonstrations import Demonstration, write_csv, write_npz, write_robomimic, write_rosbag
 from comove.errors import SceneError
 from comove.primitives import DMP, Library, Primitive, learn, write_primitive
 from comove.primitives import operations as op
+from comove.robots import Robot, end_effector_path
 from comove.scenes import Scene, demonstration_of, recording_of
 from comove.scenes.demonstration import fitted
+from tests.commands import invoke
 
 PLANAR = {
     "name": "taught",
@@ -63,6 +68,22 @@ def test_joints_are_no_path_of_a_hand(folder):
                 demonstration_of(scene(folder, source))
         with pytest.raises(SceneError, match="movement of joints"):
             fitted(scene(folder, None), joints)
+
+
+@pytest.mark.slow
+def test_the_joints_of_a_robot_become_a_path_by_the_printed_command(folder):
+    words = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+    share = np.linspace(0.0, 1.0, 40)
+    joints = Demonstration(2 * share, np.outer(share, [0.3, -0.2, 0.4, 0.5, 0.1]), unit="rad", axes=words)
+    write_csv(folder / "arm.csv", joints)
+    source = {"file": "arm.csv", "robot": "two_so101", "arm": "left"}
+    with pytest.raises(SceneError, match=r"no path of an end effector") as caught:
+        scene(folder, source, SPATIAL)
+    _, command, keys = re.split("run: comove |, and write ", caught.value.way_out)
+    assert invoke(*shlex.split(command), folder=folder).exit_code == 0
+    path = end_effector_path(joints, Robot.load("two_so101"), "left")
+    taught = demonstration_of(scene(folder, yaml.safe_load(keys), SPATIAL))
+    assert np.allclose(taught.goal[:3], path.goal, atol=1e-9)
 
 
 def test_recordings_are_fitted_as_before(folder):

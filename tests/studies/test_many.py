@@ -23,9 +23,9 @@ def scenes(*goals):
 
 
 def test_each_scene_gives_what_solve_gives():
-    given = list(scenes(0.0, 0.05, -0.05))
+    given = list(scenes(0.0, 0.05))
     found = sorted(comove.solve_many(given, workers=2, seed=3), key=lambda one: one.number)
-    assert [one.number for one in found] == [0, 1, 2]
+    assert [one.number for one in found] == [0, 1]
     for one, scene in zip(found, given, strict=True):
         alone = comove.solve(scene, demonstration=demonstration_of(scene), seed=3)
         assert one.verified and one.reasons == ()

@@ -7,7 +7,9 @@ import comove
 from comove.errors import OptionError
 from comove.experiments.examples import example
 from comove.geometry.rotations import exponential, matrices
+from comove.scenes import Scene
 from comove.workbench.edits import (
+    SIZES,
     Draft,
     Grip,
     History,
@@ -15,7 +17,11 @@ from comove.workbench.edits import (
     grips_of,
     moved,
     place_of,
+    sizes_of,
+    with_box,
+    with_size,
     with_value,
+    without_obstacle,
 )
 
 QUARTER = exponential(np.array([0.0, 0.0, np.pi / 2]))
@@ -140,3 +146,38 @@ def test_every_obstacle_and_both_ends_of_every_group_can_be_taken(scene):
     names = [grip.name for grip in grips_of(scene)]
     assert len(names) == len(set(names)) == len(scene.file.obstacles) + 2 * len(scene.groups)
     assert Grip("start", 0).name == "start_0"
+
+
+def test_an_added_box_reads_back_as_a_named_obstacle_and_can_be_taken_away(scene):
+    contents = contents_of(scene)
+    once = with_box(contents)
+    twice = Scene.from_dict(with_box(once), folder=scene.folder)
+    *before, first, second = twice.file.obstacles
+    assert len(before) == len(scene.file.obstacles)
+    assert (first.name, second.name) == ("box_1", "box_2") and first.size == second.size
+    np.testing.assert_allclose(first.center, 0.5 * (scene.lower + scene.upper), atol=1e-6)
+    assert without_obstacle(once, len(before)) == contents
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        {"shape": "box", "center": [0.5, 0.5, 0.5], "size": [0.1, 0.2, 0.3]},
+        {"shape": "sphere", "center": [0.5, 0.5, 0.5], "radius": 0.1},
+        {"shape": "capsule", "center": [0.5, 0.5, 0.5], "radius": 0.1, "length": 0.3},
+        {"shape": "cylinder", "center": [0.5, 0.5, 0.5], "radius": 0.1, "height": 0.3},
+        {"shape": "ellipsoid", "center": [0.5, 0.5, 0.5], "radii": [0.1, 0.2, 0.3]},
+        {"shape": "mesh", "center": [0.5, 0.5, 0.5], "file": "wall.obj", "scale": 0.5},
+    ],
+    ids=lambda obstacle: obstacle["shape"],
+)
+def test_every_size_of_an_obstacle_can_be_changed_alone(obstacle):
+    contents = {"obstacles": [obstacle]}
+    sizes = sizes_of(contents, 0)
+    assert 0 < len(sizes) <= len(SIZES)
+    for number in range(len(sizes)):
+        after = [size[-1] for size in sizes_of(with_size(contents, 0, number, 0.77), 0)]
+        assert after == [0.77 if i == number else size[-1] for i, size in enumerate(sizes)]
+    for number, value in ((len(sizes), 0.1), (0, 0.0), (0, float("nan")), (0, "1"), (0, True)):
+        with pytest.raises(OptionError, match="a number above 0"):
+            with_size(contents, 0, number, value)

@@ -41,6 +41,20 @@ def test_a_report_of_a_result(solved):
     assert len(page) < 5e6
 
 
+def test_a_report_of_a_run(solved):
+    assert invoke("run", example_path("wide"), "--no-film", "--out", "run", folder=solved).exit_code == 0
+    done = invoke("report", "run", "--html", "run.html", folder=solved)
+    assert done.exit_code == 0, done.stderr
+    page = (solved / "run.html").read_text(encoding="utf-8")
+    for said in (
+        "Executed, and verified at every instant",
+        "What is proved",
+        "comove verify run",
+        "comove run ",
+    ):
+        assert said in page
+
+
 def test_an_edited_result_is_not_reported_as_verified(solved, tmp_path):
     import shutil
 

@@ -11,15 +11,14 @@ from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words
 from comove.cli.texts import say
 from comove.errors import ComoveError, InputError, OptionError, RobotError
+from comove.methods import OF_ROBOTS
 
 if TYPE_CHECKING:
     from comove.robots import Robot
     from comove.scenes import Scene
-    from comove.simulators import GraspModel, Perturbation
-    from comove.simulators.live_record import OnlineRecord
+    from comove.simulators.pictures import Filmed
 
 RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
-METHODS = ("comove", "paper", "task-priority")
 LEAST_RATE, USUAL_RATE, LARGEST_RATE = 50.0, 250.0, 500.0  # Hz, of control steps
 
 
@@ -102,7 +101,7 @@ def solve_joints(
     from comove.robots import carry
     from comove.robots.kernels import load_robot_kernels
 
-    chosen = o.method_named(wanted.method, METHODS)
+    chosen = o.method_named(wanted.method, OF_ROBOTS)
     smooth = wanted.method == "comove"
     o.check_budget(budget)
     check_target(out, RESULT)
@@ -149,8 +148,8 @@ def solve_joints(
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
         return exit_code(solution)
-    print(summary_text(summary, out))
-    print(joints_text(carrier.name, found.report.asdict()))
+    print(summary_text(summary, out, scene=solution.scene))
+    print(joints_text(carrier.name, vars(found.report)))
     rows = [] if source is None else [("demonstration", f"{source} of {wanted.library}")]
     rows.append(("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}"))
     print(*in_rows(rows), sep="\n")
@@ -187,18 +186,21 @@ def run_joints(
     import numpy as np
 
     from comove.cli.progress import progress_bar, time_spent
-    from comove.cli.texts import in_rows, robot_run_text
+    from comove.cli.texts import robot_run_text
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
+    from comove.scenes.resting import require_no_rest
     from comove.simulators import GRASPS, Perturbation
     from comove.simulators.engine import engine
     from comove.simulators.live import run_live, steps_of
     from comove.simulators.live_record import judge_run
+    from comove.simulators.pictures import FilmedRun
     from comove.simulators.robot_runs import write_robot_run
+    from comove.simulators.settings import PLAN
     from comove.views import draw_joints, save
 
     o.require_one_of(how.grasp, tuple(GRASPS), "grasp")
@@ -218,7 +220,7 @@ def run_joints(
     _require_carried(carrier, loaded.standing().alternatives[0], scene)
     hold.moving([carrier.arm(name) for name in loaded.manipulators])
     with progress_bar():
-        loaded.require_free_ends()
+        require_no_rest(loaded.require_free_ends())
         load_robot_kernels(SceneKind.of(loaded))
         executor = JointExecutor(loaded, carrier, seed=seed, settings=settings)
         drawn = None
@@ -235,41 +237,29 @@ def run_joints(
             draft, record, report, executor.log, seed=seed, wall_time_s=time_spent(), source=named
         )
         write_inputs(draft, loaded, files=carrier.files, command=command_words())
-        drawn_files = _draw_run(record, draft, GRASPS[how.grasp](), drawn, how)
+        if len(record.time) > 1 and (how.pictures or how.film):
+            filmed = FilmedRun.of(record, GRASPS[how.grasp](), drawn or PLAN)
+            draw_robot_pictures(filmed, draft, "robot_run", how.pictures, how.film)
     if json:
         print((out / "robot_run.json").read_text(encoding="utf-8"), end="")
     else:
         print(robot_run_text(summary, out))
-        print(*in_rows([(what, str(out / name)) for what, name in drawn_files]), sep="\n")
     if record.interrupted:
         return INTERRUPTED
     return NOT_VERIFIED if report.reasons else VERIFIED
 
 
-def _draw_run(
-    record: OnlineRecord,
-    folder: Path,
-    grasp: GraspModel,
-    perturbation: Perturbation | None,
-    how: SimulatedRun,
-) -> list[tuple[str, str]]:
-    """Draw a run into a folder; return what was drawn and the names of the files."""
-    from comove.simulators.pictures import FilmedRun, draw_film, draw_sheet
-    from comove.simulators.settings import PLAN
+def draw_robot_pictures(filmed: Filmed, folder: Path, name: str, pictures: bool, film: bool) -> None:
+    """Draw a sheet of pictures, and a film, into a folder; warn where nothing can be drawn."""
+    from comove.simulators.pictures import draw_film, draw_sheet
 
-    found: list[tuple[str, str]] = []
-    if not (how.pictures or how.film) or len(record.time) < 2:
-        return found
-    filmed = FilmedRun.of(record, grasp, perturbation or PLAN)
     try:
-        if how.pictures:
-            draw_sheet(filmed, folder / "robot_run.png")
-            found.append(("pictures", "robot_run.png"))
-        if how.film:
-            found.append(("film", draw_film(filmed, folder / "robot_run.mp4").name))
-    except ComoveError as error:  # what was run counts without them
+        if pictures:
+            draw_sheet(filmed, folder / f"{name}.png")
+        if film:
+            draw_film(filmed, folder / f"{name}.mp4")
+    except ComoveError as error:  # the result counts without them
         say(f"warning: no pictures: {error}", file=sys.stderr)
-    return found
 
 
 def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from comove.errors import OptionError, near_name
+from comove.methods import METHODS
 
 if TYPE_CHECKING:
     from comove.planning import LeastJerk, LeastTime, PaperCost
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from comove.robots import VerifiedJointMotion
     from comove.scenes import Scene
 
-METHODS = ("comove", "projection", "paper", "printed")
-COMPARED = ("unconstrained", "leader-follower", "speed-scaled", "task-priority", "single")
 PICTURES = (".png", ".pdf", ".svg")
 INSTEAD = "instead of what SCENE says"
 
@@ -103,23 +102,11 @@ def check_budget(budget: float) -> None:
         raise OptionError(f"budget = {budget}", key="--budget", way_out="give a positive number of seconds")
 
 
-def method_named(name: str, known: Sequence[str] = (*METHODS, *COMPARED)) -> Method:
+def method_named(name: str, known: Sequence[str] = tuple(METHODS)) -> Method:
     """Return the method with the given name, one of those `known`."""
-    from comove.planning import Comove, Paper, Printed, Projection
-
     require_one_of(name, known, "method")
-    kinds: tuple[type[Method], ...] = (Comove, Projection, Paper, Printed)
-    if name in COMPARED:  # they import robots, which comove's own methods do not need
-        from comove.experiments.compared import (
-            LeaderFollower,
-            Single,
-            SpeedScaled,
-            TaskPriority,
-            Unconstrained,
-        )
-
-        kinds = (Unconstrained, LeaderFollower, SpeedScaled, TaskPriority, Single)
-    return {kind.name: kind for kind in kinds}[name]()
+    method: Method = METHODS[name].kind()
+    return method
 
 
 def objective_of(
@@ -132,9 +119,9 @@ def objective_of(
     smooth : whether the method finds smooth motions; otherwise smooth objectives of the scene are ignored
     """
     from comove.planning import LeastJerk, LeastTime, PaperCost
-    from comove.planning.objectives import objective_of_scene
+    from comove.planning.objectives import OBJECTIVES, objective_of_scene
 
-    kinds = {"least-jerk": LeastJerk, "least-time": LeastTime, "paper": PaperCost}
+    kinds = {name.replace("_", "-"): kind for name, kind in OBJECTIVES.items()}
     if name is not None:
         require_one_of(name, tuple(kinds), "objective")
     said = objective_of_scene(scene.file.objective)

@@ -85,13 +85,7 @@ class _Bar:
         self.bar.update(self.task, description=description)
 
     def progress(self, state: Any) -> None:
-        best = "none yet" if state.best is None else f"{state.best:.4f}"
-        self.bar.update(
-            self.task,
-            completed=time.process_time() - self.begun,
-            description=f"{state.stage} · generation {state.generation} · cost {state.cost:.4f} · "
-            f"constraint {state.violation:.2g} · best verified {best}",
-        )
+        self.bar.update(self.task, completed=time.process_time() - self.begun, description=state.words)
 
     def close(self) -> None:
         self.bar.stop()

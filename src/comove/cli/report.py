@@ -28,7 +28,7 @@ def report(
     viewer()
     require_folder(folder, "comove solve SCENE --out DIR")
     require_target(html, OptionError)
-    page, verified = report_page(shelf_of([folder], Path.cwd()))
+    page, playback = report_page(shelf_of([folder], Path.cwd()))
     write_page(html, page)
-    say(f"{folder}: {'verified' if verified else 'NOT VERIFIED'}, {html} ({len(page) / 1e6:.1f} MB)")
-    return VERIFIED if verified else NOT_VERIFIED
+    say(f"{folder}: {playback.told}, {html} ({len(page) / 1e6:.1f} MB)")
+    return VERIFIED if playback.holds else NOT_VERIFIED

@@ -10,9 +10,9 @@ import typer
 
 from comove.cli import options as o
 from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
-from comove.cli.joints import METHODS
 from comove.cli.texts import say
-from comove.errors import ComoveError, OptionError, ResultError, RobotError
+from comove.errors import OptionError, ResultError, RobotError
+from comove.methods import OF_ROBOTS
 
 group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
 
@@ -32,7 +32,7 @@ def solve(
     out: o.ResultFolder,
     robot: RobotName = None,
     seed: o.Seed = 0,
-    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join(OF_ROBOTS)}.")] = "comove",
     budget: o.Budget = 30.0,
     objective: Annotated[
         str | None,
@@ -88,16 +88,10 @@ def simulate(
     """Play the motion in DIR with MuJoCo: servos, contacts, slip, forces on the load."""
     import numpy as np
 
-    from comove.cli.texts import in_rows, simulation_text
+    from comove.cli.joints import draw_robot_pictures
+    from comove.cli.texts import simulation_text
     from comove.io.files import require_target
-    from comove.simulators import (
-        GRASPS,
-        Perturbation,
-        draw_film,
-        draw_sheet,
-        simulate,
-        write_simulation,
-    )
+    from comove.simulators import GRASPS, Perturbation, simulate, write_simulation
 
     o.require_one_of(grasp, tuple(GRASPS), "grasp")
     motion = trusted.verified(folder)
@@ -106,16 +100,8 @@ def simulate(
     drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
     execution = simulate(motion.joints, motion.scene, robot, GRASPS[grasp](), drawn)
     summary = write_simulation(execution, folder, seed=seed)
+    draw_robot_pictures(execution, folder, "simulation", pictures, film)
     print(simulation_text(summary, folder))
-    if pictures or film:
-        try:
-            if pictures:
-                draw_sheet(execution, folder / "simulation.png")
-                print(*in_rows([("pictures", str(folder / "simulation.png"))]))
-            if film:
-                print(*in_rows([("film", str(draw_film(execution, folder / "simulation.mp4")))]))
-        except ComoveError as error:  # what was simulated counts without them
-            say(f"warning: no pictures: {error}", file=sys.stderr)
     return VERIFIED if summary["delivered"] else NOT_VERIFIED
 
 
@@ -137,8 +123,10 @@ def export(
     trusted: o.Trusted,
 ) -> int:
     """Judge the motion in DIR anew and write it there in a format that robots play."""
+    from comove.cli.texts import in_rows
     from comove.export import FORMATS as KINDS
     from comove.export import check_export, export, usual_format
+    from comove.results.words import gripper_rows
     from comove.robots import plan_transfers
 
     if format is not None:
@@ -155,6 +143,8 @@ def export(
         say(f"warning: the carry alone is exported: {error}", file=sys.stderr)
     written = export(motion, folder, kind, rate=rate, transfers=planned)
     say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
+    for row in in_rows(gripper_rows(motion.report.without_gripper)):
+        say(row)
     for path in written:
         say(f"  {path}")
     return 0

@@ -76,6 +76,12 @@ def new(
     ),
     apart: Annotated[float, typer.Option(help="Distance between the bases of several models [m].")] = 0.8,
     obstacles: Obstacles = None,
+    gripper: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URDF", help="Gripper for every arm without fingers: a file, or package://NAME/..."
+        ),
+    ] = None,
 ) -> int:
     """Propose a robot's description from its URDF: arms, tools, homes, pairs that always touch; check and draw it."""
     from comove.io.files import require_target, whole_file
@@ -88,7 +94,7 @@ def new(
     _require_new(out)
     require_target(out, RobotError)
     around = None if obstacles is None else _around(obstacles)
-    proposal = propose(urdfs, out, apart=apart, around=around)
+    proposal = propose(urdfs, out, apart=apart, around=around, gripper=gripper)
     stems = [Path(urdf).stem for urdf in proposal.srdf]
     for k, (urdf, text) in enumerate(proposal.srdf.items()):
         again = f"-{k + 1}" * (stems.count(stems[k]) > 1)  # models of one name in several folders

@@ -56,6 +56,12 @@ def run(
             min=0, help="Draw friction, mass, gains and the load's place in a robot's hands from this seed."
         ),
     ] = None,
+    film: Annotated[
+        bool | None,
+        typer.Option(
+            help="Draw a film (GIF, of a robot MP4 where that can be encoded); of hands unless said."
+        ),
+    ] = None,
     hands_alone: Annotated[
         bool,
         typer.Option(
@@ -79,6 +85,7 @@ def run(
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.scenes import Scene, demonstration_of
+    from comove.scenes.resting import require_no_rest
     from comove.verification.record import verify_execution
     from comove.views import animate_run, draw_run, save
 
@@ -97,7 +104,7 @@ def run(
                 way_out="leave it out, or look at the --hands-alone",
             )
         rate = SimulatedRun.rate if period is None else 1.0 / period
-        how = SimulatedRun(rate, grasp or SimulatedRun.grasp, perturbed, budget)
+        how = SimulatedRun(rate, grasp or SimulatedRun.grasp, perturbed, budget, film=film is True)
         return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)
     for key, given in (("--grasp", grasp), ("--perturbed", perturbed)):
         if given is not None:
@@ -108,7 +115,7 @@ def run(
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
         taught = demonstration_of(loaded)
-        loaded.require_free_ends()
+        require_no_rest(loaded.require_free_ends())
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
             planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))
@@ -125,10 +132,12 @@ def run(
             compared, interrupted = compare_all(record, budget, seed=seed, pace=pace)
     with whole_folder(out, RESULT) as draft:
         save(draw_run(record), draft / "run.png")
-        animate_run(record, draft / "run.gif")
+        if film is not False:
+            animate_run(record, draft / "run.gif")
         if compared:
             save(draw_comparison(compared), draft / "comparison.png")
-            animate_comparison(compared, draft / "comparison.gif")
+            if film is not False:
+                animate_comparison(compared, draft / "comparison.gif")
             table = write_comparison(draft, compared, seed=seed)
         summary = write_run(
             draft,

@@ -26,7 +26,7 @@ def show(
 ) -> int:
     """Print the summary of a result, verified anew, and of its simulation, and name its pictures."""
     from comove.cli.progress import progress_bar
-    from comove.cli.texts import PICTURES, in_rows
+    from comove.cli.texts import in_rows, pictures_in
     from comove.results.inputs import command_again
     from comove.stored import Part, Verification, parts_of, verify_folder
 
@@ -55,8 +55,8 @@ def show(
     if again := command_again(folder):
         say(*in_rows([("made again, in the folder", again)]))
     if open_pictures:
-        for name in PICTURES:
-            typer.launch(str(folder / name))
+        for path in pictures_in(folder):
+            typer.launch(str(path))
     return code
 
 
@@ -92,9 +92,14 @@ def _measured(found: Verification) -> dict[str, Any]:
 
     measures: dict[str, Any] = {}
     if found.part is Part.JOINTS and found.verified_joints is not None:
-        measures = found.verified_joints.report.asdict()
+        report = found.verified_joints.report
+        measures = report.asdict() | {"without_gripper": report.without_gripper}
     elif found.part in (Part.MOTION, Part.RUN) and found.report is not None:
         measures = {name: value for name, value in found.report.asdict().items() if name != "reasons"}
+    elif found.robot is not None:
+        from comove.robots.grippers import without_gripper
+
+        measures = {"without_gripper": without_gripper(found.robot)}
     return {name: finite(value) if isinstance(value, float) else value for name, value in measures.items()}
 
 

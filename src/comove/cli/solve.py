@@ -12,6 +12,7 @@ from comove.cli import options as o
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, verb
 from comove.cli.texts import HANDS_ALONE
 from comove.errors import OptionError
+from comove.methods import METHODS, OF_ROBOTS
 
 if TYPE_CHECKING:
     from comove.planning import Solution
@@ -30,7 +31,7 @@ def solve(
     scene: o.SceneFile,
     out: o.ResultFolder,
     seed: o.Seed = 0,
-    method: Annotated[str, typer.Option(help=f"One of: {', '.join((*o.METHODS, *o.COMPARED))}.")] = "comove",
+    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
     no_planner: Annotated[
         bool, typer.Option("--no-planner", help="Do not start from a planned path.")
     ] = False,
@@ -102,7 +103,7 @@ def solve(
     from comove.results import RESULT
     from comove.scenes import Scene
 
-    o.require_one_of(method, (*o.METHODS, *o.COMPARED), "method")
+    o.require_one_of(method, tuple(METHODS), "method")
     o.check_budget(budget)
     smooth = method == "comove" and not no_planner and obstacles is ObstacleMode.constraint
     if limits.duration is not None and objective == "least-time":
@@ -161,7 +162,7 @@ def solve(
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
     else:
         verdict = HANDS_ALONE if solution.verified and loaded.file.robot is not None else ""
-        print(summary_text(summary, out, verdict))
+        print(summary_text(summary, out, verdict, loaded))
         if source is not None:
             print(*in_rows([("demonstration", f"{source} of {library}")]))
     return exit_code(solution)
@@ -171,14 +172,12 @@ def _require_joints(
     loaded: Scene, robot: str | None, method: str, no_planner: bool, obstacles: ObstacleMode
 ) -> None:
     """Refuse options by which a robot's joints cannot be found."""
-    from comove.cli.joints import METHODS
-
     named, way_out = robot or loaded.file.robot, "leave it out, or look at the --hands-alone"
-    if method not in METHODS:
+    if method not in OF_ROBOTS:
         raise OptionError(
             f"the method '{method}' moves hands alone, and the robot is '{named}'",
             key="--method",
-            way_out=f"use {', '.join(METHODS)}, or look at the --hands-alone",
+            way_out=f"use {', '.join(OF_ROBOTS)}, or look at the --hands-alone",
         )
     if no_planner:
         raise OptionError(f"the joints of '{named}' need a planned path", key="--no-planner", way_out=way_out)

@@ -11,9 +11,10 @@ from comove.errors import printable
 
 if TYPE_CHECKING:
     from comove.primitives import Primitive
+    from comove.scenes import Scene
 
 HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
-PICTURES = ("motion.png", "progress.png")
+DRAWN = (".png", ".gif", ".mp4")
 RAN_OUT = "ran out while the motion was improved: a larger --budget may find a better one"
 
 
@@ -50,12 +51,26 @@ def events_of(summary: Mapping[str, Any]) -> list[str]:
     return [f"  {event['time']:6.2f} s  {printable(str(event['what']))}" for event in summary["events"]]
 
 
-def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
+def pictures_in(folder: Path) -> list[Path]:
+    """Return the pictures and films in a folder."""
+    return sorted(path for path in folder.glob("*") if path.suffix in DRAWN)
+
+
+def pictures_row(folder: Path, *names: str) -> list[tuple[str, str]]:
+    """Return a row of the pictures and films of these names that are in a folder; none where there are none."""
+    found = ", ".join(str(path) for path in pictures_in(folder) if path.stem in names)
+    return [("pictures", found)] if found else []
+
+
+def summary_text(
+    summary: Mapping[str, Any], folder: Path, verdict: str = "", scene: Scene | None = None
+) -> str:
     """Return a readable summary of a result, from the contents of its solution.json.
 
     Parameters
     ----------
     verdict : what is known of it; what the summary says unless given
+    scene : the scene that was solved, whose resting contacts are named
     """
     from comove.results.words import motion_rows
 
@@ -66,11 +81,12 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
     )
     rows: list[Sequence[str]] = [
         ("cost J", f"{number(summary.get('cost'))}  ({parts})"),
-        *motion_rows(summary),
+        *motion_rows(summary, scene),
     ]
     if smoothness := summary.get("smoothness"):
-        ratio = number(smoothness.get("jerk_ratio"))
-        rows.append(("integrated squared jerk", f"{ratio} times that of a straight minimum-jerk motion"))
+        if isinstance(ratio := smoothness.get("jerk_ratio"), (int, float)):
+            words = f"{number(math.sqrt(ratio))} times that of a straight minimum-jerk motion"
+            rows.append(("root mean square jerk", words))
         half, nearly = number(smoothness.get("halfway"), 100), number(smoothness.get("nearly_there"), 100)
         rows.append(("half, 95 % of the way", f"after {half} and {nearly} % of the time"))
     if near := summary.get("demonstration"):
@@ -88,7 +104,7 @@ def summary_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") ->
             f"{wall} s in total",
         ),
         *([("time budget", RAN_OUT)] if summary.get("timed_out") and summary.get("verified") is True else []),
-        ("pictures", ", ".join(str(folder / name) for name in PICTURES)),
+        *pictures_row(folder, "motion", "progress"),
     ]
     head = printable(f"{summary.get('scene')}: {verdict}")
     return "\n".join([head, *listed(summary.get("reasons") or []), *in_rows(rows)])
@@ -116,10 +132,12 @@ def simulation_text(summary: Mapping[str, Any], folder: Path, verdict: str = "")
 
     verdict = verdict or ("delivered" if summary["delivered"] else "NOT DELIVERED")
     head = f"{summary['scene']}, {summary['robot']}, {summary['grasp']['kind']}: {verdict}"
-    series = ("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}")
-    return "\n".join(
-        [printable(head), *listed(summary["reasons"]), *in_rows([*simulation_rows(summary), series])]
-    )
+    rows: list[Sequence[str]] = [
+        *simulation_rows(summary),
+        ("series", f"{folder / 'simulation.npz'}, {folder / 'simulation.json'}"),
+        *pictures_row(folder, "simulation"),
+    ]
+    return "\n".join([printable(head), *listed(summary["reasons"]), *in_rows(rows)])
 
 
 def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
@@ -133,6 +151,7 @@ def robot_run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") 
         ("control step", f"{median:.2f} ms, 99.9 % within {slowest:.2f} ms"),
         ("plans", str(summary["plans"])),
         ("record", f"{folder / 'robot_run.npz'}, {folder / 'robot_run.json'}"),
+        *pictures_row(folder, "robot_run", "joints"),
     ]
     head = f"{summary['scene']}, {summary['robot']}: {verdict}"
     return "\n".join([printable(head), *listed(summary["reasons"]), *events_of(summary), *in_rows(rows)])
@@ -144,11 +163,13 @@ def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str
 
     verdict = verdict or ("arrived, verified" if summary["verified"] else "NOT VERIFIED")
     clearance, median = summary["clearance_min"], 1e3 * summary["control_s_median"]
+    near = summary.get("support_distance_min")
     rows = [
         (
             "certified clearance",
             "nothing to hit" if clearance is None else f"{1e3 * clearance:.2f} mm at every instant",
         ),
+        *([("distance from supports", f"{1e3 * near:.3g} mm at least")] if near is not None else []),
         ("distance error", f"{beyond_rounding(summary['distance_error_max']):.3g} m"),
         ("goal", f"missed by {1e3 * beyond_rounding(summary['end_error']):.3g} mm"),
         (
@@ -156,7 +177,8 @@ def run_text(summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str
             f"{summary['speed_max']:.4g} m/s, {summary['acceleration_max']:.4g} m/s^2 at most",
         ),
         ("control step", f"{median:.3g} ms, 99.9 % within {1e3 * summary['control_s_p999']:.3g} ms"),
-        ("record", f"{folder / 'run.npz'}, drawn in {folder / 'run.png'} and {folder / 'run.gif'}"),
+        ("record", str(folder / "run.npz")),
+        *pictures_row(folder, "run"),
     ]
     return "\n".join(
         [
@@ -179,8 +201,7 @@ def comparison_text(table: Mapping[str, Any], folder: Path) -> str:
             f"  {row['method']:24s}{1e3 * row['distance_error_max']:11.3f} mm{clearance:>14s}"
             f"{1e3 * row['end_error']:15.3f} mm{row['duration_s']:8.2f} s"
         )
-    pictures = f"{folder / 'comparison.png'} and {folder / 'comparison.gif'}"
-    return "\n".join([*lines, "", *in_rows([("side by side", pictures)])])
+    return "\n".join([*lines, "", *in_rows(pictures_row(folder, "comparison"))])
 
 
 def learned_text(primitive: Primitive) -> str:

@@ -89,6 +89,5 @@ def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
     page = page_of(*shown)
     write_page(path, page)
     for playback in shown:
-        verdict = playback.verdict if playback.holds else playback.verdict.upper()
-        say(f"{playback.scene.name}: {verdict}, {path} ({len(page) / 1e6:.1f} MB)")
+        say(f"{playback.scene.name}: {playback.told}, {path} ({len(page) / 1e6:.1f} MB)")
     return VERIFIED if all(playback.holds for playback in shown) else NOT_VERIFIED

@@ -3,27 +3,19 @@
 Recorders name columns in many ways: `x`, `ee.x`, `left_arm_ee_pos_x`, `field.pose.position.x`, `/pose/position/x`,
 `Left X` below a row `Position`, `p_RS_R_x [m]`, `TX`; `qw`, `q_w`, `orientation.w`, `rw` beside `rx`; `roll`;
 `shoulder_pan.pos`, `joint_1`, `q[0]`; `Time (Seconds)`, `time_ms`, `%time`, `secs` beside `nsecs`. `read_columns`
-turns names into `Column`s, and `bodies_of` collects what belongs to each body. Formats differ only in where the names
-come from.
+turns names into `Column`s; `comove.demonstrations.bodies` collects what belongs to each body. Formats differ only in
+where the names come from.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from comove.demonstrations.samples import AXES, QUATERNION, UNIT
-from comove.demonstrations.units import TIMES, UNITS, base_unit, in_base_unit, is_angle, is_length, unit_named
-from comove.errors import listed
-from comove.geometry.rotations import exponential, quaternion_product
-
-Array = NDArray[np.float64]
+from comove.demonstrations.samples import AXES, QUATERNION
+from comove.demonstrations.units import TIMES, UNITS, is_angle, unit_named
 
 EULER = ("roll", "pitch", "yaw")
 """Angles about the fixed axes x, y, z, in this order (REP 103 of ROS): R = Rz(yaw) Ry(pitch) Rx(roll)."""
@@ -31,8 +23,6 @@ ROTATION_VECTOR = ("rx", "ry", "rz")
 MATRIX = tuple(f"r{row}{column}" for row in range(1, 4) for column in range(1, 4))
 """Numbers of a rotation matrix, row by row."""
 SIDES = ("left", "right")
-_TURN = 2.2 * np.pi
-"""Angles of orientations beyond this are not radians."""
 
 
 class Kind(StrEnum):
@@ -57,7 +47,7 @@ class Column:
     name : name as it is written
     kind : what it holds
     axis : x, y, z of a position; qw, qx, qy, qz of a quaternion; roll, pitch, yaw; rx, ry, rz of a rotation vector;
-        `secs` or `nsecs` of a time in two columns; a joint's name without body and unit
+        a joint's name without body and unit; "" of time, and of speeds, forces and others that are no coordinates
     body : name of the body or side that the column belongs to; "" if the name says none
     unit : unit that the name, or a row of units, states, as `comove.demonstrations.units` spells it, else as written;
         None if nothing is stated
@@ -79,176 +69,6 @@ class Column:
         return ".".join(filter(None, (self.body, self.kind.value.capitalize(), axis)))
 
 
-@dataclass(frozen=True)
-class Body:
-    """The columns of one body, each kind in its usual order.
-
-    Attributes
-    ----------
-    name : name of the body; "" if the names say none
-    position : columns of x, y, z, as far as recorded
-    orientation : columns of a quaternion w x y z, of roll, pitch, yaw, or of a rotation vector; all or none
-    joints : columns of joint coordinates, in the order of the recording
-    grippers : columns of grippers
-    """
-
-    name: str = ""
-    position: tuple[Column, ...] = ()
-    orientation: tuple[Column, ...] = ()
-    joints: tuple[Column, ...] = ()
-    grippers: tuple[Column, ...] = ()
-
-    @property
-    def moving(self) -> tuple[Column, ...]:
-        """Return the columns of what a `Demonstration` keeps as its position: positions, else joints."""
-        return self.position or self.joints
-
-    @property
-    def needed(self) -> tuple[Column, ...]:
-        """Return all columns that `samples` takes from a table."""
-        return self.moving + self.orientation
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """Return the names of joints as they are written; () of positions."""
-        return () if self.position else tuple(column.axis for column in self.joints)
-
-    @property
-    def is_repeated(self) -> bool:
-        """Return whether a coordinate stands in several columns, so that one has to be chosen."""
-        axes = [column.axis for column in self.moving if column.axis]
-        return len(set(axes)) < len(axes)
-
-    @property
-    def stated_unit(self) -> str | None:
-        """Return the unit that all coordinates state, None if none of them does.
-
-        Coordinates that state several units of one quantity are read in its base unit: metres, or radians.
-        """
-        units = {column.unit for column in self.moving if column.unit is not None}
-        if len(units) == 1 and all(column.unit is not None for column in self.moving):
-            return units.pop()
-        bases = {base_unit(unit) for unit in units}
-        return bases.pop() if len(bases) == 1 else None
-
-    def samples(
-        self, table: Array, numbers: Sequence[int] | None = None, unit: str | None = None
-    ) -> dict[str, Any]:
-        """Return the fields of `RecordedSamples` that a table holds of this body.
-
-        Positions keep the unit that all columns state, and are converted to the base unit where columns differ.
-        Columns that state none are taken to be in `unit`, by default in metres, or radians of joints. Orientations
-        become quaternions w x y z.
-
-        Parameters
-        ----------
-        table : array, shape (n_steps, n_columns)
-        numbers : numbers of the columns that the table holds; all of them in their order unless given
-        unit : unit of the positions or joints that state none
-        """
-        places = {number: place for place, number in enumerate(numbers)} if numbers is not None else None
-
-        def taken(columns: Iterable[Column]) -> Array:
-            return table[
-                :, [column.number if places is None else places[column.number] for column in columns]
-            ]
-
-        own = unit or ("m" if self.position else "rad")
-        units = [column.unit or own for column in self.moving]
-        values, kept = taken(self.moving), units[0] if units else own
-        if len(set(units)) > 1:
-            values = values * [in_base_unit(one) for one in units]
-            kept = "/".join(dict.fromkeys(map(base_unit, units)))
-        orientation = None
-        if self.orientation:
-            orientation = quaternions(taken(self.orientation), self.orientation)
-        fields = {"position": values, "orientation": orientation, "axes": self.axes, "unit": kept}
-        is_stated = unit is not None or self.stated_unit is not None
-        return fields | ({"stated": frozenset({UNIT})} if is_stated else {})
-
-    def words(self, unit: str | None = None) -> str:
-        """Return what was taken, in words: `position from X, Y, Z [mm], orientation from qx, qy, qz, qw`."""
-        what = "position" if self.position else "joints"
-        unit = self.stated_unit or unit or ("" if self.position else "rad, as none is stated")
-        unit = f" [{unit}]" if unit else ""
-        said = f"{what} from {together(spoken(self.moving))}{unit}"
-        if self.orientation:
-            in_file = sorted(self.orientation, key=lambda column: column.number)
-            said += f", orientation from {together(spoken(in_file))} ({_form(in_file)})"
-        return said
-
-
-def spoken(columns: Iterable[Column]) -> list[str]:
-    """Return the names of columns for messages, without their units; labels where names repeat."""
-    columns = list(columns)
-    names = [bare_name(column.name) for column in columns]
-    above = all(column.label != column.name for column in columns)
-    return [column.label for column in columns] if above or len(set(names)) < len(names) else names
-
-
-def together(names: Sequence[str]) -> str:
-    """Return names in one line, what they begin with only once where it is long.
-
-    >>> together(["field.pose.position.x", "field.pose.position.y"])
-    'field.pose.position.{x, y}'
-    """
-    first, last = min(names), max(names)
-    common = first[: next((i for i, c in enumerate(first) if last[i : i + 1] != c), 0)]
-    common = common[: max(common.rfind(mark) for mark in "./_ :") + 1]
-    if len(common) < 6:
-        return listed(names, 8)
-    return f"{common}{{{listed([name.removeprefix(common) for name in names], 8)}}}"
-
-
-def _form(orientation: Sequence[Column]) -> str:
-    axes = [column.axis for column in orientation]
-    if axes[0] in QUATERNION:
-        return "quaternion " + " ".join(axis.removeprefix("q") for axis in axes)
-    if axes[0] in EULER:
-        return "angles about fixed x, y, z"
-    if axes[0] in MATRIX:
-        return "rotation matrix"
-    return "rotation vector"
-
-
-def quaternions(values: Array, columns: Sequence[Column]) -> Array:
-    """Return the quaternions w x y z, shape (n_steps, 4), of a body's columns of orientation.
-
-    Angles that state no unit are radians, unless they are too large for it.
-
-    Parameters
-    ----------
-    values : array, shape (n_steps, n_columns), in the order of the columns, which is that of `Body.orientation`
-    columns : columns of a quaternion, of roll, pitch, yaw, or of a rotation vector
-    """
-    if columns[0].axis in QUATERNION:
-        return values
-    if columns[0].axis in MATRIX:
-        return _of_matrices(values.reshape(-1, 3, 3))
-    units = {column.unit for column in columns}
-    stated = units.pop() if len(units) == 1 else None
-    if stated is None:
-        with np.errstate(invalid="ignore"):
-            stated = "deg" if np.nanmax(np.abs(values), initial=0.0) > _TURN else "rad"
-    angles = values * in_base_unit(stated)
-    if columns[0].axis in ROTATION_VECTOR:
-        return exponential(angles)
-    roll, pitch, yaw = (exponential(angles[:, i, None] * np.eye(3)[i]) for i in range(3))
-    return quaternion_product(yaw, quaternion_product(pitch, roll))
-
-
-def _of_matrices(matrices: Array) -> Array:
-    """Return the quaternions of rotation matrices; zeros, which are none, of matrices that are no rotations."""
-    from scipy.spatial.transform import Rotation
-
-    turned = np.einsum("nij,nkj->nik", matrices, matrices)
-    good = (np.abs(turned - np.eye(3)).max(axis=(1, 2)) < 1e-3) & (np.linalg.det(matrices) > 0.0)
-    found = np.zeros((len(matrices), 4))
-    if good.any():
-        found[good] = Rotation.from_matrix(matrices[good]).as_quat()[:, [3, 0, 1, 2]]
-    return found
-
-
 def _all(*texts: str) -> frozenset[str]:
     return frozenset(word for text in texts for word in text.split())
 
@@ -257,11 +77,12 @@ def _all(*texts: str) -> frozenset[str]:
 _CLOCKS = _all("time timestamp timestamps stamp t seconds elapsed zeit datetime date clock")
 _OF_CLOCKS = _all(
     "header field bag ros recv receive received log wall sim system sys host device rel relative unix epoch utc",
-    "robot sample record recording frame frames camera start capture global local msg rosbag since in gps data ts",
+    "robot sample record recording frame frames camera start capture global local msg rosbag since in gps data ts tv",
 )
 _STAMPS = _all("time timestamp")
 """Words that make a name one of a time, whatever stands before them."""
-_SECONDS, _NANOSECONDS = _all("sec secs"), _all("nsec nsecs nanosec nanosecs")
+_PARTS = _all("sec secs msec msecs usec usecs nsec nsecs nanosec nanosecs nanoseconds microseconds")
+"""Units that are columns of time by themselves: seconds, and the fraction of a second."""
 _INDICES = _all(
     "frame frames index idx id seq sequence row sample samples step steps n no nr number count counter i sub",
     "unnamed header field episode task iteration",
@@ -270,7 +91,7 @@ _DERIVED = _all(
     "vel velocity velocities speed acc accel acceleration twist angular force torque wrench effort gyro gyroscope",
     "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
     "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
-    "moment moments power energy",
+    "moment moments power energy fx fy fz mx my mz vx vy vz ax ay az wx wy wz",
 )
 _POSITIONS = _all("pos position positions translation trans point xyz location loc coordinate coord")
 _QUATERNIONS = _all("quat quaternion quaternions orientation orient ori attitude att")
@@ -367,9 +188,9 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
     unit = below.strip("[]() ") or unit
     words = _words(core)
     texts = [word.text for word in words]
-    clock = None if body or not words else _time_axis(texts)
+    is_time = bool(words) and not body and _is_time(texts)
     is_suffix = len(words) > 1 and texts[-1] in UNITS and texts[-1] not in ("in", "min")
-    if unit is None and (is_suffix or clock == "") and (texts[-1] != "m" or texts[-2] in _JOINED):
+    if unit is None and (is_suffix or is_time) and (texts[-1] != "m" or texts[-2] in _JOINED):
         if texts[-1] in UNITS and UNITS[texts[-1]] != "min":
             unit = texts[-1]
         if is_suffix:
@@ -383,9 +204,9 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
         return column(Kind.OTHER if kind else Kind.INDEX)
     if not body and texts[0] in _INDICES and all(text in _INDICES or text.isdigit() for text in texts):
         return column(Kind.INDEX)
-    if clock is not None:
-        return column(Kind.TIME, clock)
-    if (said is not None and _RATE.search(said)) or _DERIVED & set(texts) or _DERIVED & set(_texts(kind)):
+    if is_time:
+        return column(Kind.TIME)
+    if (said is not None and _RATE.search(said)) or _DERIVED & set(texts) or _DERIVED & set(words_of(kind)):
         return column(Kind.OTHER)
     if (found := _cartesian(core, words, kind)) is not None:
         of, axis, own = found
@@ -398,33 +219,27 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
     return column(Kind.OTHER, core)
 
 
-def _texts(text: str) -> list[str]:
+def words_of(text: str) -> list[str]:
+    """Return the words of a name in lower case."""
     return [word.text for word in _words(text)]
 
 
-def _time_axis(texts: Sequence[str]) -> str | None:
-    """Return the axis of a column of time, "" unless its time is in two columns; None if it is no time."""
-    last, rest = texts[-1], texts
-    if set(texts) <= _OF_CLOCKS | _CLOCKS | _SECONDS | _NANOSECONDS:
-        if last in _SECONDS:
-            return "secs"
-        if last in _NANOSECONDS:
-            return "nsecs"
+def _is_time(texts: Sequence[str]) -> bool:
+    """Return whether a name of these words is one of time, or of a part of it."""
+    last, rest = texts[-1], list(texts)
+    is_part = last in _PARTS or (len(texts) == 1 and len(last) > 1 and UNITS.get(last) in ("ms", "us", "ns"))
+    if is_part and set(texts[:-1]) <= _OF_CLOCKS | _CLOCKS:
+        return True
     if UNITS.get(last) in TIMES and len(texts) > 1:
-        rest = texts[:-1]
-    if (set(rest) <= _OF_CLOCKS | _CLOCKS and (_CLOCKS & set(rest) or rest == ["ts"])) or rest[-1] in _STAMPS:
-        return ""
-    return (
-        ""
-        if len(texts) == 1 and last in UNITS and len(last) > 1 and UNITS[last] in ("ms", "us", "ns")
-        else None
-    )
+        rest = rest[:-1]
+    is_clock = set(rest) <= _OF_CLOCKS | _CLOCKS and bool(_CLOCKS & set(rest) or rest == ["ts"])
+    return is_clock or rest[-1] in _STAMPS
 
 
 def _cartesian(core: str, words: Sequence[_Word], above: str) -> tuple[Kind, str, str] | None:
     """Return the kind, axis and body of a column of a position or an orientation; None for others."""
     texts = [word.text for word in words]
-    quantity = set(_texts(above))
+    quantity = set(words_of(above))
     for at in (len(words) - 1, 0):  # the axis is the last word, as in left_x, or the first one, as in x_left
         axis = _JOINED.get(texts[at])
         if axis is None and at and texts[at].isdigit() and texts[at - 1] in _JOINED and len(words) == 2:
@@ -484,7 +299,7 @@ def _body(core: str, words: Sequence[_Word], at: int) -> str:
 
 
 def _is_joint(texts: Sequence[str], unit: str | None) -> bool:
-    if is_angle(unit) or _JOINTS & set(texts):
+    if is_angle(unit) or list(texts) == ["base"] or _JOINTS & set(texts):
         return True
     if texts[-1].isdigit() and len(texts) > 1 and texts[-2] in _NUMBERED:
         return True
@@ -494,6 +309,11 @@ def _is_joint(texts: Sequence[str], unit: str | None) -> bool:
 def _told_by_others(columns: list[Column]) -> list[Column]:
     """Correct what single names leave open: w and rw make quaternions of their neighbours; vectors by index."""
     columns = _indexed_vectors(columns)
+    places = [column for column in columns if column.kind is Kind.POSITION]
+    if len(places) > 1 and len({c.axis for c in places}) == 1 and all(c.body.isdigit() for c in places):
+        columns = [
+            replace(c, kind=Kind.OTHER, axis=bare_name(c.name)) if c in places else c for c in columns
+        ]  # x1, x2, x3
     by_body: dict[str, list[Column]] = {}
     for column in columns:
         by_body.setdefault(column.body, []).append(column)
@@ -501,7 +321,7 @@ def _told_by_others(columns: list[Column]) -> list[Column]:
     is_without_position = all(column.kind is not Kind.POSITION for column in columns)
     for members in by_body.values():
         for column in members:  # wrist_roll, left_hip_yaw
-            is_joint = _JOINTS & set(_texts(column.body)) or (is_without_position and column.body)
+            is_joint = _JOINTS & set(words_of(column.body)) or (is_without_position and column.body)
             if column.axis in EULER and is_joint and all(c.kind is not Kind.POSITION for c in members):
                 changed[column.number] = replace(
                     column, kind=Kind.JOINT, axis=bare_name(column.name), body=""
@@ -549,131 +369,3 @@ def _indexed_vectors(columns: list[Column]) -> list[Column]:
             kind = Kind.POSITION if axis in AXES else Kind.ORIENTATION
             changed[column.number] = replace(column, kind=kind, axis=axis, body=column.body or own)
     return [changed[column.number] for column in columns]
-
-
-def bodies_of(columns: Iterable[Column]) -> dict[str, Body]:
-    """Return the bodies that columns belong to, by their names, in the order of their first columns.
-
-    Only bodies with positions or joints count. An orientation without a position of its own belongs to the body whose
-    name begins as its own does, or to the only one. Joints belong to the sides `left` and `right` if each of their
-    names says one.
-    """
-    columns = [column for column in columns if column.kind not in (Kind.TIME, Kind.INDEX, Kind.OTHER)]
-    cartesian: dict[str, list[Column]] = {}
-    for column in columns:
-        if column.kind in (Kind.POSITION, Kind.ORIENTATION):
-            cartesian.setdefault(column.body, []).append(column)
-    placed = {name for name, found in cartesian.items() if any(c.kind is Kind.POSITION for c in found)}
-    for name in [name for name in cartesian if name not in placed]:
-        bare = [one for one in placed if all(c.kind is Kind.POSITION for c in cartesian[one])]
-        near = [one for one in bare if one.startswith(name) or name.startswith(one)] or bare
-        if len(near) == 1:
-            cartesian[near[0]] += cartesian.pop(name)
-    joints = [column for column in columns if column.kind in (Kind.JOINT, Kind.GRIPPER)]
-    sides = sides_of(joints)
-    found: dict[str, Body] = {}
-    for name, members in cartesian.items():
-        position = [c for axis in AXES for c in members if c.kind is Kind.POSITION and c.axis == axis]
-        if position:
-            grippers = [c for c in joints if c.kind is Kind.GRIPPER and _belongs(c, name, sides, len(placed))]
-            found[name] = Body(name, tuple(position), _orientation(members), (), tuple(grippers))
-    if found:
-        return found
-    for side in dict.fromkeys(sides.values()):
-        own = [column for column in joints if sides[column.number] == side]
-        moved = tuple(
-            replace(column, axis=_without_side(column.axis, side))
-            for column in own
-            if column.kind is Kind.JOINT
-        )
-        if moved:
-            found[side] = Body(side, (), (), moved, tuple(c for c in own if c.kind is Kind.GRIPPER))
-    return found
-
-
-def _orientation(members: Iterable[Column]) -> tuple[Column, ...]:
-    """Return the columns of a whole orientation, in their usual order; () if it is not whole."""
-    by_axis: dict[str, list[Column]] = {}
-    for column in members:
-        if column.kind is Kind.ORIENTATION:
-            by_axis.setdefault(column.axis, []).append(column)
-    for axes in (QUATERNION, EULER, ROTATION_VECTOR, MATRIX):
-        if all(len(by_axis.get(axis, ())) == 1 for axis in axes):
-            return tuple(by_axis[axis][0] for axis in axes)
-    return ()
-
-
-def sides_of(columns: Sequence[Column]) -> dict[int, str]:
-    """Return the side of each joint by the number of its column, "" for all of them unless each name says one."""
-    for words in ({"left": "left", "right": "right"}, {"l": "left", "r": "right"}):
-        sides = {
-            column.number: [
-                words[text] for text in (*_texts(column.body), *_texts(column.axis)) if text in words
-            ]
-            for column in columns
-        }
-        if sides and all(len(set(found)) == 1 for found in sides.values()):
-            return {number: found[0] for number, found in sides.items()}
-    return {column.number: "" for column in columns}
-
-
-def _without_side(name: str, side: str) -> str:
-    """Return the name of a joint without the side that it begins or ends with."""
-    if not side:
-        return name
-    mark = f"(?:{side}|{side[0]})"
-    return re.sub(rf"^{mark}[._/ -]+|[._/ -]+{mark}$", "", name, flags=re.IGNORECASE) or name
-
-
-def _belongs(gripper: Column, body: str, sides: Mapping[int, str], n_bodies: int) -> bool:
-    said = {text for text in (*_texts(gripper.body), *_texts(gripper.axis)) if text in SIDES}
-    return n_bodies == 1 or bool(said & set(_texts(body)))
-
-
-def matching_body(name: str, bodies: Iterable[str]) -> str | None:
-    """Return the body that a user means by a name: the same one, in any case, or the only one with these words.
-
-    >>> matching_body("left", ["left_arm_ee", "right_arm_ee"])
-    'left_arm_ee'
-    """
-    bodies = list(bodies)
-    wanted = set(_texts(name))
-    for alike in (
-        [body for body in bodies if body == name],
-        [body for body in bodies if body.lower() == name.lower()],
-        [body for body in bodies if wanted and wanted <= set(_texts(body))],
-    ):
-        if len(alike) == 1:
-            return alike[0]
-    return None
-
-
-def flat_names(names: object, n_columns: int) -> list[str] | None:
-    """Return the names of a LeRobot feature as a list of `n_columns`, None if they are missing or do not fit.
-
-    They may be a list, a list in a list, a mapping of lists (`{"motors": [...]}`), or a mapping of names to places.
-    """
-    if isinstance(names, Mapping):
-        if names and all(isinstance(place, int) for place in names.values()):
-            in_order = sorted(names, key=lambda name: names[name])
-            return flat_names([str(name) for name in in_order], n_columns)
-        sizes = [len(part) if isinstance(part, list | Mapping) else 0 for part in names.values()]
-        inner = [flat_names(part, n) for part, n in zip(names.values(), sizes, strict=True)]
-        if len(inner) == 1:
-            return flat_names(inner[0], n_columns)
-        flat = [
-            name if str(part) in ("motors", "axes") else f"{part}_{name}"
-            for part, found in zip(names, inner, strict=True)
-            for name in found or ()
-        ]
-        return flat_names(flat, n_columns)
-    if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):
-        return flat_names(names[0], n_columns)
-    if not isinstance(names, list) or len(names) != n_columns:
-        return None
-    return [str(name) for name in names]
-
-
-def is_metric(body: Body) -> bool:
-    """Return whether the coordinates of a body are lengths, so that a hand can follow them."""
-    return bool(body.position) and all(c.unit is None or is_length(c.unit) for c in body.position)

@@ -192,11 +192,6 @@ def doubts(
     return tuple(doubt for doubt in found if doubt is not None)
 
 
-def unit_doubt(position: Array, unit: str = "m") -> Doubt | None:
-    """Return the doubt about the unit of positions that are too large for it, None if they are not."""
-    return _wrong_unit(float(np.ptp(position, axis=0).max()), unit)
-
-
 def _wrong_unit(extent: float, unit: str) -> Doubt | None:
     if extent <= EXTENTS.get(unit, np.inf):
         return None

@@ -39,6 +39,7 @@ from comove.processes import one_blas_thread
 from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
 from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.scenes.groups import GroupPose
+from comove.scenes.resting import require_no_rest
 from comove.scenes.scene import Scene
 from comove.verification.certificate import certify
 from comove.verification.record import Record
@@ -229,6 +230,7 @@ class Executor:
         demonstration: DMP | PoseDMP | ProMP | tuple[DMP, ...] | None = None,
         plan: VerifiedMotion | None = None,
     ):
+        require_no_rest(scene)
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         if np.isfinite(scene.jerk_limit):
             message = (
@@ -448,6 +450,7 @@ class Executor:
                     seed=self.seed + 7 * self.n_steps + k,
                     method=method,
                     budget=budget,
+                    progress=False,
                 )
             left -= found.work
             self.log.evaluations += found.evaluations

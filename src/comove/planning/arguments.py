@@ -19,10 +19,11 @@ from comove.coordination.adaptation import (
 )
 from comove.demonstrations import Demonstration
 from comove.errors import ComoveWarning, OptionError, near_name
+from comove.methods import METHODS
 from comove.planning.clock import Budget
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
-from comove.planning.objectives import LeastJerk, LeastTime, PaperCost
+from comove.planning.objectives import OBJECTIVES, LeastJerk, LeastTime, PaperCost
 from comove.primitives.dmp import DMP
 from comove.primitives.operations import scale
 from comove.primitives.poses import PoseDMP
@@ -33,23 +34,6 @@ from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
-METHODS = {
-    "comove": "comove.Comove",
-    "projection": "comove.Projection",
-    "paper": "comove.planning.Paper",
-    "printed": "comove.planning.Printed",
-    "unconstrained": "comove.experiments.compared.Unconstrained",
-    "leader-follower": "comove.experiments.compared.LeaderFollower",
-    "speed-scaled": "comove.experiments.compared.SpeedScaled",
-    "task-priority": "comove.experiments.compared.TaskPriority",
-    "single": "comove.experiments.compared.Single",
-}
-"""Where the classes of the command line's methods are, for messages alone."""
-OBJECTIVES = {
-    "least-jerk": "comove.LeastJerk",
-    "least-time": "comove.LeastTime",
-    "paper": "comove.PaperCost",
-}
 OBSTACLES = ("constraint", "cost")
 OUTSIDE = 0.01
 """Share of the workspace's longest side by which an adapted demonstration may leave it without a warning."""
@@ -76,15 +60,15 @@ def check_options(
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
     if method is not None and not isinstance(method, Method):
-        way_out = _object_for(method, METHODS, "give a method object, such as Projection()")
+        places = {name: known.place for name, known in METHODS.items()}
+        way_out = _object_for(method, places, "give a method object, such as Projection()")
         raise OptionError(f"method = {method!r}", way_out=way_out)
     seconds = 1.0 if isinstance(budget, Budget) else budget
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
     if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
-        way_out = _object_for(
-            objective, OBJECTIVES, "give LeastJerk(), LeastTime(), PaperCost() or a function"
-        )
+        places = {name.replace("_", "-"): f"comove.{kind.__name__}" for name, kind in OBJECTIVES.items()}
+        way_out = _object_for(objective, places, "give LeastJerk(), LeastTime(), PaperCost() or a function")
         raise OptionError(f"objective = {objective!r}", way_out=way_out)
     if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
         raise OptionError(

@@ -28,6 +28,7 @@ from comove.planning.arguments import check_options
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
 from comove.planning.clock import Budget
 from comove.planning.compiling import compiling
+from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.objectives.paper import PaperCost
@@ -122,7 +123,7 @@ def combine(
     objective: PaperCost | None = None,
     plane: str | None = None,
     checks: Sequence[Check] = (),
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
     settings: CombinationSettings = SETTINGS,
 ) -> Combination:
     """Combine movements into one that avoids the obstacles of a scene.
@@ -136,7 +137,7 @@ def combine(
     budget : processor time after which the best attempt is returned [s], or a `Budget`, as of `solve`
     objective : weights of equation (4)
     checks : further checks that the motion must pass
-    progress : function that is called once a generation
+    progress : as of `solve`
     settings : settings of the search
 
     Raises
@@ -146,19 +147,21 @@ def combine(
     """
     check_options(scene, None, seed, None, budget, objective, "constraint", checks)
     suited = suitable(movements, scene, plane)
-    load_kernels(SceneKind.of(scene))
     bounds = Budget.of(budget)
     coordinates = load_coordinates(scene)
-    search = Search(
-        objective=Objective(scene, coordinates, objective or PaperCost(), ContactPenalty(along_path=True)),
-        taught=None,
-        hard=True,
-        rng=np.random.default_rng(seed),
-        budget=bounds,
-        checks=checks,
-        progress=progress,
-    )
-    with one_blas_thread():
+    with displayed(progress, bounds) as tell, one_blas_thread():
+        load_kernels(SceneKind.of(scene))
+        search = Search(
+            objective=Objective(
+                scene, coordinates, objective or PaperCost(), ContactPenalty(along_path=True)
+            ),
+            taught=None,
+            hard=True,
+            rng=np.random.default_rng(seed),
+            budget=bounds,
+            checks=checks,
+            progress=tell or None,
+        )
         attempts = Attempts(search, suited, settings)
         with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
             attempts.run()

@@ -38,12 +38,14 @@ from comove.planning.surroundings import (
     solids_from_mesh,
     surroundings_of,
 )
+from comove.scenes.resting import lift_direction
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
 MESH_WORK = 100  # cost of a distance from a mesh, in distances from convex obstacles
 SOLID_WORK = 10  # cost of a distance of a solid, in distances of segments
+LIFTS = (1.05, 0.8, 0.6, 0.4, 0.2)  # shares of the whole way off supports that are tried
 
 
 class SpaceSettings(NamedTuple):
@@ -106,6 +108,30 @@ def configuration_space(
         np.zeros(2, dtype=np.int64),
         settings,
     )
+
+
+def lifted(scene: Scene, space: Space, q: Array, end: str, margin: float) -> Array:
+    """Return the configuration of an end, lifted off its supports to a `margin` [m] beyond the clearance.
+
+    Where other obstacles are nearer, it is the one with most clearance on the way; the end itself where it rests on
+    nothing. Paths are planned from there, as the clearance is kept throughout a path.
+    """
+    rests = [rest for rest in scene.rests if rest.end == end]
+    if not rests:
+        return q
+    way, blocks, nodes = lift_direction(rests), space.blocks, np.empty((space.blocks.node.shape[0], 3))
+    place_one(blocks, q, 1.0, nodes)
+    missing = [scene.clearance + margin - scene.distance_from(rest.obstacle, nodes) for rest in rests]
+    high = max(lack / float(rest.normal @ way) for lack, rest in zip(missing, rests, strict=True))
+    if high <= 0.0:
+        return q
+    tried = []
+    for share in LIFTS:
+        there = np.array(q)
+        for center in blocks.center:
+            there[center[: blocks.n_dims]] += share * high * way[: blocks.n_dims]
+        tried.append((min(clearance_of(space, there, nodes, 0.0), space.required + margin), there))
+    return max(tried, key=lambda found: found[0])[1]
 
 
 @kernel

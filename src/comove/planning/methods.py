@@ -16,14 +16,21 @@ from comove.coordination.coordinates import Coordinates, load_coordinates, proje
 from comove.coordination.dmp import CoordinatedDMP
 from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
-from comove.planning.configurations import Space, SpaceSettings, configuration_space, span, way_length
+from comove.planning.configurations import (
+    Space,
+    SpaceSettings,
+    configuration_space,
+    lifted,
+    span,
+    way_length,
+)
 from comove.planning.custom import SETTINGS as CUSTOM
 from comove.planning.custom import CustomSettings, improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
 from comove.planning.planner import SETTINGS as PLANNER
-from comove.planning.planner import PlannerSettings, plan
+from comove.planning.planner import PlannerSettings, continuous, plan
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
 from comove.planning.smooth import SETTINGS as SMOOTHING
@@ -477,20 +484,53 @@ def _unsampled(scene: Scene) -> Scene:
 
 
 def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targets:
-    """Return a planner in space, whose paths are run with several time profiles; `ends` is a boundary at rest."""
-    start, goal = ends[0], ends[2]
-    margins = method.settings.margins[search.scene.n_dims - 2]
+    """Return a planner in space, whose paths are run with several time profiles; `ends` is a boundary at rest.
+
+    A payload is lifted off its supports and set down on them, and paths are planned in between.
+    """
+    scene, at_start, at_goal = search.scene, ends[0], ends[2]
+    margins = method.settings.margins[scene.n_dims - 2]
+    start = lifted(scene, space, at_start, "start", 2 * max(margins))
+    goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
     grow = search.carrier.plan if search.carrier else partial(plan, settings=method.settings.planner)
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
         search.wind()
         path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
+        if path is None:
+            return None
+        path, _ = _between_supports(
+            space, path, np.zeros(len(path)), (at_start, start, goal, at_goal), np.inf
+        )
         # To arrive early pays by equation (4) alone; arms may need it too.
         gentle = search.carrier is None and not isinstance(search.aim, PaperCost)
-        return None if path is None else (targets_along(space, path, gentle=gentle), path[-1])
+        return targets_along(space, path, gentle=gentle), path[-1]
 
     return targets
+
+
+def _between_supports(
+    space: Space, path: Array, times: Array, ends: tuple[Array, Array, Array, Array], speed: float
+) -> tuple[Array, Array]:
+    """Return a path between lifted ends, with its times, from the start itself to the goal itself.
+
+    Parameters
+    ----------
+    path, times : arrays, shapes (n_configurations, n_columns) and (n_configurations,)
+    ends : start, lifted start, lifted goal and goal; arrays, shape (n_columns,)
+    speed : speed of which a payload is lifted and set down with half [m a duration]
+    """
+    start, high, low, goal = ends
+    if high is start and low is goal:
+        return path, times
+    if high is not start:
+        until = min(times[0] + 2 * span(space, start, high) / speed, 0.5 * (times[0] + times[1]))
+        path, times = np.vstack([start, path]), np.concatenate([times[:1], [until], times[1:]])
+    if low is not goal:
+        since = max(times[-1] - 2 * span(space, low, goal) / speed, 0.5 * (times[-1] + times[-2]))
+        path, times = np.vstack([path, goal]), np.concatenate([times[:-1], [since], times[-1:]])
+    return continuous(space, path), times
 
 
 def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) -> Targets:
@@ -498,6 +538,8 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
     scene, (start, velocity, goal, _), settings = search.scene, ends, method.settings.in_time
     coasting = coast(velocity, scene.acceleration_limit * scene.duration**2, N_STEPS, settings)
     world = spacetime(scene, space, settings)
+    lift = 2 * max(settings.margins)
+    lifts = lifted(scene, space, start, "start", lift), lifted(scene, space, goal, "goal", lift)
     unlimited = settings.unlimited * (span(space, start, goal) + space.cap)
     limit = min(scene.speed_limit * scene.duration, unlimited)
 
@@ -507,8 +549,7 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
         search.wind()
         found = plan_in_time(
             world,
-            start,
-            goal,
+            *lifts,
             speed,
             margin,
             search.rng,
@@ -518,6 +559,7 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
         )
         if found is None:
             return None
+        found = _between_supports(space, *found, (start, *lifts, goal), speed)
         return targets_in_time(space, *found, N_STEPS, settings.smoothings) + coasting, found[0][-1]
 
     return targets

@@ -29,6 +29,7 @@ from comove.geometry.surfaces import signed_distance
 from comove.planning.objectives.paper import PaperCost
 from comove.planning.surroundings import from_border, seen_from, solids_from_mesh, surroundings_of
 from comove.primitives.basis import rollouts
+from comove.scenes.resting import recessions
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -153,7 +154,10 @@ class Objective:
         """
         scene, w, p, around = self.scene, self.weights, self.penalty, surroundings_of(self.scene)
         n_hands = len(scene.manipulators)
-        offsets = offsets.view()
+        offsets = offsets[None]
+        if scene.rests:  # supports recede from every rollout by itself
+            receded = recessions(scene, nodes)
+            offsets = receded[:, :, scene.owners] + (offsets if offsets.shape[1] else 0.0)
         offsets.setflags(write=False)  # always: kernels are compiled for what may be written, or may not
         taught, c_res = np.zeros((0, n_hands, 3)), 0.0
         if self.demonstration is not None and w.resemblance > 0:
@@ -238,7 +242,8 @@ def _evaluate(around, nodes, n_hands, offsets, taught, cost_weights, contact, ne
         terms[k, 2] *= c_res / n_steps
         total[k] = terms[k, 0] + terms[k, 1] + terms[k, 2]
         speed[k], acceleration[k] = sqrt(fastest) * rate, sqrt(hardest) * rate * rate
-        penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, offsets, origin, contact, needed)
+        seen = offsets[min(k, offsets.shape[0] - 1)]
+        penalty[k], clearance[k], hits[k] = _obstacle_penalty(around, x, seen, origin, contact, needed)
     return total, penalty, clearance, hits, speed, acceleration, terms
 
 

@@ -38,6 +38,19 @@ class Progress:
     best: float | None
     motion: CoordinatedMotion | None = None
 
+    @property
+    def words(self) -> str:
+        """Return the state of the search in one line."""
+        return (
+            f"{self.stage} · generation {self.generation} · cost {self.cost:.4f} · "
+            f"constraint {self.violation:.2g} · {self.best_words}"
+        )
+
+    @property
+    def best_words(self) -> str:
+        """Return the best cost so far in words."""
+        return f"best verified {'none yet' if self.best is None else f'{self.best:.4f}'}"
+
 
 ProgressCallback = Callable[[Progress], None]
 

@@ -24,6 +24,7 @@ from comove.planning.arguments import (
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
+from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.methods import Comove, Quick
@@ -67,7 +68,7 @@ def solve(
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
     carrier: Carrier | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Solution:
     """Find a verified coordinated motion for a scene.
@@ -110,7 +111,8 @@ def solve(
         Whatever moves the hands and so limits their motions, such as `comove.robots.RobotCarrier`; motions must also
         pass its own check.
     progress
-        Function that is called once a generation, and for every motion that is the best so far.
+        Function that is called once a generation, and for every motion that is the best so far; or whether a line
+        with stage, best cost and time left is shown, by default in notebooks only.
     stop
         Function that returns whether the search shall end with the best so far; it is asked often.
 
@@ -143,29 +145,30 @@ def solve(
     smooth = check_method(scene, method, aim, functions, planner=planner, hard=hard)
     if aim is None:
         aim = _default_objective(scene, taught, smooth)
-    if carrier is None:  # a carrier plans by kernels of its own
-        load_kernels(SceneKind.of(scene))
     if taught is not None and (isinstance(aim, PaperCost) or (isinstance(aim, LeastJerk) and aim.pull(True))):
         warn_of_adaptation(taught, scene)
-    return _told(
-        Problem(
-            scene,
-            taught,
-            seed,
-            method,
-            planner,
-            Budget.of(budget),
-            aim,
-            functions,
-            hard,
-            tuple(checks) if carrier is None else (*checks, carrier.reasons),
-            carrier,
-            progress,
-            smooth,
-            stop,
-            precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
+    with displayed(progress, budget) as tell:
+        if carrier is None:  # a carrier plans by kernels of its own
+            load_kernels(SceneKind.of(scene))
+        return _told(
+            Problem(
+                scene,
+                taught,
+                seed,
+                method,
+                planner,
+                Budget.of(budget),
+                aim,
+                functions,
+                hard,
+                tuple(checks) if carrier is None else (*checks, carrier.reasons),
+                carrier,
+                tell or None,
+                smooth,
+                stop,
+                precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
+            )
         )
-    )
 
 
 def check_method(

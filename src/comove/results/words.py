@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from comove.scenes.scene import Scene
@@ -12,11 +12,16 @@ Row = tuple[str, str, str]
 """A measure: of what, by how much, and what was asked for."""
 _Described = tuple[str, str, str, float]  # of what, its name, its words, and the factor to their unit
 
+NO_GRIPPER = "without_gripper"
+"""Name of the measure that lists arms whose description has no gripper."""
 ROUNDING = 1e-12
 """Deviations below this many metres or radians are rounding, and said to be 0."""
 
 _MOTION: tuple[_Described, ...] = (
     ("clearance", "clearance_min", "{:.4g} mm at least, at every instant", 1e3),
+    ("distance from supports", "support_distance_min", "{:.3g} mm at least, near start and goal", 1e3),
+    ("supports of the start", "support_left", "full clearance from {:.3g} s on", 1.0),
+    ("supports of the goal", "support_met", "full clearance until {:.3g} s", 1.0),
     ("speed", "speed_max", "{:.4g} m/s at most", 1.0),
     ("acceleration", "acceleration_max", "{:.4g} m/s^2 at most", 1.0),
     ("jerk", "jerk_max", "{:.4g} m/s^3 at most", 1.0),
@@ -70,6 +75,7 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
     ----------
     report : measures by their names in `comove.verification.verify.Report`, and `duration` [s]
     """
+    supports = [] if scene is None else support_words(scene)
     asked: dict[str, str] = {}
     if scene is not None:
         limits = scene.file.limits
@@ -80,9 +86,28 @@ def motion_rows(report: Mapping[str, Any], scene: Scene | None = None) -> list[R
             "jerk": _limit(limits.jerk, "m/s^3"),
         }
     rows = [(name, said, asked.get(name, "")) for name, said, _ in _rows(_MOTION, report)]
+    if (
+        report.get("support_distance_min") is not None
+    ):  # they recede: the bound is none of the distance from them
+        rows = [
+            (n, f"{said}, off its supports" if n == "clearance" else said, want) for n, said, want in rows
+        ]
+    rows += [("rests on", words, "") for words in supports]
     if asked.get("jerk") and not any(name == "jerk" for name, *_ in rows):
         rows.append(("jerk", "not measured: executions are not bound by it", asked["jerk"]))
     return rows
+
+
+def support_words(scene: Scene) -> list[str]:
+    """Return the resting contacts of a scene, and where they end, in words."""
+    told = []
+    for rest in scene.rests:
+        along = ", ".join(f"{x:.3g}" for x in rest.normal[: scene.n_dims] + 0.0)
+        told.append(
+            f"{scene.name_of(rest.obstacle)} at the {rest.end}, {1e3 * beyond_rounding(rest.distance):.3g} mm apart; "
+            f"full clearance beyond {1e3 * rest.reach(scene.clearance):.3g} mm of displacement, along [{along}]"
+        )
+    return told
 
 
 def joint_rows(report: Mapping[str, Any]) -> list[Row]:
@@ -92,7 +117,7 @@ def joint_rows(report: Mapping[str, Any]) -> list[Row]:
     ----------
     report : measures by their names in `comove.robots.JointReport`; those that are not numbers are left out
     """
-    return _rows(_JOINTS, report)
+    return [*_rows(_JOINTS, report), *gripper_rows(report.get(NO_GRIPPER))]
 
 
 def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
@@ -100,12 +125,18 @@ def simulation_rows(summary: Mapping[str, Any]) -> list[Row]:
     rows = _rows(_SIMULATION, summary)
     if simulator := summary.get("simulator"):
         rows.insert(0, ("simulated by", str(simulator), ""))
-    return rows
+    return [*rows, *gripper_rows(summary.get(NO_GRIPPER))]
 
 
 def run_rows(measures: Mapping[str, Any]) -> list[Row]:
     """Return the measures of a robot's online run, as `motion_rows`; distances are sampled."""
-    return _rows(_ROBOT_RUN, measures)
+    return [*_rows(_ROBOT_RUN, measures), *gripper_rows(measures.get(NO_GRIPPER))]
+
+
+def gripper_rows(arms: Iterable[str] | None) -> list[Row]:
+    """Return in words which arms have no gripper in their description; nothing where all have one."""
+    named = ", ".join(f"'{arm}'" for arm in arms or ())
+    return [("grippers", f"none in the description at {named}: not verified", "")] if named else []
 
 
 def beyond_rounding(value: float) -> float:

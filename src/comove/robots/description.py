@@ -7,8 +7,8 @@ models:                        # one or several, each on its own base; prefix: b
   - {urdf: arm.urdf, srdf: arm.srdf, prefix: right_, base: {position: [0, -0.4, 0]}, round_right_angles: true}
 arms:                          # by the name of the manipulator in a scene
   left: {tip: left_hand, tool: {position: [0, 0, 0.1]}, home: [0, -0.8, 0, -2.4, 0, 1.6, 0.8]}
-  right: {tip: right_hand, home_state: ready, fingers: [right_finger], payload: 3.0}
-posture: {right_finger: 0.02}  # rad or m, of joints that do not move; nearest to 0 where not named
+  right: {tip: right_hand, home_state: ready, fingers: [right_gripper_finger], payload: 3, gripper: {urdf: hand.urdf}}
+posture: {right_gripper_finger: 0.02}  # rad or m, of joints that do not move; nearest to 0 where not named
 states: [open]                 # group states of the SRDF, for joints that neither move nor are in `posture`
 poses: {right_cart: {position: [0, -0.1, 0]}}       # of floating and planar joints, which do not move
 limits: {left_joint1: {lower: -2, upper: 2, velocity: 1.5, acceleration: 4, jerk: 200, effort: 50}}
@@ -25,6 +25,8 @@ tip (the middle of its limits unless given); redundant joints are drawn towards 
 URDF, key by key; `soft_lower`, `soft_upper` and `k_position` those of its ``<safety_controller>``
 (`comove.robots.joint_limits`). `payload` [kg] is what the maker rates an arm for
 beyond its last joint, hand included. Paths are relative to the description, or ``package://NAME/...``.
+
+`gripper` is what the URDF of an arm lacks: a URDF of its own, or shapes, fixed to the tip (`GripperDescription`).
 """
 
 from __future__ import annotations
@@ -33,9 +35,9 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, ValidationError
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, model_validator
 
 from comove.errors import RobotError, SceneError, near_name
 from comove.io.keys import (
@@ -96,12 +98,82 @@ class ModelSource(Sparse):
     """Whether angles of joints that are right angles but for rounding become right angles."""
 
 
+SHAPES = {
+    "box": ("size",),
+    "sphere": ("radius",),
+    "cylinder": ("radius", "height"),
+    "capsule": ("radius", "length"),
+    "mesh": ("file",),
+}
+"""Shapes of a gripper's bodies, and the keys that each must have."""
+
+
+class GripperShape(Sparse):
+    """A body of a gripper, in the gripper's frame [m]; keys are those of a scene's obstacles."""
+
+    LATER = ("size", "radius", "height", "length", "file", "scale")
+
+    shape: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
+    center: Point = (0.0, 0.0, 0.0)
+    quaternion_wxyz: Quaternion = UNTURNED
+    size: Annotated[Sizes, AfterValidator(_point)] | None = None
+    radius: Positive | None = None
+    height: Positive | None = None
+    length: Positive | None = None
+    file: str | None = None
+    scale: Positive | None = None
+
+    @model_validator(mode="after")
+    def _has_its_keys(self) -> GripperShape:
+        needed = SHAPES[self.shape]
+        given = [key for key in self.LATER if getattr(self, key) is not None]
+        way_out = f"give a {self.shape} {' and '.join(needed)}"
+        if missing := [key for key in needed if key not in given]:
+            raise Wrong(f"the {self.shape} has no {' and no '.join(missing)}", way_out)
+        allowed = (*needed, "scale") if self.shape == "mesh" else needed
+        if other := [key for key in given if key not in allowed]:
+            raise Wrong(f"a {self.shape} has no {other[0]}", f"{way_out}, and leave {other[0]} out")
+        return self
+
+
+class GripperDescription(Sparse):
+    """A gripper that is fixed to the tip of an arm: a URDF, or shapes that have a mass together [kg].
+
+    Its links and joints are called `prefix` and their names; the one link of shapes is called "body".
+    """
+
+    LATER = ("urdf", "srdf", "prefix", "shapes", "mass")
+
+    urdf: str | None = None
+    srdf: str | None = None
+    prefix: Annotated[str, AfterValidator(_prefix)] | None = None
+    """Name of the arm and "_gripper_" unless given."""
+    mount: Placement = Placement()
+    """Pose of the gripper's base in the tip."""
+    shapes: Annotated[tuple[GripperShape, ...], BeforeValidator(as_tuple), at_least(1, "shape")] | None = None
+    mass: Positive | None = None
+    touch_links: Annotated[tuple[str, ...], BeforeValidator(as_tuple)] = ()
+    """Links of the arm's model that the gripper may touch, as it is mounted."""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> GripperDescription:
+        if (self.urdf is None) == (self.shapes is None):
+            found = "neither urdf nor shapes are" if self.urdf is None else "both urdf and shapes are"
+            raise Wrong(f"{found} given", "give one of the two")
+        if self.shapes is not None and self.mass is None:
+            raise Wrong("the shapes have no mass", "write mass: KILOGRAMS beside shapes")
+        for key, owner, lacks in (("mass", "shapes", self.shapes), ("srdf", "urdf", self.urdf)):
+            if lacks is None and getattr(self, key) is not None:
+                raise Wrong(f"{key} belongs to {owner}, and none are given", f"leave {key} out")
+        return self
+
+
 class ArmDescription(Sparse):
     """An arm: its last frame, the grasp frame in that frame (z along the approach), and the joint values at home [rad
     or m].
     """
 
-    LATER = ("home_state", "payload")
+    LATER = ("home_state", "payload", "gripper")
 
     tip: str
     tool: Placement = Placement()
@@ -112,6 +184,8 @@ class ArmDescription(Sparse):
     """Joints that close on the load; `posture` holds their values while it is carried."""
     payload: Positive | None = None
     """Mass that its maker rates it for at the flange: that of its hand and its share of the load [kg]."""
+    gripper: GripperDescription | None = None
+    """What is fixed to the tip and is not in the model."""
 
 
 class JointLimits(Sparse):

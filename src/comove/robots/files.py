@@ -27,6 +27,7 @@ from comove.results.reference import SCENE, Reference, own_scene, reference_of
 from comove.results.sealed import AGAIN, Arrays, ResultKind, Summary, checksum, finite, read_json
 from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
 from comove.robots.description import bundled_robots, find_description, is_file
+from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints
@@ -39,9 +40,11 @@ Array = NDArray[np.float64]
 SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")
 FITS = 1e-10  # rad and rad/s, to which samples agree with each other
 SAME, SAME_CLEARANCE = 1e-6, 2e-3  # relative; and m, of bounds that are only so tight
-_TYPES = {"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT} | dict.fromkeys(
-    JointReport().asdict(), NUMBER.or_nothing
-)
+_TYPES = {
+    **{"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT},
+    **dict.fromkeys(JointReport().asdict(), NUMBER.or_nothing),
+    "without_gripper": TEXTS.or_nothing,
+}
 
 JOINTS = ResultKind(
     summary="robot.json",
@@ -117,6 +120,7 @@ def write_joints(
         **{name: finite(value) for name, value in report.asdict().items()},
         "where": {name: list(place) for name, place in report.where.items()},
         "uncertainty": report.uncertainty.model_dump(),
+        "without_gripper": list(report.without_gripper),
         "robot_sha256": robot.sha256,
         "scene_sha256": motion.scene.sha256,
         "motion_sha256": checksum(motion_arrays(motion)),
@@ -347,10 +351,12 @@ _NOTHING = JointVerdict(None, JointReport(), ())
 
 def _other_assumptions(summary: Mapping[str, Any], robot: Robot) -> list[str]:
     """List the assumptions in the summary that differ from the judge's, in words."""
-    assumed = {
+    assumed: dict[str, tuple[Any, str]] = {
         "uncertainty": (robot.description.uncertainty.model_dump(), "the robot's description says"),
         "mass_shares": (None, "it is judged by"),  # equal ones; former versions could be told of others
     }
+    if "without_gripper" in summary:  # former versions did not say
+        assumed["without_gripper"] = list(without_gripper(robot)), "the robot's description says"
     return [
         f"{JOINTS.summary} says {key} = {shortened(repr(summary.get(key)))}, {says} {right}"
         for key, (right, says) in assumed.items()

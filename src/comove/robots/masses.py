@@ -15,16 +15,24 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.errors import RobotError
 from comove.robots.urdf import Source
 
 DENSITY = 1000.0  # kg/m^3
+ROUNDING = 1e-9  # share of a mass
 MAX_TOLD = 6
 MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
 
-def moved_masses(model: Any) -> NDArray[np.float64]:
-    """Return the masses that the joints of a model move; array, shape (n_joints + 1,), the universe first [kg]."""
+def moved_masses(model: Any, without: float | NDArray[np.float64] = 0.0) -> NDArray[np.float64]:
+    """Return the masses that the joints of a model move; array, shape (n_joints + 1,), the universe first [kg].
+
+    Parameters
+    ----------
+    without : masses that do not count, as `masses_of` returns them
+    """
     masses = np.array([inertia.mass for inertia in model.inertias])
+    masses = np.where(masses - without > ROUNDING * masses, masses - without, 0.0)
     for joint in range(model.njoints - 1, 0, -1):
         masses[model.parents[joint]] += masses[joint]
     return masses
@@ -51,10 +59,20 @@ def mass_beyond(joint: str, sources: Iterable[Source]) -> float:
 
 def _has(tree: ET.Element, joint: str) -> bool:
     return any(each.get("name") == joint for each in tree.findall("joint"))
+def masses_of(urdf: str, links: Iterable[str], model: Any) -> NDArray[np.float64]:
+    """Return the masses of some links of a URDF by the joint that moves each; array, shape (n_joints + 1,) [kg]."""
+    masses, wanted = np.zeros(model.njoints), set(links)
+    for link in ET.fromstring(urdf).findall("link") if wanted else ():
+        mass = link.find("inertial/mass")
+        if mass is not None and link.get("name") in wanted:
+            frame = model.frames[model.getFrameId(link.get("name"), pin.FrameType.BODY)]
+            masses[frame.parentJoint] += float(mass.get("value", "0"))
+    return masses
 
 
 def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Source, str | None]:
-    """Give masses to the links of joints that move none, in a model and in its URDF.
+    """Give masses to the links of joints that move none, and to those whose masses alone are known, in a model and
+    in its URDF.
 
     Parameters
     ----------
@@ -65,27 +83,51 @@ def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Sour
     -------
     the source with these masses, and a note about them; None where there was nothing to guess
     """
-    massless, bodies = moved_masses(model) == 0.0, dict[int, list[Any]]()
+    bodies = dict[int, list[Any]]()
+    massless = moved_masses(model, masses_of(source.urdf, source.gripper_links, model)) == 0.0
     for item in geometry.geometryObjects:
-        if item.parentJoint > 0 and massless[item.parentJoint]:
+        name = model.frames[item.parentFrame].name
+        guess = item.parentJoint > 0 and massless[item.parentJoint] and name not in source.gripper_links
+        if guess or name in source.masses:
             bodies.setdefault(item.parentFrame, []).append(item)
-    guessed = {frame: _inertia(items, model.frames[frame].placement) for frame, items in bodies.items()}
-    guessed = {frame: inertia for frame, inertia in guessed.items() if inertia.mass > 0.0}
-    if not guessed:
+    found = {frame: _inertia(items, model.frames[frame].placement) for frame, items in bodies.items()}
+    guessed = {}
+    for frame, inertia in found.items():
+        mass = source.masses.get(model.frames[frame].name)
+        if mass is None and inertia.mass > 0.0:
+            guessed[frame] = inertia
+        elif mass is not None:
+            found[frame] = _of_mass(inertia, mass, model.frames[frame].name)
+    if not guessed and not source.masses:
         return source, None
     tree = ET.fromstring(source.urdf)
     links = {link.get("name"): link for link in tree.findall("link")}
-    for frame, inertia in guessed.items():
-        place = model.frames[frame]
-        model.appendBodyToJoint(place.parentJoint, inertia, place.placement)
-        _write(links[place.name], inertia)
+    for frame, inertia in found.items():
+        if inertia.mass > 0.0:
+            place = model.frames[frame]
+            model.appendBodyToJoint(place.parentJoint, inertia, place.placement)
+            _write(links[place.name], inertia)
+    source = replace(source, urdf=ET.tostring(tree, encoding="unicode"))
+    if not guessed:
+        return source, None
     told = [f"{model.frames[frame].name} {inertia.mass:.3g} kg" for frame, inertia in guessed.items()]
     more = f" and {len(told) - MAX_TOLD} more" if len(told) > MAX_TOLD else ""
     note = (
         f"links that joints move have no masses; they were guessed from collision bodies, at {DENSITY:g} kg/m^3: "
         f"{', '.join(told[:MAX_TOLD])}{more}: what they ask of the motors is a guess; write <inertial> into the links"
     )
-    return replace(source, urdf=ET.tostring(tree, encoding="unicode")), note
+    return source, note
+
+
+def _of_mass(inertia: Any, mass: float, link: str) -> Any:
+    """Return an inertia of the same shape that has a mass [kg]."""
+    if not inertia.mass > 0.0:
+        raise RobotError(
+            f"the bodies of '{link}' have no volume, over which its mass could be spread",
+            way_out="give it a body that is not flat",
+        )
+    share = mass / inertia.mass
+    return pin.Inertia(mass, np.array(inertia.lever), share * np.array(inertia.inertia))
 
 
 def _inertia(items: Iterable[Any], link: Any) -> Any:

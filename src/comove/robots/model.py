@@ -30,14 +30,14 @@ from comove.robots.description import (
     find_description,
     load_description,
 )
+from comove.robots.grippers import gripper_links, require_apart, with_grippers
 from comove.robots.joint_limits import FurtherLimits, in_radians_or_metres
-from comove.robots.masses import mass_beyond, with_guessed_masses
+from comove.robots.masses import mass_beyond, masses_of, moved_masses, with_guessed_masses
 from comove.robots.srdf import GroupState, Srdf
-from comove.robots.urdf import Mimic, Source, errors_of_reader, for_pinocchio, read_source
+from comove.robots.urdf import OF_JOINT, Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
 Array = NDArray[np.float64]
 
-OF_JOINT = " (joint)"  # after the name of a frame that a link has, too
 LARGEST_BODY = 50.0  # m, radius of a collision body
 FREEDOMS = 6  # of a hand's pose
 LARGEST_LIMIT = 1e6  # rad, m, s, N m or N
@@ -123,7 +123,10 @@ class Robot:
             If the description, a model or a mesh is missing or does not fit.
         """
         path = find_description(robot, folder)
-        return assembled(load_description(path), path)
+        loaded = assembled(load_description(path), path)
+        with errors_in(path):
+            require_apart(loaded)
+        return loaded
 
     @property
     def name(self) -> str:
@@ -194,6 +197,7 @@ def assembled(description: RobotFile, file: Path) -> Robot:
     """Return the robot of a description; paths in it are relative to `file`, which errors name."""
     digest = hashlib.sha256(description.model_dump_json().encode())
     sources = tuple(read_source(source, description, file, digest) for source in description.models)
+    sources = with_grippers(sources, description, file, digest)
     with errors_in(file):
         _check_poses(description, [name for source in sources for name in source.free])
         sources, model, collision = _joined(sources)
@@ -687,13 +691,26 @@ def _is_body(inertia: Any, rounding: float = 0.01) -> bool:
 
 def _gaps(robot: Robot) -> Iterator[str]:
     """Yield what is not known of arms whose models have no collision bodies or no masses, in words."""
-    bodies = {item.parentJoint for item in robot.collision.geometryObjects}
+    grippers = {link for source in robot.sources for link in source.gripper_links}
+    bodies = {
+        item.parentJoint
+        for item in robot.collision.geometryObjects
+        if robot.model.frames[item.parentFrame].name not in grippers
+    }
+    held = sum(masses_of(source.urdf, source.gripper_links, robot.model) for source in robot.sources)
+    masses = moved_masses(robot.model, held)
     for arm in robot.arms:
         joints = [robot.model.getJointId(robot.joint_names[column]) for column in arm.columns]
         if not bodies & set(joints):
             yield f"no link of the arm '{arm.name}' has a collision body: what it touches is not known"
-        if not sum(robot.model.inertias[joint].mass for joint in joints):
+        if not masses[joints[0]]:
             yield f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known"
+        own = gripper_links(robot, arm)
+        if own and not sum(masses_of(source.urdf, own, robot.model).sum() for source in robot.sources):
+            yield (
+                f"no link of the gripper of the arm '{arm.name}' has a mass: what it asks of the motors is not "
+                "known; write <inertial> into its URDF"
+            )
         if strange := [
             robot.model.names[joint] for joint in joints if not _is_body(robot.model.inertias[joint])
         ]:

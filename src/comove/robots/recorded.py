@@ -19,7 +19,8 @@ from scipy.spatial.transform import Rotation
 from comove.demonstrations import Demonstration
 from comove.demonstrations.samples import fault
 from comove.errors import ComoveWarning, listed
-from comove.robots.model import OF_JOINT, Arm, Robot
+from comove.robots.model import Arm, Robot
+from comove.robots.urdf import OF_JOINT
 
 Array = NDArray[np.float64]
 

@@ -13,6 +13,7 @@ import comove
 from comove.errors import SceneError
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
+from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
 from comove.planning.methods import Comove
@@ -84,7 +85,7 @@ def carry(
     method: Method | None = None,
     budget: float | Budget = 30.0,
     objective: LeastJerk | LeastTime | PaperCost | None = None,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback | bool | None = None,
     begin: NDArray[np.float64] | None = None,
     stop: Callable[[], bool] | None = None,
     found: Callable[[VerifiedJointMotion], None] | None = None,
@@ -116,20 +117,34 @@ def carry(
     SceneError, RobotError
         If the robot cannot hold the load at its start or goal, or has no such arms.
     """
+    warn_of_buried_links(robot, scene)
+    with displayed(progress, budget) as tell:
+        load_robot_kernels(SceneKind.of(scene))
+        wanted: dict[str, Any] = {
+            "demonstration": demonstration,
+            "seed": seed,
+            "objective": objective,
+            "progress": tell,
+            "stop": stop,
+        }
+        return _carried(scene, robot, Budget.of(budget), wanted, method, begin, found)
+
+
+def _carried(
+    scene: Scene,
+    robot: Robot,
+    budget: Budget,
+    wanted: dict[str, Any],
+    method: Method | None,
+    begin: NDArray[np.float64] | None,
+    found: Callable[[VerifiedJointMotion], None] | None,
+) -> RobotSolution:
+    """Carry; `wanted` are further arguments of `solve`, the others as of `carry`."""
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
-    warn_of_buried_links(robot, scene)
-    load_robot_kernels(SceneKind.of(scene))
-    budget = Budget.of(budget)
-    wanted: dict[str, Any] = {
-        "demonstration": demonstration,
-        "seed": seed,
-        "objective": objective,
-        "progress": progress,
-        "stop": stop,
-    }
+    objective = wanted["objective"]
     if len(scene.alternatives) > 1:
-        return _by_some_grasp(scene, robot, budget, wanted | {"method": method, "found": found})
+        return _by_some_grasp(scene, robot, budget, wanted, method, found)
     (scene,) = scene.alternatives
     begun = now()
     wanted["objective"] = objective = objective or objective_of_scene(scene.file.objective)
@@ -173,7 +188,14 @@ def carry(
     return replace(best, solution=solution)
 
 
-def _by_some_grasp(scene: Scene, robot: Robot, budget: Budget, wanted: dict[str, Any]) -> RobotSolution:
+def _by_some_grasp(
+    scene: Scene,
+    robot: Robot,
+    budget: Budget,
+    wanted: dict[str, Any],
+    method: Method | None,
+    found: Callable[[VerifiedJointMotion], None] | None,
+) -> RobotSolution:
     """Carry by the first of the scene's grasps by which it can be done, those first that turn the joints least.
 
     Each has half of the work that is left, the last all of it.
@@ -197,7 +219,7 @@ def _by_some_grasp(scene: Scene, robot: Robot, budget: Budget, wanted: dict[str,
         if best is not None and left.is_spent:
             break
         part = left if k == len(ranked) - 1 else left.within(0.5 * left.size)
-        solution = carry(choice, robot, budget=part, **wanted)
+        solution = _carried(choice, robot, part, dict(wanted), method, None, found)
         work += solution.solution.work
         best = best or solution
         if solution.verified or solution.solution.interrupted:

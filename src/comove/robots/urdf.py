@@ -35,6 +35,7 @@ from comove.robots.joint_limits import FurtherLimits, doubts_of_limits, further_
 from comove.robots.soundness import FREE, LIMITS, doubts, number, require_sound
 from comove.robots.srdf import Srdf, srdf_of
 
+OF_JOINT = " (joint)"  # after the name of a frame that a link has, too
 # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut
 ROUNDED = 1e-5
 
@@ -64,6 +65,8 @@ class Source:
     nearly_right : whether angles of joints are right angles but for rounding, and are kept so
     meshes : collision meshes as binary STL, by their names in the URDF
     files : files of the description, the model, its SRDF and its collision meshes
+    gripper_links : names of the links of grippers (`comove.robots.grippers`)
+    masses : masses of links whose inertia follows from their bodies, by name [kg]
     """
 
     urdf: str
@@ -76,6 +79,8 @@ class Source:
     nearly_right: bool = False
     meshes: Mapping[str, bytes] = field(default_factory=dict, repr=False)
     files: tuple[Path, ...] = field(default=(), repr=False)
+    gripper_links: frozenset[str] = frozenset()
+    masses: Mapping[str, float] = field(default_factory=dict)
 
 
 def package_folders(file: Path) -> list[str]:
@@ -127,7 +132,9 @@ def resolve(uri: str, file: Path) -> Path:
     )
 
 
-def read_source(source: ModelSource, description: RobotFile, file: Path, digest: Any) -> Source:
+def read_source(
+    source: ModelSource, description: RobotFile, file: Path, digest: Any, *, fixed: bool = False
+) -> Source:
     """Read a model, its SRDF and its collision meshes.
 
     Parameters
@@ -135,15 +142,32 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
     description : the description that names the model, with limits of joints and poses of those that float
     file : path of the description
     digest : hash object of hashlib, updated with everything that was read
+    fixed : whether floating and planar joints are refused, as of what is fixed to an arm
 
     Raises
     ------
     RobotError
         If something is missing or cannot be used.
     """
-    path, prefix = resolve(source.urdf, file), source.prefix
+    path = resolve(source.urdf, file)
     with errors_in(path):
         tree = elements_in(path, URDF)
+    return source_of(tree, path, source, description, file, digest, fixed=fixed)
+
+
+def source_of(
+    tree: ET.Element,
+    path: Path,
+    source: ModelSource,
+    description: RobotFile,
+    file: Path,
+    digest: Any,
+    *,
+    fixed: bool = False,
+) -> Source:
+    """Return the model of a URDF's root element; as `read_source`, which reads it from `path`."""
+    prefix = source.prefix
+    with errors_in(path):
         joints = {prefix + name: joint for joint in tree.findall("./joint") if (name := joint.get("name"))}
         for name, joint in joints.items():
             _fill_limits(joint, description.limits.get(name))
@@ -154,6 +178,11 @@ def read_source(source: ModelSource, description: RobotFile, file: Path, digest:
         _drop_extensions(tree)
         notes = [*doubts_of_limits(joints, limits, description.limits), *doubts(tree, prefix)]
         free = {name: joint for name, joint in joints.items() if joint.get("type") in FREE}
+        if fixed and free:
+            raise RobotError(
+                f"the joint '{next(iter(free))}' leaves the gripper free to move",
+                way_out='write type="fixed" in it: the description says where the gripper is mounted',
+            )
         for name, joint in free.items():
             notes += _fix_free(joint, name, (description.poses or {}).get(name))
     for note in notes:

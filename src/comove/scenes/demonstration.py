@@ -280,7 +280,7 @@ def _of_joints(what: str, name: str, unit: str, scene: Scene, key: str) -> Scene
         file=scene.path,
         key=key,
         way_out="take the path that they give a robot's end effector: comove learn RECORDING --robot ROBOT --out "
-        "taught.json",
+        "taught.json, and write file: taught.json",
     )
 
 

@@ -12,6 +12,7 @@ in degrees where the key says so, quaternions in the order w, x, y, z.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from functools import reduce
 from operator import or_
 from typing import Annotated, Any, Literal, get_args
@@ -99,12 +100,22 @@ class Workspace(Part):
 class _Obstacle(Sparse):
     """An obstacle, which moves if it has a `motion`; messages call it by its `name`.
 
-    Obstacles without either keep their checksum.
+    Obstacles without these keys keep their checksum.
     """
 
-    LATER = ("name", "motion")
+    LATER = ("name", "motion", "support")
     name: Name | None = None
     motion: Motion | None = None
+    support: bool | None = None
+    """Whether the payload may rest on it at start and goal; see `comove.scenes.resting`."""
+
+    @model_validator(mode="after")
+    def _supports_at_rest(self) -> _Obstacle:
+        if self.support is False:
+            object.__setattr__(self, "support", None)
+        if self.support and self.motion is not None:
+            raise Wrong("it moves, so no payload can rest on it", "leave out one of support and motion")
+        return self
 
 
 class _Turned(_Obstacle):
@@ -403,6 +414,21 @@ class DemonstrationSource(Sparse):
         """Return the options by which the recording is read, those that are given."""
         given = {key: getattr(self, key) for key in (*CHOICES, *READING)}
         return {key: value for key, value in given.items() if value is not None and value is not False}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_robot(cls, data: Any) -> Any:
+        named = data if isinstance(data, Mapping) else {}
+        if "robot" in named or "arm" in named:
+            arm = f" --arm {named['arm']}" if "arm" in named else ""
+            command = (
+                f"comove learn {named.get('file', 'RECORDING')} --robot {named.get('robot', 'ROBOT')}{arm}"
+            )
+            raise Wrong(
+                "a recording of joints is no path of an end effector, and a scene does not compute it",
+                f"run: {command} --out taught.json, and write file: taught.json",
+            )
+        return data
 
     @model_validator(mode="after")
     def _one_source(self) -> DemonstrationSource:

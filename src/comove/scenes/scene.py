@@ -35,6 +35,7 @@ from comove.scenes.groups import GroupPose, RigidGroup, connected
 from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
 from comove.scenes.reading import load_scene_file, parse_scene
+from comove.scenes.resting import TOLERANCE, Rest, provable, recessions, rests_of
 from comove.scenes.rigid import ENDS, HEADING, LoadBodies
 from comove.scenes.shapes import (
     FAR,
@@ -52,7 +53,6 @@ from comove.ties import first_largest
 Array = NDArray[np.float64]
 
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
-PROVABLE_END = 1e-9  # of the workspace, and of a metre, that an end keeps beyond the clearance asked for
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 
 
@@ -147,14 +147,19 @@ class Scene:
         Raises
         ------
         SceneError
-            If they do, or are nearer than the scene's clearance.
+            If they do, or are nearer than the scene's clearance, other than where a support holds them.
+
+        Warns
+        -----
+        ComoveWarning
+            Names the supports that neither start nor goal is near.
         """
         for end in ENDS:
             # What moves may have left the goal, or not come there yet, when the load does.
             there = [i for i in range(len(self.file.obstacles)) if end == "start" or not self.moving[i]]
             clearance, obstacle = self.nearest_at(self.nodes_at(end), 0.0, there)
             nearest = self.name_of(obstacle)
-            rounding = PROVABLE_END * max(1.0, float((self.upper - self.lower).max()))
+            rounding = provable(self)
             if clearance < self.clearance + rounding:  # nothing could be proved of a motion that begins there
                 need = f"; {self.clearance:g} m of clearance are asked for" if self.clearance else ""
                 where = (
@@ -162,12 +167,24 @@ class Scene:
                 )
                 where = "touches" if abs(clearance) < rounding else where
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
+                way_out = f"move the {end} or the obstacle"
+                if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
+                    way_out += f"; if the payload rests on it, write support: true in obstacles[{obstacle}]"
                 raise SceneError(
                     f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
                     file=self.path,
                     key=f"manipulators.{end}",
-                    way_out=f"move the {end} or the obstacle",
+                    way_out=way_out,
                 )
+        held = {rest.obstacle for rest in self.rests}
+        idle = [i for i, obstacle in enumerate(self.file.obstacles) if obstacle.support and i not in held]
+        if idle:
+            warnings.warn(
+                f"{', '.join(map(self.name_of, idle))} supports the payload at neither start nor goal: the key has "
+                "no effect",
+                ComoveWarning,
+                stacklevel=3,
+            )
         return self
 
     def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
@@ -225,7 +242,7 @@ class Scene:
             manipulator |= {"start": (factor * start).tolist(), "goal": (factor * goal).tolist()}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ComoveWarning)
-            return Scene.from_dict(data, folder=self.folder)
+            return Scene.from_dict(data, folder=self.folder, check_ends=not self.rests)
 
     def timed(self, duration: float | None) -> Scene:
         """Return the scene with another duration [s]; None leaves it open."""
@@ -304,6 +321,17 @@ class Scene:
     def moving(self) -> NDArray[np.bool_]:
         """Return which obstacles move; array of bool, shape (n_obstacles,)."""
         return np.array([motion is not None for motion in self.motions], dtype=bool)
+
+    @cached_property
+    def rests(self) -> tuple[Rest, ...]:
+        """Return the contacts in which supports hold the payload at start and goal.
+
+        Raises
+        ------
+        SceneError
+            If the payload is too deep in a support, or could not leave its supports.
+        """
+        return rests_of(self)
 
     @cached_property
     def centers(self) -> Array:
@@ -472,6 +500,8 @@ class Scene:
     def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
         """Return the clearance [m] of one configuration at an instant and the name of the nearest obstacle.
 
+        Supports recede from a payload that rests on them; see `comove.scenes.resting`.
+
         Parameters
         ----------
         nodes : array, shape (n_nodes, 3), [m]
@@ -496,14 +526,29 @@ class Scene:
     ) -> tuple[float, int]:
         """Return the clearance [m] of one configuration at an instant, of some obstacles or all, and the nearest one.
 
-        The nearest is -1 where it is the border of the workspace.
+        The nearest is -1 where it is the border of the workspace. Supports recede as in `clearance_at`.
         """
+        offsets = self.offsets(np.array([time]))[0]
+        if self.rests:
+            offsets = offsets + recessions(self, nodes)
+        return self._nearest(nodes, offsets, among, *self.workspace)
+
+    def distance_from(self, obstacle: int, nodes: Array, offset: Array | float = 0.0) -> float:
+        """Return the distance of one configuration from an obstacle that is displaced by `offset` [m]."""
+        offsets = np.zeros((len(self.motions), 3)) + offset
+        return self._nearest(nodes, offsets, [obstacle], np.full(3, -np.inf), np.full(3, np.inf))[0]
+
+    def _nearest(
+        self, nodes: Array, offsets: Array, among: Collection[int] | None, lower: Array, upper: Array
+    ) -> tuple[float, int]:
+        """Return the result of `nearest_at` for obstacles displaced by `offsets`, (n_obstacles, 3) [m]."""
         body, own = self.body, self.convex_rows
         rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
-        table = self.obstacles_at(time)[rows]
-        found = sd.configuration_distance(nodes, body.edges, body.radii, table, *self.workspace)
+        table = self.obstacles[rows]
+        table[:, sd.CENTER : sd.CENTER + 3] += offsets[self.owners[rows]]
+        found = sd.configuration_distance(nodes, body.edges, body.radii, table, lower, upper)
         if len(body.solids):
-            found = min(found, solids_clearance(nodes, body.solids, table, *self.workspace))
+            found = min(found, solids_clearance(nodes, body.solids, table, lower, upper))
         if body.filled:
             for j in np.flatnonzero(inside_polygon(nodes[body.border], table[:, 1:4])):
                 found = min(found, (-float(table[j, sd.REACH]), int(j)))
@@ -512,7 +557,7 @@ class Scene:
         hulls += [(solid, 0.0) for solid in body.solids]
         for mesh, obstacle in enumerate(self.surfaces.owner):
             if among is None or obstacle in among:
-                seen = nodes - self.offsets(np.array([time]))[0, obstacle]
+                seen = nodes - offsets[obstacle]
                 for own, radius in hulls:
                     points, cutoff = np.ascontiguousarray(seen[own]), clearance + radius
                     distance = signed_distance(self.surfaces, mesh, points, cutoff) - radius

@@ -13,6 +13,7 @@ from comove._version import __version__
 from comove.errors import OptionError, ResultError
 from comove.io.entries import MAPPING, NUMBER, TEXT, TEXTS, TRUTH, require_types
 from comove.results.sealed import Arrays, ResultKind, Summary, checksum, finite
+from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
@@ -31,6 +32,7 @@ LOOKS = 200  # samples at which it is looked what touches
 def _require_entries(summary: Summary, file: Path) -> None:
     """Refuse a summary whose entries are not of their types."""
     types = {"delivered": TRUTH, "reasons": TEXTS, "scene": TEXT, "robot": TEXT, "grasp": MAPPING}
+    types["without_gripper"] = TEXTS.or_nothing
     for name in (
         "end_error",
         "distance_error_max",
@@ -94,6 +96,7 @@ def _summary_of(execution: Execution, seed: int | None) -> Summary:
         "simulator": execution.simulator,
         "grasp": {"kind": type(execution.grasp).__name__.lower(), **vars(execution.grasp)},
         **{name: finite(value) for name, value in execution.measures.items()},
+        "without_gripper": list(without_gripper(execution.robot)),
         "contacts": [asdict(contact) for contact in execution.contacts],
         "seed": seed,
         "perturbation": asdict(execution.perturbation),

@@ -109,7 +109,7 @@ def _run(
                 data.ctrl[world.servos] = reference + world.lead * rates
                 mj.mj_step(world.model, data)
                 if data.ncon:
-                    note_contacts(world, data, executor.time, contacts)
+                    note_contacts(world, data, executor.scene, executor.time, contacts)
             record.add(executor, data.qpos[world.qpos], world.load_pose(data))
             if broken(data) or executor.arrived:
                 break

@@ -21,6 +21,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.brief import brief
+from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion, approach_shares
 from comove.scenes.scene import Scene
@@ -134,6 +135,7 @@ class OnlineReport:
     lag_max : largest difference of measured and commanded joints [rad]
     end_error : distance of the load from its goal in the simulator [m]
     duration_s : how long it took [s]
+    without_gripper : names of the arms whose description has no gripper
     reasons : reasons against the run, in words; none where all is well
     """
 
@@ -150,6 +152,7 @@ class OnlineReport:
     lag_max: float
     end_error: float
     duration_s: float
+    without_gripper: tuple[str, ...]
     reasons: tuple[str, ...]
 
 
@@ -179,7 +182,12 @@ def judge_run(
         "end_error": _end_error(record, load),
         "duration_s": record.time[-1],
     }
-    return OnlineReport(**measures, nearest=nearest, reasons=tuple(_reasons(record, measures, limits)))
+    return OnlineReport(
+        **measures,
+        nearest=nearest,
+        without_gripper=without_gripper(record.robot),
+        reasons=tuple(_reasons(record, measures, limits)),
+    )
 
 
 def _reasons(record: OnlineRecord, m: dict[str, float], limits: RunTolerances) -> list[str]:

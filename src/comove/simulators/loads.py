@@ -26,6 +26,7 @@ from comove.ties import first_largest
 Array = NDArray[np.float64]
 
 THINNEST = 0.004  # m, radius of rods that state none
+SETTLED = 1e-3  # m, by which a payload may be in its support: servos give way, and so do contacts
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,3 +219,18 @@ def carried(hands: Array, held: Array) -> Array:
 def points_of(poses: Array, points: Array) -> Array:
     """Compute world positions of points of a body; (..., 4, 4) and (n_points, 3) -> (..., n_points, 3) [m]."""
     return poses[..., None, :3, 3] + np.einsum("...ij,nj->...ni", poses[..., :3, :3], points)
+
+
+def supports_under(scene: Scene, load: Load | None, pose: Array) -> set[str]:
+    """Return the names of the supports on which a payload in some pose, array of shape (4, 4), may rest.
+
+    It may within the displacement from start or goal for which the scene requires less than the full clearance.
+    """
+    if load is None or not scene.rests:
+        return set()
+    grasps, holders = points_of(pose[None], load.grasps)[0], list(load.holders)
+    return {
+        scene.name_of(rest.obstacle)
+        for rest in scene.rests
+        if np.linalg.norm(grasps - rest.nodes[holders], axis=1).max() <= rest.reach(scene.clearance)
+    }

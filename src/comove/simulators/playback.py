@@ -22,7 +22,15 @@ from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_
 from comove.scenes.scene import Scene
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import Weld
-from comove.simulators.loads import Load, carried, hand_poses, load_of, require_fit
+from comove.simulators.loads import (
+    SETTLED,
+    Load,
+    carried,
+    hand_poses,
+    load_of,
+    require_fit,
+    supports_under,
+)
 from comove.simulators.settings import USUAL, Settings
 
 Array = NDArray[np.float64]
@@ -94,7 +102,10 @@ def _loaded(robot: Robot, scene: Scene, load: Load | None) -> Any:
 def _contacts(
     robot: Robot, scene: Scene, load: Load | None, time: Array, joints: Array, poses: Array
 ) -> tuple[Contact, ...]:
-    """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands."""
+    """Find the contacts of links and load with obstacles, and of the load with links other than the holding hands.
+
+    A payload that rests on a support touches it, up to `SETTLED` deep.
+    """
     geometry, names, moved = work_geometry(robot, scene, load)
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
@@ -105,11 +116,14 @@ def _contacts(
             state.oMg[item] = pin.SE3(poses[step]) * part
         if not pin.computeCollisions(geometry, state, False):
             continue
+        under = supports_under(scene, load, poses[step])
         for k in range(len(geometry.collisionPairs)):
             if state.collisionResults[k].isCollision():
                 ends = geometry.collisionPairs[k].first, geometry.collisionPairs[k].second
                 shapes = [geometry.geometryObjects[end].geometry for end in ends]
                 depth, _ = depth_of(shapes, [state.oMg[end] for end in ends])
+                if ends[0] in moved and names[ends[1]] in under and depth <= SETTLED:
+                    continue
                 first, deepest = found.get(k, (float(time[step]), 0.0))
                 found[k] = first, max(deepest, float(depth))
     pairs = geometry.collisionPairs

@@ -44,6 +44,7 @@ ARRIVED, AT_REST = 1e-3, 5e-3  # m and m/s, of commanded hands at the end
 _TYPES = (
     dict.fromkeys(("as_it_should_be", "arrived", "interrupted"), TRUTH)
     | dict.fromkeys(("scene", "scene_sha256", "robot", "robot_sha256", "version"), TEXT)
+    | {"without_gripper": TEXTS.or_nothing}
     | {"reasons": TEXTS, "duration_s": NUMBER, "period_s": NUMBER, "seed": COUNT}
 )
 

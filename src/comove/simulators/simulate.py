@@ -15,10 +15,10 @@ from comove.simulators.building import TIMESTEP, build_world
 from comove.simulators.engine import engine, without_log
 from comove.simulators.execution import Contact, Execution
 from comove.simulators.grasps import GraspModel, Weld
-from comove.simulators.loads import hand_poses, load_of, require_fit
+from comove.simulators.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
 from comove.simulators.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
 from comove.simulators.settings import PLAN, USUAL, Perturbation, Settings
-from comove.simulators.world import World, lower_floor
+from comove.simulators.world import THE_LOAD, World, lower_floor
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def simulate(
         if load is not None:
             grasp.close(world, data)
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
-        log = _run(world, data, motion, payload, perturbation, settings)
+        log = _run(world, data, scene, motion, payload, perturbation, settings)
     return Execution(
         robot=robot,
         scene=scene,
@@ -110,6 +110,7 @@ def _move_grasps(world: World, data: Any) -> None:
 def _run(
     world: World,
     data: Any,
+    scene: Scene,
     motion: JointMotion,
     payload: PayloadTorques,
     perturbation: Perturbation,
@@ -141,7 +142,7 @@ def _run(
             log.write_state(data)
         mj.mj_step(model, data)  # what it leaves in data, but for the state, is of the time before the step
         if data.ncon:
-            note_contacts(world, data, time[step], contacts)
+            note_contacts(world, data, scene, time[step], contacts)
         if logged:
             log.write_rest(data)
         if step % limiting == 0:
@@ -184,12 +185,21 @@ def _push(
 
 
 def note_contacts(
-    world: World, data: Any, time: float, found: dict[tuple[int, int], tuple[float, float]]
+    world: World, data: Any, scene: Scene, time: float, found: dict[tuple[int, int], tuple[float, float]]
 ) -> None:
-    """Update the time of the first contact and the largest depth of every watched pair that touches."""
+    """Update the time of the first contact and the largest depth of every watched pair that touches.
+
+    A payload that rests on a support touches it, up to `SETTLED` deep.
+    """
     pairs, depths = data.contact.geom, -data.contact.dist
-    for i in np.flatnonzero(world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0)):
+    touching = np.flatnonzero(world.watched[pairs[:, 0], pairs[:, 1]] & (depths > 0))
+    under = supports_under(scene, world.load, world.load_pose(data)) if len(touching) else set()
+    for i in touching:
         pair = (int(pairs[i].min()), int(pairs[i].max()))
+        if under and depths[i] <= SETTLED:
+            body, support = world.names_of(pair)
+            if body.startswith(THE_LOAD) and support.split(" part ")[0] in under:
+                continue
         first, deepest = found.get(pair, (float(time), 0.0))
         found[pair] = first, max(deepest, float(depths[i]))
 

@@ -190,7 +190,7 @@ class _Folder:
             part=Part.JOINTS,
             against=(*hands.against, str(source)),
             reasons=tuple(dict.fromkeys((*hands.reasons, *verdict.reasons))),
-            rows=(*hands.rows, *joint_rows(verdict.report.asdict())),
+            rows=(*hands.rows, *joint_rows(vars(verdict.report))),
             summary=self.joints.summary,
             robot=source.robot,
             joints=self.joints.joints,
@@ -235,6 +235,7 @@ class _Folder:
         )
 
     def _simulation(self) -> Verification:
+        from comove.robots.grippers import without_gripper
         from comove.simulators.files import SIMULATION, verify_simulation
 
         carried = self.carried
@@ -245,7 +246,7 @@ class _Folder:
             carried,
             part=Part.SIMULATION,
             reasons=tuple(dict.fromkeys((*carried.reasons, *reasons))),
-            rows=tuple(simulation_rows(summary)),
+            rows=tuple(simulation_rows({**summary, "without_gripper": without_gripper(self.source.robot)})),
             summary=summary,
             series=arrays,
         )

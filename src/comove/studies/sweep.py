@@ -17,7 +17,9 @@ from comove.errors import ComoveWarning, RobotError, SceneError, near_name
 from comove.io.keys import Wrong
 from comove.io.messages import Flaw, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
-from comove.planning import Comove, Paper, Printed, Projection
+from comove.methods import METHODS as KNOWN
+from comove.methods import OWN
+from comove.planning import Comove
 from comove.planning.method import Method
 from comove.scenes.scene import Scene
 from comove.studies.episode import solved_run
@@ -26,9 +28,13 @@ from comove.studies.keys import change
 from comove.studies.runs import LONGEST, StoredMotion, StudyRun, digest
 from comove.studies.study_file import SWEEP, SimulationPart, SweepFile
 
-METHODS: dict[str, Method] = {m.name: m for m in (Comove(), Projection(), Paper(), Printed())}
+METHODS: dict[str, Method] = {name: KNOWN[name].kind() for name in OWN}
 """Methods that solve whole scenes, by their names in a study file."""
-ROBOT_METHODS: dict[str, Method | None] = {Comove.name: None, Paper.name: Paper()}
+ROBOT_METHODS: dict[str, Method | None] = {
+    name: None if isinstance(method, Comove) else method
+    for name, method in METHODS.items()
+    if KNOWN[name].serves_robots
+}
 """Methods by which robots carry; None is comove's own for them."""
 
 

@@ -22,6 +22,9 @@ obstacle, ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.geometry.solids
 are not clear enough are halved. The same holds for a hull: its reach along n is the largest of functions linear in
 time, and so convex in time.
 
+A support recedes from a payload that rests on it (`comove.scenes.resting`): it is an obstacle that moves, whose
+sagitta bounds how far it is ahead of where it may be.
+
 An obstacle that is a mesh is represented by its triangles (`comove.geometry.surfaces`). Every part of the body is a
 convex hull of nodes, which leaves a gap along n to each triangle, concave in time as before; a tree of boxes skips
 those far away. A body that is outside at the start and never meets a triangle stays outside, so only the start is
@@ -38,6 +41,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.primitives.forcing import INTERVAL, N_INTERVALS
+from comove.scenes.resting import recession_sagittas, recessions
 from comove.scenes.scene import Scene
 from comove.verification.bounds import NodeBounds, node_bounds
 from comove.verification.clearance_kernels import (
@@ -147,6 +151,8 @@ def certify_curve(
     """
     if not all(np.isfinite(array).all() for array in (*curve, *paths)):
         return Clearance(-np.inf, -np.inf, float(time[0]), -1)
+    if scene.rests:
+        paths = _receded(scene, curve, paths)
     body, own, need = scene.body, scene.convex_rows, settings.need(scene, curve.nodes)
     moving = Paths(*(np.ascontiguousarray(array[:, own]) for array in paths))
     around = Around(scene.obstacles[own], moving, *scene.workspace, need)
@@ -169,3 +175,12 @@ def certify_curve(
         at_start, _ = scene.clearance_at(curve.nodes[0], float(time[0]))
         lower, upper = min(lower, at_start), min(upper, at_start)
     return Clearance(lower, upper, float(time[k]), nearest)
+
+
+def _receded(scene: Scene, curve: CurveArrays, paths: Paths) -> Paths:
+    """Return the paths of obstacles where supports recede from a payload that rests on them."""
+    moved = recessions(scene, curve.nodes)
+    sagitta = scene.by_row(recession_sagittas(scene, curve.nodes, curve.deviation, moved))
+    if not len(paths.offset):
+        return Paths(scene.by_row(moved), sagitta)
+    return Paths(paths.offset + scene.by_row(moved), paths.sagitta + sagitta)

@@ -23,7 +23,7 @@ from comove.scenes.scene import Scene
 from comove.verification.certificate import Clearance, certify_curve
 from comove.verification.clearance_kernels import CurveArrays, Paths
 from comove.verification.constraints import examine, measures
-from comove.verification.verify import Report, broken_limits
+from comove.verification.verify import Report, broken_limits, support_measures
 
 Array = NDArray[np.float64]
 
@@ -213,6 +213,7 @@ def verify_execution(record: Record | RecordSamples, blocker: str = "") -> Execu
         speed_max=float(speeds.max()),
         acceleration_max=float(np.linalg.norm(changes, axis=2).max() / step.min()),
         **measured,
+        **support_measures(scene, record.nodes, clearance.lower, record.time),
     )
     reasons = _contact(record, clearance)
     reasons += [finding.reason for finding in findings if finding.reason]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import InitVar, asdict, dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from comove.brief import brief
 from comove.coordination.coordinates import coordinates_for
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
+from comove.scenes.resting import TOLERANCE
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.bounds import largest_acceleration, largest_jerk, largest_speed, lengths, node_bounds
@@ -51,7 +52,12 @@ class Report:
         in its own unit
     jerk_max : upper bound of a hand's jerk, infinite where its acceleration jumps at the start or the end [m/s^3]
 
-    The last five are None where the scene asks for nothing of the kind.
+    support_distance_min : lower bound of the distance from supports, near ends that rest on them [m]; there
+        `clearance_min` is that from supports that recede (`comove.scenes.resting`)
+    support_left, support_met : time from which the full clearance is kept from supports of the start, and until which
+        it is kept from those of the goal [s]
+
+    All from `separation_spare_min` on are None where the scene asks for nothing of the kind.
     """
 
     clearance_min: float
@@ -65,6 +71,9 @@ class Report:
     height_error_max: float | None = None
     constraint_excess_max: float | None = None
     jerk_max: float | None = None
+    support_distance_min: float | None = None
+    support_left: float | None = None
+    support_met: float | None = None
 
     def limit_ratios(self, scene: Scene) -> tuple[float, float, float]:
         """Return speed, acceleration and jerk divided by the limits of a scene, 0 where there is no limit."""
@@ -178,6 +187,7 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         acceleration_max=largest_acceleration(motion, acceleration, bounds.jerk, scene.acceleration_limit),
         jerk_max=jerk_max,
         **{"distance_error_max": 0.0, **measures(findings)},
+        **support_measures(scene, motion.coordinates.nodes(motion.knots[0].T[None])[0], clearance.lower),
     )
     reasons = []
     if not _are_of_the_scene(motion):
@@ -201,6 +211,35 @@ def verify(motion: CoordinatedMotion, checks: Sequence[Check] = ()) -> Verdict:
         reasons.extend([told] if isinstance(told, str) else told)
     verified = None if reasons else VerifiedMotion(motion, report, seal=_SEAL)
     return Verdict(verified, report, tuple(reasons))
+
+
+def support_measures(scene: Scene, nodes: Array, lower: float, time: Array | None = None) -> dict[str, Any]:
+    """Return the measures of a `Report` that tell of supports; empty where the scene has no resting contact.
+
+    Parameters
+    ----------
+    nodes : array, shape (n_knots, n_nodes, 3), the body at the knots [m]
+    lower : certified lower bound of the clearance from supports that recede [m]
+    time : array, shape (n_knots,), times of the knots, evenly spaced over the duration unless given [s]
+    """
+    if not scene.rests:
+        return {}
+    time = np.linspace(0.0, scene.duration, len(nodes)) if time is None else time
+    least = min(rest.distance for rest in scene.rests) - TOLERANCE + min(0.0, lower - scene.clearance)
+    found: dict[str, Any] = {"support_distance_min": least}
+    travel = np.linalg.norm(np.diff(nodes, axis=0), axis=-1).max(axis=1)
+    step = np.maximum(np.append(travel, 0.0), np.append(0.0, travel))
+    for rest in scene.rests:
+        near = np.flatnonzero(rest.displacement(nodes) <= rest.reach(scene.clearance) + step)
+        if not len(near):
+            continue
+        if rest.end == "start":
+            last = float(time[min(int(near[-1]) + 1, len(time) - 1)])
+            found["support_left"] = max(last, found.get("support_left", 0.0))
+        else:
+            first = float(time[max(int(near[0]) - 1, 0)])
+            found["support_met"] = min(first, found.get("support_met", np.inf))
+    return found
 
 
 def _from_rest(scene: Scene, velocity: Array, acceleration: Array) -> tuple[float, float]:

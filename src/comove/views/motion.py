@@ -17,7 +17,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
 from comove.views.shapes import hull_outline, load_pairs, outline
-from comove.views.style import COLOURS, MOVING, draw_way, new_figure
+from comove.views.style import ARM, COLOURS, MOVING, draw_way, new_figure
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,13 @@ def draw_scene(scene: Scene, *, duration: float = 5.0) -> Figure:
     return figure
 
 
-def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Array | None = None) -> Figure:
+def draw_motion(
+    motion: CoordinatedMotion,
+    *,
+    title: str = "",
+    demonstration: Array | None = None,
+    arms: Sequence[Array] = (),
+) -> Figure:
     """Draw scene, hands' paths and load at equal steps (the paper's Figure 6); below, speed and acceleration.
 
     A spatial scene is drawn in perspective, and along the three axes.
@@ -61,6 +67,7 @@ def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Ar
     Parameters
     ----------
     demonstration : array, shape (n_steps, n_manipulators, 2 or 3), [m], drawn dashed where given
+    arms : arrays, shape (n_states, n_points, 3), one for each arm of a robot: its joints and its grasp frame [m]
     """
     views = views_of(motion.scene)
     figure = new_figure(*((6.0, 7.6) if len(views) == 1 else (16.5, 6.4)))
@@ -69,15 +76,26 @@ def draw_motion(motion: CoordinatedMotion, *, title: str = "", demonstration: Ar
     above, below = parts
     columns = len(views) + (len(views) > 1)
     for i, view in enumerate(views):
-        draw_panel(above.add_subplot(1, columns, columns - len(views) + i + 1), motion, view, demonstration)
+        axes = above.add_subplot(1, columns, columns - len(views) + i + 1)
+        draw_panel(axes, motion, view, demonstration)
+        _draw_arms(axes, arms, view)
     if len(views) > 1:
         from comove.views.perspective import draw_perspective
 
         nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STATES)))[0]
-        draw_perspective(above, (1, columns, 1), motion, nodes, demonstration)
+        draw_perspective(above, (1, columns, 1), motion, nodes, demonstration, arms)
     draw_legend(above)
     draw_rates(below, motion)
     return figure
+
+
+def _draw_arms(axes: Axes, arms: Sequence[Array], view: tuple[int, int]) -> None:
+    """Draw the arms of a robot as lines behind all else, and widen the axes to show them."""
+    for i, arm in enumerate(arms):
+        for k, state in enumerate(arm):
+            label = "arms at equal times" if i == k == 0 else None
+            axes.plot(*state[:, list(view)].T, **ARM, zorder=0.5, label=label)
+        _show_whole(axes, arm[..., list(view)])
 
 
 def draw_rates(figure: FigureBase, motion: CoordinatedMotion) -> None:

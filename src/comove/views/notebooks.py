@@ -16,6 +16,7 @@ from comove.results.words import joint_rows, limits_row, motion_rows
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion
 from comove.views.motion import draw_motion, draw_scene
+from comove.views.results import arms_along
 
 DPI = 60
 """Of pictures in notebooks [1/inch], which are as wide as the page."""
@@ -45,9 +46,10 @@ def as_html(thing: Any) -> str:
     solution = getattr(thing, "solution", None)  # a robot's, which is an extra
     if isinstance(solution, Solution):
         scene = solution.attempt.scene
-        rows = [*_measures(scene, solution.report), *joint_rows(thing.report.asdict())]
+        rows = [*_measures(scene, solution.report), *joint_rows(vars(thing.report))]
         title = f"{_verdict(scene, thing.verified)} ({thing.robot.name})"
-        return _page(title, solution.reasons, draw_motion(solution.attempt), rows)
+        figure = draw_motion(solution.attempt, arms=arms_along(thing))
+        return _page(title, solution.reasons, figure, rows)
     raise TypeError(f"{type(thing).__name__} has no picture; give a scene, a solution or a verified motion")
 
 

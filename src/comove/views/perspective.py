@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
 from comove.views.shapes import hull_faces, load_pairs, obstacle_faces
-from comove.views.style import COLOURS, GOAL, START
+from comove.views.style import ARM, COLOURS, GOAL, START
 
 Array = NDArray[np.float64]
 
@@ -23,6 +24,7 @@ def draw_perspective(
     motion: CoordinatedMotion,
     nodes: Array,
     demonstration: Array | None = None,
+    arms: Sequence[Array] = (),
 ) -> None:
     """Draw obstacles, the hands' paths and the load at some instants in perspective.
 
@@ -31,6 +33,7 @@ def draw_perspective(
     position : position of the panel, as for `add_subplot`
     nodes : array, shape (n_states, n_nodes, 3), states in which the load is drawn [m]
     demonstration : array, shape (n_steps, n_manipulators, 3), [m], drawn dashed where given
+    arms : as of `draw_motion`
     """
     elevation, aside = 24.0, 62.0  # deg: of the camera above the ground, and from the way as seen from above
     opaque, between = 0.42, 0.16  # the latter of what stands between the camera and the way
@@ -63,14 +66,15 @@ def draw_perspective(
         axes.plot(*path[:, hand].T, color=COLOURS[hand % len(COLOURS)], linewidth=1.6, zorder=3)
         axes.plot(*path[:1, hand].T, "o", color=START, markersize=5, zorder=5)
         axes.plot(*scene.goal[hand][:, None], "s", color=GOAL, markersize=5, zorder=5)
-    axes.set(
-        xlim=(scene.lower[0], scene.upper[0]),
-        ylim=(scene.lower[1], scene.upper[1]),
-        zlim=(scene.lower[2], scene.upper[2]),
-    )
+    for arm in arms:
+        for state in arm:
+            axes.plot(*state.T, **ARM, zorder=2)
+    seen = np.concatenate([[scene.lower, scene.upper], *(arm.reshape(-1, 3) for arm in arms)])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     for label, name in ((axes.set_xlabel, "x"), (axes.set_ylabel, "y"), (axes.set_zlabel, "z")):
         label(name, labelpad=-10, fontsize="small")
-    axes.set_box_aspect(scene.upper - scene.lower, zoom=1.15)
+    axes.set_box_aspect(high - low, zoom=1.15)
     axes.tick_params(labelsize=6, pad=-2)
     axes.locator_params(nbins=4)
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from comove.planning import Solution, carried_demonstration
 from comove.results import write_solution
@@ -13,7 +16,7 @@ from comove.results.inputs import Words, write_inputs
 from comove.results.reference import SCENE
 from comove.scenes.model import canonical
 from comove.views.motion import draw_motion, draw_progress
-from comove.views.robots import draw_joints
+from comove.views.robots import arm_lines, draw_joints
 from comove.views.style import save
 
 if TYPE_CHECKING:  # robots are an extra
@@ -30,6 +33,7 @@ def save_result(
     files: Iterable[Path] = (),
     made: Mapping[Path, bytes] = MappingProxyType({}),
     has_joints: bool = False,
+    arms: Sequence[NDArray[np.float64]] = (),
 ) -> dict[str, Any]:
     """Write a solution, its scene, what it was made from and its pictures into an existing folder.
 
@@ -39,6 +43,7 @@ def save_result(
     demonstration : movement that is drawn beside the motion
     command, files, made : as of `comove.results.inputs.write_inputs`
     has_joints : as of `comove.results.write_solution`
+    arms : as of `draw_motion`
 
     Returns
     -------
@@ -47,11 +52,17 @@ def save_result(
     scene, motion = solution.scene, solution.attempt
     title = scene.name if solution.verified else f"{scene.name} (not verified)"
     carried = None if demonstration is None else carried_demonstration(demonstration, scene)
-    save(draw_motion(motion, title=title, demonstration=carried), folder / "motion.png")
+    save(draw_motion(motion, title=title, demonstration=carried, arms=arms), folder / "motion.png")
     save(draw_progress(motion), folder / "progress.png")
     (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
     write_inputs(folder, scene, command=command, files=files, made=made)
     return write_solution(solution, folder, wall_time_s, has_joints=has_joints)
+
+
+def arms_along(found: RobotSolution, n_states: int = 4) -> list[NDArray[np.float64]]:
+    """Return the lines of a robot's arms at equal times, as `draw_motion` takes them."""
+    joints = found.joints
+    return arm_lines(found.robot, joints.at(np.linspace(0.0, joints.duration, n_states))[0])
 
 
 def save_robot_result(
@@ -83,6 +94,7 @@ def save_robot_result(
         files=found.robot.files,
         made=made,
         has_joints=True,
+        arms=arms_along(found),
     )
     write_joints(folder, found.joints, found.verdict, found.robot, solution.attempt, source=source)
     title = f"{solution.scene.name}, {found.robot.name}" + ("" if solution.verified else " (not verified)")

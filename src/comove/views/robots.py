@@ -51,8 +51,9 @@ def draw_joints(robot: Robot, joints: JointMotion, *, title: str = "") -> Figure
             panel.grid(alpha=0.25)
             if column == 0:
                 panel.set_ylabel(name)
-        axes[0, column].set_title(arm.name)
-        axes[0, column].legend(fontsize=7, ncols=2, loc="upper right")
+        axes[0, column].legend(
+            title=arm.name, fontsize=7, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1.0), frameon=False
+        )
         axes[-1, column].set_xlabel("time [s]")
     return figure
 
@@ -68,7 +69,7 @@ def draw_robot(robot: Robot, found: Examination, *, most_places: int = 600, axis
     figure = new_figure(15.0, 5.6)
     figure.suptitle(f"{robot.name} at home")
     panels = figure.subplots(1, len(VIEWS))
-    lines, bodies = _skeleton(robot), _bodies(robot)
+    lines, bodies = [line[0] for line in arm_lines(robot, robot.home[None])], _bodies(robot)
     for panel, (title, i, j) in zip(panels, VIEWS, strict=True):
         for k, of_arm in enumerate(found.arms):
             colour = OF_ARMS[k % len(OF_ARMS)]
@@ -98,19 +99,27 @@ def draw_robot(robot: Robot, found: Examination, *, most_places: int = 600, axis
     return figure
 
 
-def _skeleton(robot: Robot) -> list[Array]:
-    """Return, for every arm, its joints and its grasp frame; arrays, shape (n, 3) [m]."""
+def arm_lines(robot: Robot, position: Array) -> list[Array]:
+    """Compute the places of every arm's joints and grasp frame.
+
+    Parameters
+    ----------
+    position : array, shape (n_states, n_joints), joint positions [rad]
+
+    Returns
+    -------
+    list of arrays, shape (n_states, n_points, 3), one for each arm [m]
+    """
     import pinocchio as pin
 
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.home)
-    return [
-        np.array(
-            [data.oMi[int(column) + 1].translation for column in arm.columns]
-            + [robot.tool_pose(robot.home, arm)[:3, 3]]
-        )
-        for arm in robot.arms
-    ]
+    lines: list[list[list[Array]]] = [[] for _ in robot.arms]
+    for q in position:
+        pin.forwardKinematics(robot.model, data, q)
+        for line, arm in zip(lines, robot.arms, strict=True):
+            joints = [data.oMi[int(column) + 1].translation.copy() for column in arm.columns]
+            line.append([*joints, robot.tool_pose(q, arm)[:3, 3]])
+    return [np.array(line) for line in lines]
 
 
 def _bodies(robot: Robot) -> list[tuple[Array, float]]:

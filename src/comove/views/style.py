@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -20,6 +21,8 @@ COLOURS = ("#2a7f3f", "#2456a4", "#b5541c", "#7a3e9d", "#0f7c80", "#8a6d1a", "#8
 """Colours of hands, coordinates, joints and series, in their order."""
 START, GOAL, MOVING = "#2ca02c", "#d62728", "#8c564b"
 """Colours of starts, goals and moving obstacles."""
+ARM: dict[str, Any] = {"color": "#8f97a3", "linewidth": 2.4, "alpha": 0.6, "marker": "o", "markersize": 3.0}
+"""How the arms of robots are drawn, as lines."""
 Mover = Callable[[float], list[Artist]]
 """A function that brings artists, which are animated, to a time [s] and returns them in the order of drawing."""
 

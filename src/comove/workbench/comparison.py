@@ -8,7 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from comove.workbench.edits import METHODS, Draft, contents_of
+from comove.methods import OWN
+from comove.workbench.edits import Draft, contents_of
 from comove.workbench.link import Link, on_loop
 from comove.workbench.panels import Panels
 from comove.workbench.protocol import Message, SearchTimes
@@ -17,7 +18,7 @@ from comove.workbench.stage import BESIDE, Stage
 from comove.workbench.words import measures_words, named_in, plain_text, verdict_words
 
 NOTHING, HELD = "nothing", "the motion shown now"
-CHOICES = (NOTHING, HELD, *METHODS)  # and what was named
+CHOICES = (NOTHING, HELD, *OWN)  # and what was named
 
 
 class Comparison:
@@ -59,8 +60,9 @@ class Comparison:
         self.close()
         self.chosen, self.stage, self._asked = choice, None, -1
         first.api.remove_by_name(BESIDE)
+        first.name("")
         self.panels.beside.content = ""
-        if choice in METHODS:
+        if choice in OWN:
             self._ask_method(first, draft, folder)
         elif choice == HELD:
             self._lay(first, first)
@@ -74,7 +76,7 @@ class Comparison:
 
     def renew(self, first: Stage, draft: Draft, folder: Path) -> None:
         """Draw the scene anew after a change, and ask for the method's motion; others stay as they are."""
-        if self.chosen in METHODS:
+        if self.chosen in OWN:
             self._ask_method(first, draft, folder)
         elif self.stage is not None:
             self._lay(first, self.stage)
@@ -93,6 +95,8 @@ class Comparison:
             self.stage.draw_robot(*drawn.robot)
         if drawn.recording is not None:
             self.stage.draw_motion(drawn.recording, pale=drawn.pale)
+        first.name("shown now")
+        self.stage.name("held" if self.chosen == HELD else self.chosen)
 
     def _ask(self, draft: Draft, folder: Path, item: Item | None = None) -> None:
         if self._link is None or self._link.folder != folder:

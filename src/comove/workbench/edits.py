@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_of_rotation, quaternion_product
+from comove.methods import OWN
+from comove.planning.objectives import OBJECTIVES as AIMS
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Contents = dict[str, Any]
 
 DIGITS = 6  # of metres that are written: a micrometre
-METHODS = ("comove", "projection", "paper", "printed")
-OBJECTIVES = ("as the scene says", "least_jerk", "least_time", "paper")
+OBJECTIVES = ("as the scene says", *AIMS)
 
 
 @dataclass(frozen=True)
@@ -33,14 +34,14 @@ class Draft:
     Attributes
     ----------
     contents : contents of the scene file; never changed in place
-    method, objective : names from `METHODS` and `OBJECTIVES`
+    method, objective : names from `comove.methods.OWN` and `OBJECTIVES`
     resemblance : how near to the demonstration, from 0 to 1; None leaves it to the scene
     seed : seed of all random numbers
     taught : movement that was shown in the page, rows of time [s] and position [m]; None leaves it to the scene
     """
 
     contents: Contents
-    method: str = METHODS[0]
+    method: str = OWN[0]
     objective: str = OBJECTIVES[0]
     resemblance: float | None = None
     seed: int = 0
@@ -48,7 +49,7 @@ class Draft:
 
     def __post_init__(self) -> None:
         for value, known, key in (
-            (self.method, METHODS, "method"),
+            (self.method, OWN, "method"),
             (self.objective, OBJECTIVES, "objective"),
         ):
             if value not in known:
@@ -272,3 +273,64 @@ def _with_bar(contents: Contents, length: float) -> Contents:
         for hand, place in zip(pair, grown, strict=True):
             hand[end] = _written(place, 12)
     return contents
+
+
+SIZES = ("first size", "second size", "third size")
+"""Names of the controls of an obstacle's sizes; no shape has more."""
+_SIZES = {"size": "size", "radii": "semi-axis"}  # a list, with a value for each axis
+_LENGTHS = {"radius": "radius [m]", "length": "length [m]", "height": "height [m]", "scale": "scale"}
+
+
+def sizes_of(contents: Contents, obstacle: int) -> tuple[tuple[str, str, int | None, float], ...]:
+    """Return the sizes of an obstacle: label, key in the scene file, place in the list there, and value."""
+    entry = contents["obstacles"][obstacle]
+    found: list[tuple[str, str, int | None, float]] = []
+    for key, words in _SIZES.items():
+        values = enumerate(entry.get(key) or ())
+        found += [(f"{words} along {'xyz'[axis]} [m]", key, axis, value) for axis, value in values]
+    found += [(words, key, None, entry[key]) for key, words in _LENGTHS.items() if key in entry]
+    return tuple(found)
+
+
+def with_size(contents: Contents, obstacle: int, number: int, value: float) -> Contents:
+    """Return the contents with another size of an obstacle, by its number among `sizes_of`.
+
+    Raises
+    ------
+    OptionError
+        If there is no such size, or the value is not positive.
+    """
+    sizes = sizes_of(contents, obstacle)
+    positive = isinstance(value, (int, float)) and not isinstance(value, bool) and 0 < value < math.inf
+    if not positive or number >= len(sizes):
+        raise OptionError(f"size = {value!r}", key="size", way_out="give a number above 0")
+    _, key, axis, _ = sizes[number]
+    contents = copy.deepcopy(contents)
+    entry = contents["obstacles"][obstacle]
+    if axis is None:
+        entry[key] = value
+    else:
+        entry[key][axis] = value
+    return contents
+
+
+def with_box(contents: Contents, share: float = 0.1) -> Contents:
+    """Return the contents with one more box, in the middle of the workspace.
+
+    Parameters
+    ----------
+    share : its edges, as a share of the longest side of the workspace
+    """
+    low, high = (np.array(contents["workspace"][end], dtype=float) for end in ("lower", "upper"))
+    names = {obstacle.get("name") for obstacle in contents["obstacles"]}
+    name = next(name for i in range(1, len(names) + 2) if (name := f"box_{i}") not in names)
+    edge = round(share * float((high - low).max()), DIGITS)
+    box = {"shape": "box", "name": name, "center": _written(0.5 * (low + high)), "size": [edge] * len(low)}
+    turn = {"rotation_deg": 0.0} if len(low) == 2 else {"quaternion_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    return contents | {"obstacles": [*contents["obstacles"], box | turn]}
+
+
+def without_obstacle(contents: Contents, obstacle: int) -> Contents:
+    """Return the contents without an obstacle."""
+    kept = [entry for i, entry in enumerate(contents["obstacles"]) if i != obstacle]
+    return contents | {"obstacles": kept}

@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.methods import OWN
 from comove.scenes.scene import Scene
-from comove.views.style import COLOURS
-from comove.workbench.edits import METHODS, OBJECTIVES, Draft
+from comove.views.style import COLOURS, GOAL, MOVING, START
+from comove.workbench.edits import OBJECTIVES, SIZES, Draft, Grip, sizes_of
 from comove.workbench.playback import RecordedMotion
 
 Array = NDArray[np.float64]
@@ -23,6 +24,23 @@ PLOTS = (
     ("acceleration", "acceleration [m/s²]", 1.0),
     ("error", "constraints: share of tolerance", 1.0),
 )
+
+
+LEGEND = "".join(
+    f'<div style="font-size:.85em;padding:0 .9em"><span style="color:{colour}">{sign}</span> {words}</div>'
+    for colour, sign, words in (
+        (START, "&#9679;", "start, to drag"),
+        (GOAL, "&#9679;", "goal, to drag"),
+        ("#2a9d4b", "&#9644;", "path of the load's middle: green far from everything,"),
+        ("#d7263d", "&#9644;", "red near to something; the load where it is tightest"),
+        (COLOURS[0], "&#9472;", "path of a hand, a colour each"),
+        ("#6b7280", "&#9476;", "demonstration, as each hand would do it"),
+        (MOVING, "&#9632;", "obstacle that moves, with its path"),
+        ("#d7263d", "&#9632;", "obstacle that is in the way"),
+        ("#b9bec6", "&#9632;", "motion that is not verified in this scene"),
+    )
+)
+"""What colours and lines mean, as HTML."""
 
 
 class Panels:
@@ -59,6 +77,8 @@ class Panels:
         self._motion = tabs.add_tab("Motion")
         with self._motion:
             self.measures = gui.add_markdown("")
+            with gui.add_folder("What is drawn", expand_by_default=False):
+                gui.add_html(LEGEND)
         with tabs.add_tab("Steer"):
             self._steer()
         with tabs.add_tab("Teach"):
@@ -94,6 +114,11 @@ class Panels:
         self.taken = gui.add_markdown(
             "Drag an obstacle, or the green and red balls of start and goal. Click one for arrows and rings."
         )
+        for name in SIZES:
+            self._add(name, gui.add_number(name, 1.0, min=1e-3, max=1e3, step=0.005, visible=False))
+        self._button("add box", "Add a box")
+        self._button("remove", "Remove it")
+        self.controls["remove"].visible = False
         for name, label, most, step in (
             ("duration", "duration [s], 0: least", 3600.0, 0.1),
             ("speed", "speed limit [m/s], 0: none", 1e3, 0.01),
@@ -102,7 +127,7 @@ class Panels:
             ("bar", "length of the bar [m]", 100.0, 0.005),
         ):
             self._add(name, gui.add_number(label, 0.0, min=0.0, max=most, step=step))
-        self._add("method", gui.add_dropdown("method", METHODS, initial_value=METHODS[0]))
+        self._add("method", gui.add_dropdown("method", OWN, initial_value=OWN[0]))
         self._add("objective", gui.add_dropdown("objective", OBJECTIVES, initial_value=OBJECTIVES[0]))
         self._add("resemblance", gui.add_slider("resemblance", 0.0, 1.0, 0.05, 0.7))
         self._button("undo", "Undo")
@@ -139,8 +164,8 @@ class Panels:
         if self.verdict.content != words:
             self.verdict.content = words
 
-    def fill(self, draft: Draft, scene: Scene) -> None:
-        """Show the values of a draft in the controls."""
+    def fill(self, draft: Draft, scene: Scene, selected: Grip | None = None) -> None:
+        """Show the values of a draft, and the sizes of what is taken, in the controls."""
         contents = draft.contents
         limits, load = contents["limits"], contents.get("load") or {}
         is_bar = load.get("shape") == "bar"
@@ -158,8 +183,20 @@ class Panels:
             if self.controls[name].value != value:
                 self.controls[name].value = value
         self.controls["bar"].visible = is_bar
+        self.show_sizes(contents, selected)
         taught = scene.file.demonstration is not None or draft.taught is not None
         self.controls["resemblance"].visible = taught
+
+    def show_sizes(self, contents: dict[str, Any], grip: Grip | None) -> None:
+        """Show the sizes of an obstacle that is taken; none for anything else."""
+        is_obstacle = grip is not None and grip.kind == "obstacle"
+        sizes = sizes_of(contents, grip.number) if grip is not None and is_obstacle else ()
+        for i, name in enumerate(SIZES):
+            control = self.controls[name]
+            control.visible = i < len(sizes)
+            if i < len(sizes):
+                control.label, control.value = sizes[i][0], sizes[i][-1]
+        self.controls["remove"].visible = is_obstacle
 
     def show_run(self, live: bool) -> None:
         """Show that a run goes on, or that it has ended; the bar of times is for what was recorded."""

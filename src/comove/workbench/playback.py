@@ -206,6 +206,11 @@ class Playback:
     proved: bool = True
     against: tuple[str, ...] = ()
 
+    @property
+    def told(self) -> str:
+        """Return the verdict, in capitals where it is no good one."""
+        return self.verdict if self.holds else self.verdict.upper()
+
 
 def playback_of_scene(scene: Scene) -> Playback:
     """Return a scene alone, with its robot at home where robots are installed."""
@@ -248,7 +253,7 @@ def playback_of_joints(
     recording = replace(recording, links=poses_of(robot, joints.at(recording.time)[0]))
     hands = verify(motion).report.asdict()
     rows = motion_rows({**hands, "duration": motion.scene.duration}, motion.scene)
-    rows += joint_rows(report.asdict())
+    rows += joint_rows(vars(report))
     return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), reasons, robot)
 
 

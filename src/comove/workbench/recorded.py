@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import html
-import sys
 import tempfile
 import webbrowser
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from comove._version import __version__
 from comove.errors import OptionError
 from comove.io.files import whole_file
+from comove.io.notebooks import in_notebook
 from comove.planning import movements_of, solve
 from comove.planning.solution import ProgressCallback
 from comove.scenes.demonstration import demonstration_of
@@ -63,13 +63,6 @@ def show(thing: Any, beside: Any = None) -> None:
     write_page(path, page)
     if not webbrowser.open(path.as_uri()):
         print(f"there is no browser here; the page is {path}")
-
-
-def in_notebook() -> bool:
-    """Return whether this runs in a notebook, which shows pages, and not in a terminal."""
-    ipython = sys.modules.get("IPython")
-    shell = None if ipython is None else ipython.get_ipython()
-    return hasattr(shell, "kernel")
 
 
 def framed(page: str, height: int = 480) -> str:

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from comove.results import read_result
 from comove.results.inputs import command_again
+from comove.results.sealed import AGAIN, read_json
 from comove.scenes.scene import Scene
 from comove.stored.parts import Part
 from comove.workbench.playback import Playback, playback_of_item
@@ -24,16 +24,18 @@ STYLE = (
     "pre{background:#f4f5f7;padding:.7em 1em;border-radius:6px;overflow:auto}.no{color:#b3162a}.yes{color:#1d7a3c}"
 )
 MEANING = (
-    "Verified means that a judge, which knows neither planner nor optimiser, has bounded the exact curve of the "
-    "motion between its samples: at every instant the whole load and all hands keep at least the clearance stated "
-    "from every obstacle and from the border of the workspace, every constraint holds within its tolerance, no limit "
-    "is exceeded, and start and goal are reached. It says nothing of what the scene does not hold: obstacles that "
-    "are elsewhere than the scene says, or a controller that does not follow."
+    "Verified means that an independent verifier, which shares no code with planner and optimiser, has bounded the "
+    "exact curve of the motion between its samples: at every instant the whole payload and all end effectors keep at "
+    "least the clearance stated from every obstacle and from the border of the workspace, every constraint holds "
+    "within its tolerance, no limit is exceeded, and start and goal are reached. It covers what the scene holds, not "
+    "obstacles that are elsewhere, nor a controller that does not follow."
 )
+SAMPLED = "These measures hold at samples. Nothing is proved between them."
+PICTURES = {Part.RUN: "run.png", Part.ROBOT_RUN: "robot_run.png"}
 
 
-def report_page(shelf: Shelf) -> tuple[str, bool]:
-    """Return a report of a result as an HTML page, and whether the result is verified, judged anew from its files.
+def report_page(shelf: Shelf) -> tuple[str, Playback]:
+    """Return a report of a result as an HTML page, and what it plays, verified anew from the files.
 
     Parameters
     ----------
@@ -47,24 +49,26 @@ def report_page(shelf: Shelf) -> tuple[str, bool]:
         If the viewer is not installed.
     """
     folder = shelf.item.result or shelf.folder
-    whole = Part.JOINTS if Part.JOINTS in parts_of(folder) else Part.MOTION
-    playback = playback_of_item(Item(shelf.item.scene, folder, whole))
-    summary, scene = read_result(folder).summary, playback.scene
+    found = parts_of(folder)  # a simulation besides is played by `comove view`
+    part = next((part for part in found if part is not Part.SIMULATION), found[0])
+    playback = playback_of_item(Item(shelf.item.scene, folder, part))
+    summary, scene = read_json(folder / part.file, AGAIN), playback.scene
+    head = ("at every instant", "proved") if playback.proved else ("at samples", "measured")
     parts = [
         f"<h1>{html.escape(scene.name)}</h1>",
         _verdict(playback),
         f'<iframe title="the motion" sandbox="allow-scripts" srcdoc="{html.escape(page_of(playback))}"></iframe>',
-        "<h2>What is proved</h2>",
-        _table(("at every instant", "proved", "asked for"), playback.rows),
-        f"<p>{html.escape(MEANING)}</p>",
+        f"<h2>{'What is proved' if playback.proved else 'What was measured'}</h2>",
+        _table((*head, "asked for"), playback.rows),
+        f"<p>{html.escape(MEANING if playback.proved else SAMPLED)}</p>",
         "<h2>The scene</h2>",
         _table(("what", "how many or how much"), _facts(scene)),
-        _figure(folder),
+        _figure(folder / PICTURES.get(part, "motion.png")),
         "<h2>How it was made, and how to repeat it</h2>",
         _table(("what", ""), _origin(summary)),
         f"<pre>{html.escape(_commands(folder))}</pre>",
     ]
-    return _page(f"{scene.name}: comove", parts), playback.holds
+    return _page(f"{scene.name}: comove", parts), playback
 
 
 def _page(title: str, parts: Sequence[str]) -> str:
@@ -78,7 +82,8 @@ def _page(title: str, parts: Sequence[str]) -> str:
 def _verdict(playback: Playback) -> str:
     against = "".join(f"<li>{html.escape(said)}</li>" for said in playback.against)
     if not playback.reasons:
-        return f'<p class="yes"><b>Verified</b> at every instant, anew from the files, against</p><ul>{against}</ul>'
+        verdict = html.escape(playback.verdict[:1].upper() + playback.verdict[1:])
+        return f'<p class="yes"><b>{verdict}</b>, anew from the files, against</p><ul>{against}</ul>'
     listed = "".join(f"<li>{html.escape(reason)}</li>" for reason in playback.reasons)
     return f'<p class="no"><b>Not verified</b></p><ul>{listed}</ul><p>It was verified against</p><ul>{against}</ul>'
 
@@ -105,9 +110,9 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
     ]
 
 
-def _figure(folder: Path) -> str:
-    """Return the picture of a motion; nothing where the folder holds none."""
-    picture, caption = folder / "motion.png", "The scene, the hands' paths and the load at equal steps."
+def _figure(picture: Path) -> str:
+    """Return the picture of a motion; nothing where there is none."""
+    caption = "The scene and the payload at several times."
     if not picture.is_file():
         return ""
     data = base64.b64encode(picture.read_bytes()).decode("ascii")

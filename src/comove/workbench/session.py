@@ -21,6 +21,7 @@ from comove.geometry.rotations import conjugate, quaternion_product
 from comove.scenes.scene import Scene
 from comove.workbench.comparison import CHOICES, Comparison
 from comove.workbench.edits import (
+    SIZES,
     VALUES,
     Draft,
     Grip,
@@ -28,7 +29,10 @@ from comove.workbench.edits import (
     contents_of,
     moved,
     place_of,
+    with_box,
+    with_size,
     with_value,
+    without_obstacle,
 )
 from comove.workbench.link import Link, on_loop
 from comove.workbench.live import State
@@ -170,7 +174,7 @@ class Session:
             self._make_draggable(grip, handle)
         if selected is not None and selected in grips:
             self._show_gizmo(selected, grips[selected])
-        self.panels.fill(self.history.now, scene)
+        self.panels.fill(self.history.now, scene, self.selected)
         alike = again and shown is not None and shown.nodes.shape[1] == scene.body.n_nodes
         if shown is not None and alike and shown.offsets.shape[1] == len(scene.file.obstacles):
             self.stage.draw_motion(shown, pale=True)
@@ -182,6 +186,15 @@ class Session:
 
     def _look(self) -> None:
         position, look_at, up = self.stage.camera(self.comparison.stage)
+        camera = self.client.camera
+        upright = camera.image_width / camera.image_height
+        if upright < 1.0:  # of a phone, whose lower half the panel covers
+            away = (position - look_at) / upright
+            distance = float(np.linalg.norm(away))
+            shown_up = up - (up @ away) * away / distance**2
+            down = 0.5 * distance * np.tan(0.5 * camera.fov) * shown_up / np.linalg.norm(shown_up)
+            look_at = look_at - down
+            position = look_at + away
         self.client.camera.up_direction = up
         self.client.camera.position = position
         self.client.camera.look_at = look_at
@@ -276,7 +289,10 @@ class Session:
             depth_test=False,
             position=tuple(handle.position),
         )
-        self.panels.taken.content = f"**{self._name(grip)}** is taken: arrows move it, rings turn it."
+        self.panels.taken.content = (
+            f"**{plain_text(self._name(grip))}** is taken: arrows move it, rings turn it."
+        )
+        self.panels.show_sizes(self.history.now.contents, grip)
 
         async def updated(event: Any) -> None:
             self._turned(grip, handle, event)
@@ -447,8 +463,35 @@ class Session:
         draft = self.history.now
         if name in VALUES:
             self.commit(draft.with_contents(with_value(draft.contents, name, value)))
+        elif name in SIZES:
+            if self.selected is not None and self.selected.kind == "obstacle":
+                changed = with_size(draft.contents, self.selected.number, SIZES.index(name), value)
+                self.commit(draft.with_contents(changed))
         elif name in ("method", "objective", "resemblance"):
             self.commit(replace(draft, **{name: value}))
+
+    def _add_box(self, _: Any) -> None:
+        """Put a box into the middle of the scene, taken to be moved."""
+        draft = self.history.now
+        number = len(draft.contents["obstacles"])
+        self.commit(draft.with_contents(with_box(draft.contents)))
+        for grip, handle in self.stage.grips().items():
+            if (grip.kind, grip.number) == ("obstacle", number):
+                self._show_gizmo(grip, handle)
+
+    def _remove(self, _: Any) -> None:
+        """Remove the obstacle that is taken."""
+        grip = self.selected
+        if grip is not None and grip.kind == "obstacle":
+            self._let_go()
+            draft = self.history.now
+            self.commit(draft.with_contents(without_obstacle(draft.contents, grip.number)))
+
+    def _let_go(self) -> None:
+        """Take arrows and rings away."""
+        if self.gizmo is not None:
+            self.gizmo.remove()
+        self.gizmo, self.selected = None, None
 
     def _go_to(self, history: History) -> None:
         """Go back or forth in the history."""
@@ -489,6 +532,8 @@ class Session:
         "redo": lambda self, _: self._go_to(self.history.redone()),
         "shown": _open,
         "play": _toggle,
+        "add box": _add_box,
+        "remove": _remove,
         "pace": _set_pace,
         "time": _scrub,
         "ghosts": lambda self, value: self.stage.show_ghosts(bool(value)),
@@ -577,12 +622,11 @@ class Session:
         self.panels.measures.content = words + self._tightest_words(recording) + self.note
 
     def _tightest_words(self, recording: RecordedMotion) -> str:
+        """Say where it is tightest; by how much, the table above says, and the plot of samples."""
         at, nearest = float(recording.tightest[0]), int(recording.tightest[1])
-        least = 1e3 * float(recording.clearance[recording.index_at(at)])
-        if not np.isfinite(least):
+        if not np.isfinite(recording.clearance[recording.index_at(at)]):
             return ""
-        name = plain_text(self.scene.name_of(nearest))
-        return f"\n\nTightest (red): {least:.1f} mm from {name} at {at:.2f} s."
+        return f"\n\nTightest (red): at {plain_text(self.scene.name_of(nearest))}, after {at:.2f} s."
 
     # --- playing ---
 

@@ -96,11 +96,15 @@ class Stage:
 
     @property
     def heading(self) -> float:
-        """Return the angle about the vertical axis at which the camera stands [rad]."""
+        """Return the angle about the vertical axis at which the camera stands, opposite to a robot [rad]."""
         if self.scene.n_dims == 2:
             return float(-0.5 * np.pi)
         way = (self.scene.goal - self.scene.start).mean(axis=0)
-        return float(np.arctan2(way[1], way[0]) - np.radians(62.0))
+        sides = float(np.arctan2(way[1], way[0])) + np.radians([-62.0, 62.0])
+        if self.robot is None:
+            return float(sides[0])
+        away = (_middle(self.scene) - self.robot[1][:, :3].mean(axis=0))[:2]
+        return float(sides[np.argmax(away @ [np.cos(sides), np.sin(sides)])])
 
     def draw_scene(self, demonstration: Array | None = None) -> None:
         """Draw workspace, obstacles, starts and goals.
@@ -140,6 +144,14 @@ class Stage:
             )
             for i, surface in enumerate(obstacle_surfaces(self.scene, self.sizes))
         ]
+
+    def name(self, text: str) -> None:
+        """Write a name above the scene, or take it away where it is empty."""
+        self.api.remove_by_name(f"{self.prefix}/name")
+        if text:
+            top, upwards = _middle(self.scene), self.scene.n_dims - 1
+            top[upwards] += 0.55 * float(_size(self.scene)[upwards])
+            self.api.add_label(f"{self.prefix}/name", text, position=tuple(top), anchor="bottom-center")
 
     def draw_robot(self, bodies: Sequence[LinkSurface], home: Array) -> None:
         """Draw a robot.

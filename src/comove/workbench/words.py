@@ -40,7 +40,8 @@ def verdict_words(
     verdict : what is known of something stored
     against : scene and robot that it was verified against, in words
     """
-    after = "" if seconds is None else f" {1e3 * seconds:.0f} ms after the change"
+    took = "" if seconds is None else f"{seconds:.1f} s" if seconds >= 1.0 else f"{1e3 * seconds:.0f} ms"
+    after = took and f" {took} after the change"
     told = f"**{verdict[:1].upper()}{verdict[1:]}**"
     listed = "".join(f"\n- {plain_text(reason)}" for reason in reasons)
     return {

@@ -23,16 +23,14 @@ from typing import TYPE_CHECKING, Any
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveError, ExtraError, OptionError
+from comove.methods import METHODS
 from comove.planning import (
     Budget,
     Comove,
     LeastJerk,
     LeastTime,
-    Paper,
     PaperCost,
-    Printed,
     Progress,
-    Projection,
     SceneKind,
     Solution,
     load_kernels,
@@ -63,8 +61,6 @@ from comove.workbench.teaching import csv_of, demonstration_from
 
 if TYPE_CHECKING:
     from comove.robots import JointMotion, Robot, RobotSolution, VerifiedJointMotion
-
-KINDS = {kind.name: kind for kind in (Comove, Projection, Paper, Printed)}
 
 Tell = Callable[[Message], None]
 
@@ -282,7 +278,7 @@ class Worker:
     ) -> Solution | RobotSolution:
         """Search a motion of the hands, or of a robot."""
         draft: Draft = asked["draft"]
-        method, aim = KINDS[draft.method](), _aim_of(scene, draft)
+        method, aim = METHODS[draft.method].kind(), _aim_of(scene, draft)
         load_kernels(SceneKind.of(scene))
         taught = self._movements(scene, method.scene_of(scene), draft.taught)
         wanted: dict[str, Any] = {

@@ -8,7 +8,7 @@ import pytest
 
 from comove.demonstrations import Demonstration, read_hdf5, write_aloha, write_robomimic
 from comove.demonstrations.formats import hdf5, hdf5_access
-from comove.errors import DemonstrationError
+from comove.errors import DemonstrationError, OptionError
 
 h5py = pytest.importorskip("h5py")
 
@@ -185,7 +185,7 @@ def test_rates_that_are_none_are_told(path, refused):
         with h5py.File(path, "a") as file:
             file["data"].attrs["env_args"] = text
         refused(read_hdf5, path, key=key, says="no rate|no JSON", way_out="--rate 50")
-    with pytest.raises(DemonstrationError, match="rate: -1 is no rate"):
+    with pytest.raises(OptionError, match="rate: -1 is no rate"):
         read_hdf5(path, rate=-1)
 
 

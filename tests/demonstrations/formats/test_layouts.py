@@ -71,6 +71,18 @@ UR = " ".join(
     ["timestamp", *(f"actual_TCP_pose_{i}" for i in range(6)), *(f"actual_q_{i}" for i in range(6))]
 )
 CLOCK = [f"10:00:{second:09.6f}" for second in TIME]
+MIDNIGHT = [f"{'23:59' if s < 1 else '00:00'}:{(s + 59) % 60:05.2f}" for s in TIME]
+ECHO = rows(
+    [stamp // 10**9 for stamp in STAMPS], [stamp % 10**9 for stamp in STAMPS], ["base"] * N, POSITION, XYZW
+)
+BY_COLUMNS = np.zeros((N, 4, 4))
+BY_COLUMNS[:, :3, :3] = TURN.as_matrix().transpose(0, 2, 1)
+BY_COLUMNS[:, 3] = np.column_stack((POSITION, np.ones(N)))
+
+
+def day(clock):
+    return "12/31/2023" if clock.startswith("23") else "1/1/2024"
+
 
 LAYOUTS = {
     # separators and decimals
@@ -96,8 +108,20 @@ LAYOUTS = {
     "epoch_ms.csv": "stamp_ms,x,y,z\n" + rows([stamp // 10**6 for stamp in STAMPS], POSITION),
     "two_parts.csv": "header.stamp.sec,header.stamp.nanosec,pose.position.x,pose.position.y,pose.position.z\n"
     + rows([stamp // 10**9 for stamp in STAMPS], [stamp % 10**9 for stamp in STAMPS], POSITION),
+    **{
+        f"{whole}-{part}.csv": f"{whole},{part},x,y,z\n"
+        + rows([stamp // 10**9 for stamp in STAMPS], [stamp % 10**9 // unit for stamp in STAMPS], POSITION)
+        for whole, part, unit in (("stamp_s", "stamp_ns", 1), ("sec", "usec", 1000), ("tv_sec", "tv_nsec", 1))
+    },
+    "index.csv": ",x,y,z\n" + rows(TIME, POSITION),
+    "minutes.csv": "time,x,y,z\n" + rows([clock[3:] for clock in CLOCK], POSITION),
     "iso.csv": "time,x,y,z\n" + rows([f"2024-05-01T{clock}Z" for clock in CLOCK], POSITION),
     "clock.csv": "time,x,y,z\n" + rows(CLOCK, POSITION),
+    "midnight.csv": "time,x,y,z\n" + rows(MIDNIGHT, POSITION),
+    "zone.csv": "time,x,y,z\n" + rows([f"2024-05-01T{clock}+05:30" for clock in CLOCK], POSITION),
+    "slashes.csv": "time,x,y,z\n" + rows([f"{day(c)} {c}" for c in MIDNIGHT], POSITION),
+    "points.csv": "Zeit;x;y;z\n"
+    + rows([f"1.5.2024 {c}" for c in CLOCK], POSITION, separator=";", comma=False),
     # programs
     "rostopic.csv": ROSTOPIC + rows(STAMPS, FRAME, STAMPS, ["base"] * N, POSITION, XYZW),
     "plotjuggler.csv": "__time,/pose/position/x,/pose/position/y,/pose/position/z\n" + rows(TIME, POSITION),
@@ -121,6 +145,11 @@ LAYOUTS = {
     "angles.csv": "time,x,y,z,roll,pitch,yaw\n" + rows(TIME, POSITION, TURN.as_euler("xyz")),
     "angles_deg.csv": "time,x,y,z,roll [deg],pitch [deg],yaw [deg]\n"
     + rows(TIME, POSITION, TURN.as_euler("xyz", degrees=True)),
+    "echo.csv": ECHO,
+    "franka.csv": named("time", *(f"O_T_EE[{k}]" for k in range(16))) + rows(TIME, BY_COLUMNS.reshape(N, 16)),
+    "by_rows.txt": rows(TIME, BY_COLUMNS.transpose(0, 2, 1).reshape(N, 16), separator=" "),
+    "numbered.csv": MOTIVE.replace(",A,", ",1E05,") + rows(FRAME, TIME, ["0"] * N, XYZW, MM, 0 * TIME, MM),
+    "own_in_mm.csv": "# length unit: mm\ntime,x,y,z\n" + rows(TIME, MM),
     "rxryrzrw.csv": "t,x,y,z,rx,ry,rz,rw,gripper\n" + rows(TIME, POSITION, XYZW, 0 * TIME),
     "time_last.csv": "x,y,z,capture_time,detection_time,confidence\n"
     + rows(POSITION, 93684.5 + TIME, 93684.53 + TIME, 0 * TIME + 0.9),
@@ -137,7 +166,15 @@ TURNED = {
         "vicon.csv",
         "ur.csv",
     ),
-    *("angles.csv", "angles_deg.csv", "rxryrzrw.csv"),
+    *(
+        "angles.csv",
+        "angles_deg.csv",
+        "rxryrzrw.csv",
+        "echo.csv",
+        "franka.csv",
+        "by_rows.txt",
+        "numbered.csv",
+    ),
 }
 
 
@@ -183,6 +220,7 @@ POINTS = {
         {"columns": ["x", "y", "z"]},
         False,
     ),
+    "one_axis.csv": ("time,x1,x2,x3\n" + rows(TIME, POSITION), {"columns": ["x1", "x2", "x3"]}, False),
     "repeated.csv": ("t,x,y,z,X\n" + rows(TIME, POSITION, TIME), {"columns": ["2", "3", "4"]}, False),
 }
 
@@ -194,6 +232,41 @@ def test_what_is_not_said_is_asked_for_by_a_command(tmp_path, name):
     hand, asked = followed(tmp_path / name)
     assert asked == options
     assert_read(hand, turned)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (
+            "Frame,Sub Frame,Fx,Fy,Fz\n,,N,N,N\n" + rows(FRAME, 0 * FRAME, POSITION),
+            "no positions beside time",
+        ),
+        ("time,x,y,z\n" + rows(TIME, POSITION, comma=True), r"row \d: it has .* look like decimal commas"),
+        ("time,p\n" + rows(TIME, [f'"{list(one)}"' for one in POSITION.tolist()]), "hold lists of numbers"),
+        ("HIERARCHY\nFrame Time: 0.01\n0 1 2\n0 1 3\n0 1 4\n", "'.bvh' is not known"),
+    ],
+)
+def test_no_command_offers_what_is_no_position(tmp_path, text, says):
+    path = tmp_path / ("r.bvh" if "bvh" in says else "r.csv")
+    path.write_text(text)
+    with pytest.raises(DemonstrationError, match=says) as caught:
+        Demonstration.load(path)
+    assert "run:" not in caught.value.way_out
+
+
+def test_only_a_column_that_passes_as_time_does_is_offered_as_time(tmp_path):
+    path = tmp_path / "r.csv"
+    for header, grown in (("load", SHARE**2), ("Fx", SHARE)):
+        path.write_text(f"x,y,z,{header}\n" + rows(POSITION, grown))
+        assert followed(path)[1] == {"rate": 100.0}
+
+
+def test_seconds_that_are_chosen_keep_their_fraction(tmp_path):
+    path = tmp_path / "r.csv"
+    seconds, fractions = [s // 10**9 for s in STAMPS], [s % 10**9 for s in STAMPS]
+    path.write_text("sec,nsec,t,x,y,z\n" + rows(seconds, fractions, 3 * TIME, POSITION))
+    for chosen in ("sec", "nsec"):
+        assert_read(Demonstration.load(path, time=chosen), False)
 
 
 def test_repeated_names_are_told_apart_by_body_and_kind(tmp_path):
@@ -266,6 +339,7 @@ JOINTS = np.column_stack((0.5 * SHARE, -0.8 * SHARE, 1.2 * SHARE**2))
         ("time,q[0],q[1],q[2]", 1.0, {}),
         ("time,shoulder.pos,elbow.pos,wrist.pos,gripper.pos", 1.0, {}),
         ("time,a,b,c", 180 / np.pi, {"columns": ["a", "b", "c"], "unit": "deg"}),
+        ("arm\ninDegrees=yes\nendheader\ntime,elbow_flex,arm_rot,pro_sup", 180 / np.pi, {}),
     ],
 )
 def test_angles_are_movements_of_joints(tmp_path, header, factor, options):
@@ -275,6 +349,7 @@ def test_angles_are_movements_of_joints(tmp_path, header, factor, options):
     arm = Demonstration.load(path, **options)
     assert (arm.unit, arm.is_joints, arm.n_dims) == ("rad", True, 3)
     np.testing.assert_allclose(arm.position, JOINTS, atol=1e-9)
+    assert any("left out: gripper.pos" in note for note in arm.notes) == bool(extra)
 
 
 def test_numbers_with_names_of_joints_are_positions_where_a_length_is_stated(tmp_path):

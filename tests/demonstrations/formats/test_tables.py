@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from comove.cli import learn  # noqa: F401  registers the verb
@@ -67,6 +67,7 @@ def test_columns_have_numbers_where_they_have_no_names(tmp_path):
 @given(
     st.lists(st.floats(-1e3, 1e3, width=32), min_size=4, max_size=20), st.sampled_from(";,\t "), st.booleans()
 )
+@example([0.0, 1.5, 0.0, 0.0], " ", True)
 def test_any_numbers_are_read_as_they_stand(tmp_path_factory, values, separator, comma):
     path = tmp_path_factory.mktemp("any") / "r.csv"
     comma = comma and separator != ","

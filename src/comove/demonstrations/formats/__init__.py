@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from comove.demonstrations.columns import matching_body
+from comove.demonstrations.bodies import matching_body
 from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables
 from comove.demonstrations.samples import Format, RecordedSamples, advising, fault, select_name
 from comove.errors import near_name
@@ -25,8 +25,22 @@ FORMATS: list[Format] = [
 ]
 
 
-_OTHERS = (".json", ".yaml", ".yml", ".toml", ".xml", ".py", ".md")
-"""Suffixes of texts that are no tables."""
+_OTHERS = (
+    ".json",
+    ".yaml",
+    ".yml",
+    ".toml",
+    ".xml",
+    ".py",
+    ".md",
+    ".bvh",
+    ".ply",
+    ".pcd",
+    ".obj",
+    ".off",
+    ".stl",
+)
+"""Suffixes of texts that are no tables of movements."""
 
 
 def format_of(path: str | os.PathLike[str]) -> Format:

@@ -15,7 +15,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from comove.demonstrations.columns import Body, Column, Kind
+from comove.demonstrations.bodies import Body
+from comove.demonstrations.columns import Column, Kind
 from comove.demonstrations.samples import AXES, QUATERNION, RecordedSamples, by_manipulator, fault
 from comove.demonstrations.units import unit_named
 from comove.io.files import whole_file

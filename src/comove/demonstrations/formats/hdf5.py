@@ -23,7 +23,6 @@ are refused (`formats.hdf5_access`).
 from __future__ import annotations
 
 import json
-import math
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager
@@ -35,6 +34,7 @@ from numpy.typing import NDArray
 
 from comove.demonstrations.formats.hdf5_access import LAYOUTS, HDF5File
 from comove.demonstrations.formats.hdf5_layouts import ALOHA_JOINTS, EpisodeReader, episode_groups
+from comove.demonstrations.plausibility import require_rate
 from comove.demonstrations.samples import (
     MAX_ROWS,
     Episodes,
@@ -92,8 +92,8 @@ def read(
         shape; names it, and the datasets that can be named.
     """
     path = existing_file(path, MAX_BYTES, "keep fewer episodes in a file")
-    if rate is not None and not (0.0 < rate < math.inf):
-        raise fault(None, "rate", f"{rate!r} is no rate", "give hertz")
+    if rate is not None:
+        require_rate(rate)
     if columns is not None and dataset is None:
         raise OptionError(
             "they are chosen in a dataset",

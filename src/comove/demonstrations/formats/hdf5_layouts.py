@@ -5,19 +5,20 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.demonstrations.bodies import Body, bodies_of, chosen_body
 from comove.demonstrations.cleaning import MAX_DIMS
-from comove.demonstrations.columns import Body, Kind, bodies_of, read_columns
+from comove.demonstrations.clocks import time_of
+from comove.demonstrations.columns import Kind, read_columns
 from comove.demonstrations.formats.hdf5_access import HDF5File
-from comove.demonstrations.plausibility import seconds
 from comove.demonstrations.samples import AXES, TIME, UNIT, Origin, RecordedSamples
-from comove.demonstrations.units import is_angle, unit_named
-from comove.errors import OptionError, listed
+from comove.demonstrations.units import unit_named
+from comove.errors import listed
 from comove.geometry.rotations import exponential
 
 Array = NDArray[np.float64]
@@ -132,11 +133,10 @@ class EpisodeReader:
         values = self.file.array(key)
         names = self._names(key) or _column_names(stem, values.shape[1])
         if columns is not None:
-            numbers = _numbers_of(self.file, columns, names)
-            is_joints = is_angle(self.unit) or read_columns(names)[numbers[0]].kind is Kind.JOINT
-            named = [names[i] if self._names(key) else f"{stem}[{i}]" for i in numbers]
-            axes = tuple(named) if is_joints else ()
-            return {"": self._samples(key, values[:, numbers], axes=axes, numbers=numbers)}
+            shown = self._names(key) or [f"{stem}[{i}]" for i in range(len(names))]
+            known = [replace(c, name=name) for c, name in zip(read_columns(names), shown, strict=True)]
+            body = chosen_body(columns, known, self.file.path, self.unit)
+            return {"": self._of_body("", body, [key] * len(names), values)}
         bodies = list(bodies_of(read_columns(names)).values())
         if len(bodies) != 1:
             example = ",".join(map(str, range(1, min(values.shape[1], 3) + 1)))
@@ -351,25 +351,20 @@ class EpisodeReader:
         frames = np.arange(n_steps)
         if self.rate is not None:
             return frames / self.rate, True, ()
-        origin, above = Origin(self.file.path), key
-        for column in read_columns(self._names(key) or ()):
-            if column.kind is Kind.TIME and not column.axis:
-                stamps = self.file.array(key, exact=True)[:, column.number]
-                found, notes = seconds(
-                    stamps, column.unit, name=column.name, origin=origin, way_out=_SAY_RATE
-                )
-                return found, column.unit is not None, (f"time from {column.name}", *notes)
-        while above:
+        named = [column for column in read_columns(self._names(key) or ()) if column.kind is Kind.TIME]
+        found = [(c, self.file.array(key, exact=True)[:, c.number]) for c in named]
+        above = key
+        while above and not found:
             above = above.rpartition("/")[0]
             for name in self.file.members(above):
-                shape = self.file.shape(_joined(above, name))
-                (column,) = read_columns([name])
-                if column.kind is Kind.TIME and not column.axis and shape in ((n_steps,), (n_steps, 1)):
-                    place = _joined(above, name)
+                place, (column,) = _joined(above, name), read_columns([name])
+                shape = self.file.shape(place)
+                if column.kind is Kind.TIME and shape in ((n_steps,), (n_steps, 1)):
                     stamps = self.file.array(place, (None,) * len(shape), exact=True).ravel()
-                    unit = self._unit(place) or column.unit
-                    found, notes = seconds(stamps, unit, name=place, origin=origin, way_out=_SAY_RATE)
-                    return found, unit is not None, (f"time from {place}", *notes)
+                    found.append((replace(column, name=place, unit=self._unit(place) or column.unit), stamps))
+        if found:
+            time = time_of(found, Origin(self.file.path), way_out=_SAY_RATE)
+            return time.seconds, time.is_stated, (time.words, *time.notes)
         rate, notes = self._recorded_rate(key)
         return frames / rate, True, notes
 
@@ -438,19 +433,3 @@ def _column_names(stem: str, width: int) -> list[str]:
     if is_position and width in (2, 3):
         return [f"{stem}.{axis}" for axis in AXES[:width]]
     return [f"{stem}_{i}" for i in range(width)]
-
-
-def _numbers_of(file: HDF5File, columns: Sequence[str], names: Sequence[str]) -> list[int]:
-    """Return the numbers from 0 of columns that are given by their names, or by numbers from 1."""
-    numbers = []
-    for text in columns:
-        if text in names:
-            numbers.append(names.index(text))
-        elif text.strip().isdecimal() and 1 <= int(text) <= len(names):
-            numbers.append(int(text) - 1)
-        else:
-            way_out = f"give numbers from 1 to {len(names)}"
-            raise OptionError(f"there is no column {text!r}", file=file.path, key="columns", way_out=way_out)
-    if len(set(numbers)) < len(numbers):
-        raise OptionError("a column stands twice", file=file.path, key="columns", way_out="give each once")
-    return numbers

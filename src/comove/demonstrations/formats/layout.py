@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -30,9 +31,11 @@ COMMENTS = ("#", "%")
 MISSING = ("", "nan", "-nan", "+nan", "na", "n/a", "null", "none", "-", "--")
 """Cells, in lower case, in which nothing was measured."""
 _NUMBER = re.compile(r"[+-]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?")
-_INFINITE = re.compile(r"[+-]?inf(?:inity)?", re.IGNORECASE)
-DATE = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}(?:[T ][0-9:.]+(?:Z|\+00:00|\+0000)?)?")
-HOURS = re.compile(r"[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]+)?")
+MAX_COLUMNS, MAX_NAME = 1000, 200
+"""Columns of a file, and characters of a column's name."""
+_DAY = r"(?:[0-9]{4}([-/.])[0-9]{1,2}\1[0-9]{1,2}|[0-9]{1,2}([/.])[0-9]{1,2}\2[0-9]{4})"
+_HOURS = r"(?:[0-9]{1,2}:[0-9]{2}:[0-9]{2}(?:[.,][0-9]+)?|[0-9]{1,3}:[0-9]{2}[.,][0-9]+)"
+_DATE = re.compile(rf"{_DAY}(?:[T ]{_HOURS} ?(?:Z|[+-][0-9]{{2}}:?[0-9]{{2}})?)?|{_HOURS}")
 _QUANTITIES = {"position", "rotation", "orientation", "quaternion", "translation", "velocity", "acceleration"}
 _RATES = (
     "export frame rate", "export rate", "capture frame rate", "datarate", "frequency", "frame rate", "framerate",
@@ -42,6 +45,8 @@ _LENGTH_UNITS = ("length units", "units", "unit", "length unit")
 _VICON = {"trajectories", "objects", "joints", "model outputs", "global angle", "segments"}
 _OF_VICON = re.compile(r"(?:global|local) angle \([^()]*\) ", re.IGNORECASE)
 """What Vicon writes before the name of a segment."""
+_IDENTITIES = ("id", "parent")
+"""Rows of a header that hold numbers of bodies."""
 _QUALISYS = ("no_of_frames", "no_of_markers", "marker_names")
 
 
@@ -88,6 +93,10 @@ class Layout:
     def cells(self, line: str) -> list[str]:
         """Return the cells of a line."""
         return split(line, self.separator)
+
+    def sampled(self, number: int) -> list[str]:
+        """Return the cells of a column in the first rows."""
+        return [row[number] for row in self.sample if number < len(row)]
 
     def is_number(self, cell: str) -> bool:
         """Return whether a cell is a number in this table."""
@@ -157,7 +166,15 @@ def is_missing(cell: str) -> bool:
 
 def is_time(cell: str) -> bool:
     """Return whether a cell is a date with or without a time, or a time of the day."""
-    return DATE.fullmatch(cell) is not None or HOURS.fullmatch(cell) is not None
+    return _DATE.fullmatch(cell) is not None
+
+
+def is_finite(cell: str) -> bool:
+    """Return whether a cell is a number that is finite as a float, or a date."""
+    try:
+        return bool(math.isfinite(float(cell.replace(",", "."))))
+    except ValueError:
+        return is_time(cell)
 
 
 def layout_of(path: Path, delimiter: str | None = None) -> Layout:
@@ -184,7 +201,7 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
     ]
     if not found:
         raise _no_numbers(path, head)
-    at, separator, _ = max(found, key=lambda one: one[2])
+    at, separator, _ = max(found, key=lambda one: (one[2], -one[0]))
     body = [(row, line) for row, line in head[at:] if line.strip() and not line.lstrip().startswith(COMMENTS)]
     sample = [cells for _, line in body[: LIKE + 1] if _score(cells := split(line, separator))]
     n_cells = Counter(map(len, sample)).most_common(1)[0][0]
@@ -282,6 +299,9 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
         leads_blank = separator != " " and len(cells) > 2 and not cells[0]
         if not (n_cells - 1 <= len(cells) <= n_cells + 1 or (rows and leads_blank)):
             break
+        label = next((cell.lower() for cell in cells[:2] if cell), "")
+        if rows and label in _IDENTITIES:
+            continue
         if _score(cells) if rows else any(map(is_number, cells)) and not leads_blank:
             break
         if rows and cells[0] and rows[-1][0] and sum(map(bool, cells)) == 1:  # a title
@@ -302,8 +322,6 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
     for row in above_names:
         label = next((cell.lower() for cell in row[:2] if cell), "")
         texts = {cell.lower() for cell in row if cell}
-        if label in ("id", "parent"):
-            continue
         if label == "type":
             found["types"] = tuple(row)
         elif texts & _QUANTITIES:
@@ -313,7 +331,7 @@ def _header(above: Sequence[tuple[int, str]], separator: str, n_cells: int) -> d
     for number, name in enumerate(names):
         if not name and number < len(found.get("bodies", ())) and number < 2:
             upper = next((row[number] for row in above_names if row[number]), "")
-            if upper.lower() not in ("name", "type", "id", "parent"):
+            if upper.lower() not in ("name", "type"):
                 names[number] = upper
     bodies = found.get("bodies")
     if bodies is not None:
@@ -333,11 +351,13 @@ def _require_as_many(
     separator: str,
 ) -> None:
     """Raise if the rows have more or fewer cells than the line that names the columns."""
-    last = next((line for _, line in reversed(above[:-1]) if line.strip()), "")
-    if not names and last and not last.lstrip().startswith(COMMENTS):
-        others = [split(last, mark) for mark in (separator, *SEPARATORS)]
-        names = next((one for one in others if len(one) > 1 and _are_names(one, len(one))), ())
-        n_named = len(names)
+    for _, line in reversed(above[:-1]) if not names else ():
+        if line.strip() and not line.lstrip().startswith(COMMENTS):
+            others = [split(line, mark) for mark in (separator, *SEPARATORS)]
+            names = next((one for one in others if len(one) > 1 and _are_names(one, len(one))), ())
+            n_named = len(names)
+            if names or not any(map(_score, others)):
+                break
     n_cells = len(sample[0])
     n_named -= n_named > n_cells and not names[-1]
     n_cells -= n_cells > n_named and not any(row[-1] for row in sample)

@@ -27,8 +27,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.columns import Body
+from comove.demonstrations.bodies import Body
 from comove.demonstrations.formats.lerobot_features import STATE, Feature, Movement, movements_of
+from comove.demonstrations.plausibility import require_rate
 from comove.demonstrations.samples import (
     AXES,
     MAX_ROWS,
@@ -110,8 +111,8 @@ def read(
         If episodes without two rows were left out.
     """
     dataset = _Dataset.open(Path(path))
-    if rate is not None and not 0.0 < rate < math.inf:
-        raise fault(None, "rate", f"{rate!r} is no rate", "give hertz")
+    if rate is not None:
+        require_rate(rate)
     names = one_of([str(number) for number in dataset.lengths], episode, "", dataset.folder)
     short = [name for name in names if dataset.lengths[int(name)] < 2] if len(names) > 1 else []
     if short and len(short) < len(names):

@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from comove.demonstrations.bodies import Body, as_joints, bodies_of, chosen_body, spoken
 from comove.demonstrations.cleaning import MAX_DIMS
-from comove.demonstrations.columns import Body, Column, Kind, bodies_of, flat_names, read_columns, spoken
-from comove.demonstrations.samples import AXES, fault
+from comove.demonstrations.columns import Column, Kind, read_columns
+from comove.demonstrations.samples import fault
 from comove.demonstrations.units import UNSTATED, is_length
-from comove.errors import OptionError, listed, near_name
+from comove.errors import listed, near_name
 
 STATE = "observation.state"
 _OWN_ARMS = re.compile(r".*(so[_-]?10\d|koch|moss|lekiwi).*", re.IGNORECASE)
@@ -69,7 +70,7 @@ class Feature:
             raise fault(file, f"features.{name}", message, f"choose one of {listed(list(vectors), 20)}")
         about = features[name].get("info")
         unit = about.get("unit") if isinstance(about, dict) else None
-        names = flat_names(features[name].get("names"), vectors[name])
+        names = _flat_names(features[name].get("names"), vectors[name])
         return cls(name, vectors[name], names, unit if isinstance(unit, str) else None)
 
 
@@ -117,13 +118,14 @@ def movements_of(
     key, unit = f"features.{feature.name}", unit or feature.unit
     is_joints = unit is not None and not is_length(unit)
     names = feature.names or [f"{feature.name}[{i}]" for i in range(feature.width)]
-    known = read_columns(names if feature.names else [""] * feature.width)
+    read = read_columns(names if feature.names else [""] * feature.width)
+    known = [replace(column, name=name) for column, name in zip(read, names, strict=True)]
     if columns is not None:
-        bodies = {"": _chosen(file, columns, names, known, is_joints)}
+        bodies = {"": chosen_body(columns, known, file, "rad" if is_joints else unit)}
     else:
         bodies = bodies_of(known)
         if not bodies and is_joints:
-            bodies = {"": Body("", joints=_as_joints(known, names))}
+            bodies = {"": Body("", joints=as_joints(known))}
     if not bodies or any(body.is_repeated for body in bodies.values()):
         what = (
             "its coordinates have no names" if not feature.names else f"it has the names {listed(names, 12)}"
@@ -163,43 +165,33 @@ def movements_of(
     return found
 
 
-def _as_joints(known: Sequence[Column], names: Sequence[str]) -> tuple[Column, ...]:
-    return tuple(
-        Column(column.number, name, Kind.JOINT, name) for column, name in zip(known, names, strict=True)
-    )
-
-
 def _joint_name(column: Column, side: str) -> str:
     """Return the name of a gripper among the joints of a side, as that of a joint."""
     (named,) = bodies_of([replace(column, kind=Kind.JOINT)]).values()
     return named.joints[0].axis if side else column.axis
 
 
-def _chosen(
-    file: Path, columns: Sequence[str], names: Sequence[str], known: Sequence[Column], is_joints: bool
-) -> Body:
-    """Return the body of columns that a user chooses by their names or numbers."""
-    numbers = []
-    for text in columns:
-        if text in names and names.count(text) == 1:
-            numbers.append(names.index(text))
-        elif text.strip().isdecimal() and 1 <= int(text) <= len(names):
-            numbers.append(int(text) - 1)
-        else:
-            near = near_name(text, list(dict.fromkeys(names)))
-            message = f"there is no column {text!r}" if text not in names else f"{text!r} stands twice"
-            way_out = f"{near}; or give numbers from 1 to {len(names)}"
-            raise OptionError(message, file=file, key="columns", way_out=way_out)
-    if len(set(numbers)) < len(numbers):
-        raise OptionError("a column stands twice", file=file, key="columns", way_out="give each once")
-    if is_joints or known[numbers[0]].kind is Kind.JOINT:
-        return Body("", joints=_as_joints([known[i] for i in numbers], [names[i] for i in numbers]))
-    if len(numbers) > len(AXES):
-        raise OptionError(
-            f"{len(numbers)} columns are no position",
-            file=file,
-            key="columns",
-            way_out="give up to three, x, y and z, or of joints the unit as well: --unit rad",
-        )
-    axes = zip(AXES, numbers, strict=False)
-    return Body("", position=tuple(Column(i, names[i], Kind.POSITION, axis) for axis, i in axes))
+def _flat_names(names: object, n_columns: int) -> list[str] | None:
+    """Return the names of a LeRobot feature as a list of `n_columns`, None if they are missing or do not fit.
+
+    They may be a list, a list in a list, a mapping of lists (`{"motors": [...]}`), or a mapping of names to places.
+    """
+    if isinstance(names, Mapping):
+        if names and all(isinstance(place, int) for place in names.values()):
+            in_order = sorted(names, key=lambda name: names[name])
+            return _flat_names([str(name) for name in in_order], n_columns)
+        sizes = [len(part) if isinstance(part, list | Mapping) else 0 for part in names.values()]
+        inner = [_flat_names(part, n) for part, n in zip(names.values(), sizes, strict=True)]
+        if len(inner) == 1:
+            return _flat_names(inner[0], n_columns)
+        flat = [
+            name if str(part) in ("motors", "axes") else f"{part}_{name}"
+            for part, found in zip(names, inner, strict=True)
+            for name in found or ()
+        ]
+        return _flat_names(flat, n_columns)
+    if isinstance(names, list) and len(names) == 1 and isinstance(names[0], list):
+        return _flat_names(names[0], n_columns)
+    if not isinstance(names, list) or len(names) != n_columns:
+        return None
+    return [str(name) for name in names]

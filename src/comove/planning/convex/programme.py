@@ -24,6 +24,7 @@ from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
 from comove.planning.convex.quadratic import QuadraticSettings
 from comove.primitives.basis import MotionBasis
 from comove.primitives.forcing import N_INTERVALS
+from comove.scenes.resting import recessions
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -267,7 +268,14 @@ class ConvexProgramme:
         """Find contacts nearer than `cutoff` [m] along configurations, array of shape (n_fine, n_columns)."""
         nodes = self.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
         least = np.empty(self.load.n_owners + 2)
-        n = find_contacts(self.load, nodes, self.offsets, cutoff, self._found, least)
+        offsets = self.offsets
+        if self.scene.rests:
+            receded = recessions(self.scene, nodes, float(need[0]) - self.scene.clearance)[
+                :, self.scene.owners
+            ]
+            offsets = receded + (offsets if len(offsets) else 0.0)
+            offsets.setflags(write=False)
+        n = find_contacts(self.load, nodes, offsets, cutoff, self._found, least)
         if n == len(self._found):  # the array may have been too small: once more with a larger one
             self._found = np.empty((2 * n, N_FIELDS))
             return self.look(q, cutoff, need)

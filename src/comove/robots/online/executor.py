@@ -43,6 +43,7 @@ from comove.robots.search.tracking import tracked
 from comove.robots.solving import carry
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.groups import GroupPose
+from comove.scenes.resting import require_no_rest
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -135,6 +136,7 @@ class JointExecutor:
         seed: int = 0,
         settings: OnlineSettings = OnlineSettings(),
     ):
+        require_no_rest(scene)
         self.scene, self.robot, self.seed, self.settings = scene, robot, seed, settings
         self.observer = Functions.of_motions(scene) if observer is None else observer
         if isinstance(self.observer, Clouds):
@@ -388,7 +390,8 @@ class JointExecutor:
 
     def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
         begun = clock.perf_counter()
-        found = carry(standing, self.robot, seed=self.seed, budget=Budget(work=self.settings.leisure))
+        budget = Budget(work=self.settings.leisure)
+        found = carry(standing, self.robot, seed=self.seed, budget=budget, progress=False)
         self.log.planning.append(clock.perf_counter() - begun)
         if found.motion is None:
             raise RobotError(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,9 +11,11 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.robots.description import Placement
 from comove.robots.effort import overburdened
+from comove.robots.grippers import gripper_links, without_gripper
 from comove.robots.model import Arm, Robot
-from comove.robots.proposal.bodies import link_of, pairs_of, touching
+from comove.robots.proposal.bodies import link_of, pairs_of, placed_bodies, touching
 from comove.robots.proposal.homes import base_of, tilt_of
 from comove.robots.proposal.rules import near_limits, near_links
 from comove.robots.proposal.surroundings import among, buried, names_of
@@ -123,7 +125,7 @@ def examine(
     faults, doubts = [], []
     faults += [
         f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or "
-        + (f"move '{b}'" if b in standing else "name the pair in an SRDF if they are always so near")
+        + (f"move '{b}'" if b in standing else f"{_leave_out(robot, a, b)} if they are always so near")
         for a, b, distance, needed in near_links(robot)
     ]
     faults += [
@@ -160,7 +162,8 @@ def examine(
         for joint, share in overloaded(robot).items()
     ]
     doubts += [
-        f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, name them in an SRDF"
+        f"'{a}' and '{b}' touch in {share:.0%} of random configurations: if that is harmless, "
+        f"{_leave_out(robot, a, b)}"
         for (a, b), share in often.items()
         if not {a, b} & set(standing)
     ]
@@ -170,6 +173,24 @@ def examine(
                 f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that "
                 "it shares must leave it the turns that it lacks"
             )
+    bare = without_gripper(robot)
+    if away := [name for name in bare if gripper_links(robot, robot.arm(name))]:
+        doubts.append(
+            f"no body of the gripper of {', '.join(map(repr, away))} is near the grasp frame: correct `mount` or "
+            "`tool`"
+        )
+    if bare := tuple(name for name in bare if name not in away):
+        doubts.append(
+            f"{', '.join(map(repr, bare))}: the description has no gripper where the payload is held, so that none "
+            "is verified; give one: gripper: {urdf: FILE}, or gripper: {mass: KILOGRAMS, shapes: [{shape: box, "
+            "center: [0, 0, 0.06], size: [0.1, 0.1, 0.12]}]}"
+        )
+    doubts += [
+        f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say where "
+        f"in that, such as tool: {{position: [0, 0, {_end_of_gripper(robot, arm):.3g}]}}"
+        for arm in robot.arms
+        if gripper_links(robot, arm) and robot.description.arms[arm.name].tool == Placement()
+    ]
     most = settings.most_named
     if unseen := _without_bodies(robot):
         doubts.append(
@@ -208,6 +229,23 @@ def _how_near(distance: float, needed: float) -> str:
         if distance <= 0.0
         else f"are {1e3 * distance:.3g} mm apart, and have to keep {1e3 * needed:.3g} mm"
     )
+
+
+def _end_of_gripper(robot: Robot, arm: Arm) -> float:
+    """Return how far the gripper of an arm reaches along the z axis of its tip [m]."""
+    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
+    own = gripper_links(robot, arm)
+    points = [points for link, points in placed_bodies(robot, robot.home) if link in own]
+    return max((float(((p - tip[:3, 3]) @ tip[:3, 2]).max()) for p in points), default=0.0)
+
+
+def _leave_out(robot: Robot, a: str, b: str) -> str:
+    """Return how two links are left out of the pairs that are kept apart, in words."""
+    for arm in robot.arms:
+        for hand, other in ((a, b), (b, a)):
+            if hand in gripper_links(robot, arm) and robot.model.existFrame(other):
+                return f"name it where the gripper is: arms.{arm.name}.gripper.touch_links: ['{other}']"
+    return "name the pair in an SRDF"
 
 
 def _neighbours(robot: Robot) -> list[tuple[str, str]]:

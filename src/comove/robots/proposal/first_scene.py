@@ -243,7 +243,8 @@ def propose_scene(
     for (work, duration), (place, rail) in product(settings.rounds, tried):
         data = place.data(named, rail, duration, around)
         try:
-            found = carry(Scene.from_dict(data, folder=folder), robot, seed=seed, budget=Budget(work=work))
+            first_scene, budget = Scene.from_dict(data, folder=folder), Budget(work=work)
+            found = carry(first_scene, robot, seed=seed, budget=budget, progress=False)
         except SceneError as error:
             reasons.append(str(error))
             continue

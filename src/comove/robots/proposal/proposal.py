@@ -6,7 +6,7 @@ import os
 import re
 import warnings
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
@@ -16,18 +16,20 @@ import numpy as np
 import pinocchio as pin
 import yaml
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
+from comove.robots.grippers import gripper_links
 from comove.robots.joint_limits import in_radians_or_metres
 from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
 from comove.robots.proposal.rules import clearance_at_home
-from comove.robots.proposal.tree import GUESSED, ArmShape, Chain, Tree, has_word
+from comove.robots.proposal.tree import GUESSED, MOVING, ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.reach import joint_axes
@@ -127,6 +129,7 @@ def propose(
     *,
     apart: float = 0.8,
     around: Scene | None = None,
+    gripper: str | None = None,
     seed: int = 0,
     settings: ProposalSettings = ProposalSettings(),
 ) -> Proposal:
@@ -139,6 +142,7 @@ def propose(
     file : path of the description to be written, to which paths are relative
     apart : distance between the bases [m]
     around : scene whose obstacles stand around the robot, from which homes keep away
+    gripper : URDF of a gripper for every arm without fingers, as `urdfs` are named
     seed : seed of the random configurations, from which home and pairs that always touch are found
 
     Raises
@@ -157,9 +161,15 @@ def propose(
     data = {"name": _name_of(file), **data}
     with warnings.catch_warnings():  # they come once, with the last robot
         warnings.simplefilter("ignore", ComoveWarning)
+        if gripper is not None:
+            data, more = _with_gripper(data, gripper, parts, file, settings)
+            notes += more
         data, more = _with_tools(data, _robot(data, file), parts, settings)
         robot, notes = _robot(data, file), notes + more
-    left_out = _left_out(robot, parts, seed, settings)
+    left_out, touching = _left_out(robot, parts, seed, settings)
+    for name, links in touching.items():
+        data["arms"][name]["gripper"]["touch_links"] = links
+        notes.append(f"{', '.join(links)} may touch the gripper of '{name}', as `touch_links` says")
     srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
     pairs = [pair for part in parts for pair in _named(part, left_out)]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
@@ -206,13 +216,7 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
             posture |= trunk
         guessed = _limits_of(part, settings.endless)
         limits |= guessed
-        keys = {joint: " and ".join(given) for joint, given in guessed.items()}
-        for told in dict.fromkeys(keys.values()):
-            names = [joint for joint, lacks in keys.items() if lacks == told]
-            notes.append(
-                f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
-                "put the maker's there"
-            )
+        notes += _told_guesses(guessed)
         own = {joint for chain in part.chains for joint in chain.joints}
         held = {prefix + joint: joints[joint].springs for joint in own if joints[joint].springs > 0.0}
         springs |= {joint: held[joint] for joint in sorted(held)}
@@ -238,19 +242,34 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
     return data, notes
 
 
+def _told_guesses(guessed: dict[str, dict[str, float]]) -> Iterator[str]:
+    """Yield in words which limits of joints are guesses."""
+    keys = {joint: " and ".join(given) for joint, given in guessed.items()}
+    for told in dict.fromkeys(keys.values()):
+        names = [joint for joint, lacks in keys.items() if lacks == told]
+        yield (
+            f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
+            "put the maker's there"
+        )
+
+
 def _name_of(file: Path) -> str:
     return re.sub(r"\W+", "_", file.stem) or "robot"
 
 
-def _srdf_beside(urdf: Path) -> Path | None:
-    """Return the SRDF of a URDF: of its name in its folder, or alike in the folder `srdf` next to that, the one that
-    shares most with it; or None. That of a ur5e is not alike that of a ur5.
+def _srdf_beside(urdf: Path, named: str) -> str | None:
+    """Return the SRDF of a URDF, named as that is, or None: of its name in its folder, or alike in the folder `srdf`
+    next to that, the one that shares most with it. That of a ur5e is not alike that of a ur5.
     """
-    if (same := urdf.with_suffix(".srdf")).is_file():
-        return same
-    own = sorted((urdf.parent.parent / "srdf").glob("*.srdf"))
-    alike = [path for path in own if _begins(path.stem, urdf.stem) or _begins(urdf.stem, path.stem)]
-    return max(alike, key=lambda path: (min(len(path.stem), len(urdf.stem)), -len(path.stem)), default=None)
+    pairs, shared = urdf.with_suffix(".srdf"), urdf.parent
+    if not pairs.is_file():
+        shared = urdf.parent.parent
+        own = sorted((shared / "srdf").glob("*.srdf"))
+        alike = [path for path in own if _begins(path.stem, urdf.stem) or _begins(urdf.stem, path.stem)]
+        pairs = max(alike, key=lambda path: (min(len(path.stem), len(urdf.stem)), -len(path.stem)), default=pairs)
+    if not pairs.is_file():
+        return None
+    return named.removesuffix(urdf.relative_to(shared).as_posix()) + pairs.relative_to(shared).as_posix()
 
 
 def _begins(name: str, stem: str) -> bool:
@@ -260,19 +279,17 @@ def _begins(name: str, stem: str) -> bool:
 
 def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
     """Read one URDF and find its arms."""
-    path = resolve(urdf, file) if "://" in urdf else Path(urdf)
+    path, named = _place_of(urdf, file)
     top = elements_in(path, URDF)
     with errors_in(path):
         require_tree(top)
     tree = Tree.of(top, shape)
-    entry: dict[str, Any] = {"urdf": urdf if "://" in urdf else os.path.relpath(path, file.absolute().parent)}
+    entry: dict[str, Any] = {"urdf": named}
     notes: list[str] = []
-    if (pairs := _srdf_beside(path)) is not None:
-        shared = pairs.parent if pairs.parent == path.parent else pairs.parent.parent
-        folder = str(entry["urdf"]).removesuffix(path.relative_to(shared).as_posix())
-        entry["srdf"] = folder + pairs.relative_to(shared).as_posix()
+    if (pairs := _srdf_beside(path, named)) is not None:
+        entry["srdf"] = pairs
         notes.append(
-            f"pairs that need not be kept apart are those of {pairs.name}, which lay beside the URDF"
+            f"pairs that need not be kept apart are those of {Path(pairs).name}, which lay beside the URDF"
         )
     if n > 1:
         entry["prefix"] = f"{SIDES[i]}_" if n == len(SIDES) else f"robot{i + 1}_"
@@ -352,11 +369,11 @@ def _with_tools(
     arms, notes = dict(data["arms"]), []
     bodies = list(placed_bodies(robot, robot.home))
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
-        hand = {prefix + link for link in (*chain.links, *chain.grippers)}
+        hand = gripper_links(robot, arm) or {prefix + link for link in (*chain.links, *chain.grippers)}
         held = [points for link, points in bodies if link in hand]
         frames = _finger_frames(robot, arm)
         at_tip = any(has_word(chain.tip, word) for word in BETWEEN) or bool(TOOL_FRAME.search(chain.tip))
-        if not chain.fingers:
+        if not arm.fingers:
             tool, note = _flange(robot, arm, frames[0], [] if at_tip else held, how)
             arms[arm.name] = arms[arm.name] | tool
             notes.append(note)
@@ -381,6 +398,72 @@ def _with_tools(
             "picture, and move it between the finger tips"
         )
     return data | {"arms": arms}, notes
+
+
+def _with_gripper(
+    data: dict[str, Any], gripper: str, parts: Sequence[_Part], file: Path, how: ProposalSettings
+) -> tuple[dict[str, Any], list[str]]:
+    """Return the description with a gripper on every arm without fingers, and notes about them.
+
+    The gripper's bodies are turned along the approach of the arm.
+    """
+    path, named = _place_of(gripper, file)
+    top = elements_in(path, URDF)
+    with errors_in(path):
+        require_tree(top)
+    tree = Tree.of(top, how.arm)
+    if chain := next((chain for chain in tree.chains() if len(chain.joints) > how.arm.longest_finger), None):
+        raise RobotError(
+            f"it has an arm of its own, from '{chain.joints[0]}' to '{chain.joints[-1]}'",
+            file=path,
+            way_out="name the URDF of the gripper alone",
+        )
+    moving = [joint.name for joint in tree.joints if joint.kind in MOVING]
+    entry = {"urdf": named}
+    if (pairs := _srdf_beside(path, named)) is not None:
+        entry["srdf"] = pairs
+    bare = _robot(data, file)
+    data = data | {"arms": dict(data["arms"]), "limits": dict(data.get("limits", {}))}
+    arms, notes = [arm for arm in bare.arms if not arm.fingers], list[str]()
+    if not arms:
+        raise RobotError(
+            "every arm has fingers already",
+            key="--gripper",
+            way_out="leave it out, or name a URDF of the arm alone",
+        )
+    for arm in arms:
+        prefix = f"{arm.name}_gripper_"
+        fingers = {"fingers": [prefix + name for name in moving]} if moving else {}
+        data["arms"][arm.name] = data["arms"][arm.name] | fingers | {"gripper": dict(entry)}
+        chain = Chain((), (), (), (), tuple(moving), ())
+        guessed = _limits_of(_Part({"prefix": prefix}, tree, (chain,), ()), how.endless)
+        data["limits"] |= guessed
+        notes += _told_guesses(guessed)
+    if not data["limits"]:
+        del data["limits"]
+    robot = _robot(data, file)
+    bodies = list(placed_bodies(robot, robot.home))
+    for arm in arms:
+        own, tip = gripper_links(robot, arm), robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
+        points = [(points - tip[:3, 3]) @ tip[:3, :3] for link, points in bodies if link in own]
+        forward = _nearest_axis(np.concatenate([*points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
+        approach, why = _Wrist.of(bare, arm, _finger_frames(bare, arm)[0]).approach(how)
+        if (approach != forward).any():
+            turn, _ = Rotation.align_vectors(approach, forward)
+            quaternion = turn.as_quat(scalar_first=True).round(6).tolist()
+            data["arms"][arm.name]["gripper"]["mount"] = {"quaternion_wxyz": quaternion}
+        notes.append(
+            f"the gripper of '{arm.name}' is mounted on '{arm.tip}', its {_axis_name(forward)} along "
+            f"{_axis_name(approach)} of that, {why}: see the picture, and correct `mount`"
+        )
+    return data, notes
+
+
+def _place_of(urdf: str, file: Path) -> tuple[Path, str]:
+    """Return the path of a model that a person names, and how a description in `file` names it."""
+    if "://" in urdf:
+        return resolve(urdf, file), urdf
+    return Path(urdf), os.path.relpath(urdf, file.absolute().parent)
 
 
 def _tool(turn: Array, along: float) -> dict[str, Any]:
@@ -565,14 +648,15 @@ def _nearest_axis(vector: Array) -> Array:
 
 def _left_out(
     robot: Robot, parts: Sequence[_Part], seed: int, how: ProposalSettings
-) -> dict[str, dict[Pair, str]]:
+) -> tuple[dict[str, dict[Pair, str]], dict[str, list[str]]]:
     """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
 
     Links of different models must not touch, wherever the bases stand.
 
     Returns
     -------
-    by URDF its pairs, as it names the links, with the reason of each as SRDF has it
+    by URDF its pairs, as it names the links, with the reason of each as SRDF has it; and by arm the links that its
+    gripper touches so
     """
     rng = np.random.default_rng(seed)
     drawn = rng.uniform(robot.lower, robot.upper, (how.n_samples, len(robot.lower)))
@@ -581,11 +665,17 @@ def _left_out(
     never = near_but_apart(robot, clearance_at_home(robot), how.n_samples, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
+    touched: dict[str, list[str]] = {}
+    for arm in robot.arms:
+        own = gripper_links(robot, arm)
+        for pair in [pair for pair in reasons if own & set(pair)]:
+            del reasons[pair]
+            touched.setdefault(arm.name, []).extend(link for link in pair if link not in own)
     for part, ((a, b), reason) in product(parts, reasons.items()):
         if a.startswith(part.prefix) and b.startswith(part.prefix):
             inside = a.removeprefix(part.prefix), b.removeprefix(part.prefix)
             found[part.entry["urdf"]][inside] = reason
-    return found
+    return found, {name: sorted(set(links)) for name, links in touched.items()}
 
 
 def _named(part: _Part, left_out: dict[str, dict[Pair, str]]) -> list[tuple[Pair, str]]:

@@ -25,6 +25,7 @@ from comove.robots.verification.carried import LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
 from comove.robots.verification.holding import Errors
 from comove.robots.verification.reach import Bases, joint_axes
+from comove.scenes.resting import TOLERANCE
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
@@ -235,7 +236,12 @@ def hands(errors: Errors, motion: VerifiedMotion) -> JointFinding:
 def calibration(bases: Bases, arms: tuple[Arm, ...], errors: Errors, motion: VerifiedMotion) -> JointFinding:
     """Check that the load keeps clear of the scene wherever the bases may stand."""
     off = max(bases.of_hand(arm, errors.hands[:, i])[1] for i, arm in enumerate(arms))
-    clearance, reasons = motion.report.clearance_min, []
+    clearance, near, reasons = motion.report.clearance_min, motion.report.support_distance_min, []
+    if off > 0 and near is not None and not near - off >= -2 * TOLERANCE:
+        reasons.append(
+            f"the payload comes within {max(near, 0.0):.3g} m of its support, and hands may be off by {off:.3g} m "
+            "because of where the bases stand; raise start and goal by that, or measure the bases more exactly"
+        )
     if off > 0 and not clearance - off >= 0:
         reasons.append(
             f"the load comes within {clearance:.3g} m of something, and hands may be off by {off:.3g} m because of "

@@ -28,6 +28,7 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
 from comove.robots.description import Uncertainty
 from comove.robots.effort import carried_masses
+from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointCommand, JointMotion, commands
 from comove.robots.verification import checks
@@ -64,6 +65,7 @@ class JointReport:
         reduced by the effect of that tolerance
     load_mass : mass with which torques were computed [kg]
     uncertainty : tolerance that was assumed of the bases' places
+    without_gripper : names of the arms whose description has no gripper, so that none was verified
     where : by measure, the name of the joint, hand or pair that has it, and the time [s]
 
     A clearance is infinite where there is no pair of bodies. Measures that were not computed are NaN.
@@ -86,6 +88,7 @@ class JointReport:
     hand_uncertainty: float = math.nan
     load_mass: float = math.nan
     uncertainty: Uncertainty = field(default_factory=Uncertainty)
+    without_gripper: tuple[str, ...] = ()
     where: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
     def asdict(self) -> dict[str, float]:
@@ -220,7 +223,9 @@ def verify_joints(
             break
     measures = {name: value for finding in findings for name, value in finding.measures.items()}
     where = {name: place for finding in findings for name, place in finding.where.items()}
-    report = JointReport(**measures, uncertainty=bases.uncertainty, where=where)
+    report = JointReport(
+        **measures, uncertainty=bases.uncertainty, without_gripper=without_gripper(robot), where=where
+    )
     reasons = tuple(reason for finding in findings for reason in finding.reasons)
     verified = None if reasons else VerifiedJointMotion(robot, motion, joints, report, seal=_SEAL)
     return JointVerdict(verified, report, reasons)
