@@ -59,6 +59,8 @@ def mass_beyond(joint: str, sources: Iterable[Source]) -> float:
 
 def _has(tree: ET.Element, joint: str) -> bool:
     return any(each.get("name") == joint for each in tree.findall("joint"))
+
+
 def masses_of(urdf: str, links: Iterable[str], model: Any) -> NDArray[np.float64]:
     """Return the masses of some links of a URDF by the joint that moves each; array, shape (n_joints + 1,) [kg]."""
     masses, wanted = np.zeros(model.njoints), set(links)

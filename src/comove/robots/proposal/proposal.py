@@ -266,7 +266,9 @@ def _srdf_beside(urdf: Path, named: str) -> str | None:
         shared = urdf.parent.parent
         own = sorted((shared / "srdf").glob("*.srdf"))
         alike = [path for path in own if _begins(path.stem, urdf.stem) or _begins(urdf.stem, path.stem)]
-        pairs = max(alike, key=lambda path: (min(len(path.stem), len(urdf.stem)), -len(path.stem)), default=pairs)
+        pairs = max(
+            alike, key=lambda path: (min(len(path.stem), len(urdf.stem)), -len(path.stem)), default=pairs
+        )
     if not pairs.is_file():
         return None
     return named.removesuffix(urdf.relative_to(shared).as_posix()) + pairs.relative_to(shared).as_posix()
