@@ -179,7 +179,9 @@ def raw_limits(model: str) -> dict[str, tuple[float, float, float]]:
     if model.startswith("package://"):
         share = Path(peer("cmeel_pth").__file__).parent / "cmeel.prefix/share/example-robot-data/robots"
         model = str(share / model.removeprefix("package://"))
-    for joint in ET.parse(model).getroot().iter("joint"):
+    text = Path(model).read_text(encoding="utf-8")
+    bound = "".join(f' xmlns:{name}="{name}"' for name in ("drake", "xacro") if f"xmlns:{name}" not in text)
+    for joint in ET.fromstring(re.sub(r"<robot\b", f"<robot{bound}", text, count=1).encode()).iter("joint"):
         limit, soft = joint.find("limit"), joint.find("safety_controller")
         if limit is None or joint.get("type") not in ("revolute", "prismatic", "continuous"):
             continue

@@ -122,14 +122,15 @@ def test_the_hand_is_all_that_hangs_beyond_the_last_link_whatever_holds_it(tmp_p
             ("elsewhere", "fixed", "base", "other"),
         )
     )
-    machine = Robot.load(
-        written(
-            tmp_path,
-            {"arm.urdf": urdf(links + joints)},
-            {"models": [{"urdf": "arm.urdf", "prefix": "p_"}], "arms": {"a": {"tip": "p_arm", "payload": 3}}},
+    gripper = {"mass": 0.25, "shapes": [{"shape": "box", "size": [0.1, 0.1, 0.1]}]}
+    for more, hand in (({}, 0.625), ({"gripper": gripper}, 0.875)):
+        described = {"tip": "p_palm", "payload": 3} | more
+        models = [{"urdf": "arm.urdf", "prefix": "p_"}]
+        file = written(
+            tmp_path, {"arm.urdf": urdf(links + joints)}, {"models": models, "arms": {"a": described}}
         )
-    )
-    assert (machine.arms[0].payload, machine.arms[0].hand) == (3.0, 0.625)
+        (machine,) = Robot.load(file).arms
+        assert (machine.payload, machine.hand) == (3.0, pytest.approx(hand))
 
 
 def test_bundled_arms_are_rated_as_their_makers_state_and_their_hands_leave_something():

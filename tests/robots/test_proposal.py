@@ -588,9 +588,10 @@ def test_links_that_come_near_and_cannot_touch_are_not_compared(tmp_path, gap, n
     assert told == never == any("'link1' and 'link3' come near" in note for note in proposal.notes)
 
 
-def test_limits_that_no_motor_has_are_guessed_and_told(tmp_path):
+@pytest.mark.parametrize("nothing", ["0", "1e9"])
+def test_limits_that_no_motor_has_are_guessed_and_told(tmp_path, nothing):
     text = urdf(link("base"), arm("", "base")).replace(
-        'velocity="2" effort="40"', 'velocity="0" effort="0"', 1
+        'velocity="2" effort="40"', f'velocity="{nothing}" effort="{nothing}"', 1
     )
     proposal = propose([written(tmp_path, text)], tmp_path / "made.yaml")
     assert proposal.data["limits"] == {"joint0": {"velocity": 1.0, "effort": 50.0}}

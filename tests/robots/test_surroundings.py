@@ -5,7 +5,7 @@ import pytest
 import yaml
 
 from comove.robots import Robot
-from comove.robots.proposal import examine, propose, scene_of
+from comove.robots.proposal import examine, homes, propose, scene_of
 from comove.robots.proposal.homes import HomeSettings
 from comove.robots.proposal.proposal import ProposalSettings
 from tests.commands import invoke
@@ -53,6 +53,16 @@ def test_a_home_in_the_middle_of_a_hollow_mesh_touches_none_of_its_triangles_and
     crate = {"shape": "mesh", "name": "crate", "file": "crate.obj", "center": place.tolist()}
     found = examine(robot, around=scene_of([crate], tmp_path))
     assert any("is inside crate" in fault for fault in found.faults)
+
+
+def test_where_no_hand_points_down_in_the_clear_a_home_is_found_however_it_is_turned(tmp_path, monkeypatch):
+    """Whatever settles with its hand down does so where something stands."""
+    made, out = written(tmp_path, urdf(link("base"), arm("", "base"))), tmp_path / "robot.yaml"
+    first = propose([made], out, settings=QUICK).robot
+    around = scene_of(about([first.tool_pose(first.home, first.arms[0])[:3, 3]], 0.12))
+    monkeypatch.setattr(homes, "_settled", lambda *_: (first.home, 1.0))
+    moved = propose([made], out, around=around, settings=QUICK).robot
+    assert not any("at home" in fault for fault in examine(moved, around=around).faults)
 
 
 @pytest.mark.slow

@@ -104,6 +104,12 @@ def homes_of(
             found = _first_free(
                 robot, [each for each in best if not buried(alone, around, each)], later, needed
             )
+        if found is None:  # then however the hand is turned
+            keep = limit_margin(robot)
+            kept = (_rounded(each, robot.lower + keep, robot.upper - keep, how) for each in begun)
+            found = _first_free(
+                robot, [each for each in kept if not buried(alone, around, each)], later, needed
+            )
         q = best[0] if found is None else found
         if found is None:
             notes.append(
@@ -114,7 +120,7 @@ def homes_of(
         if tilt > how.near_down:
             notes.append(
                 f"the hand of '{arm.name}' at home is {np.rad2deg(tilt):.0f} degrees from pointing down, as near as "
-                f"its {len(arm.columns)} joints were seen to come"
+                f"its {len(arm.columns)} joints were seen to come, clear of everything"
             )
     return Homes(tuple(q[arm.columns] for arm in robot.arms), tuple(notes))
 
@@ -271,8 +277,14 @@ def _settled(
         square = rates @ rates.T + how.damping * np.eye(5)
         q[arm.columns] += how.gain * rates.T @ np.linalg.solve(square, error)
         q = np.clip(q, lower, upper)
+    return _rounded(q, lower, upper, how), miss
+
+
+def _rounded(q: Array, lower: Array, upper: Array, how: HomeSettings) -> Array:
+    """Return joints within limits, rounded where that leaves them there; arrays, shape (n_joints,)."""
+    q = np.clip(q, lower, upper)
     rounded = q.round(how.digits)
-    return np.where((rounded < lower) | (rounded > upper), q, rounded), miss
+    return np.where((rounded < lower) | (rounded > upper), q, rounded)
 
 
 def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:

@@ -23,7 +23,7 @@ from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
 from comove.robots.grippers import gripper_links
-from comove.robots.model import FREEDOMS, Arm, Robot, assembled, frame_of_joint
+from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
@@ -344,7 +344,11 @@ def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
         stated = {key: value for key, value in joint.limits.items() if key not in joint.guessed}
         missing = {key: value for key, value in usual.items() if key not in stated}
         if joint.name in moving:
-            missing = {key: value for key, value in usual.items() if not (stated.get(key) or 0.0) > 0.0}
+            missing = {
+                key: value
+                for key, value in usual.items()
+                if not 0.0 < (stated.get(key) or 0.0) <= LARGEST_LIMIT
+            }
             lower, upper = joint.bounds
             if joint.kind == "continuous" or not lower < upper:
                 missing |= {"lower": -endless, "upper": endless}
