@@ -8,8 +8,7 @@ import pytest
 
 from comove.errors import OptionError, RobotError
 from comove.robots import RobotCarrier, carry
-from comove.robots.files import stored_present
-from comove.robots.present import present_joints, read_present
+from comove.robots.present import present_joints, read_present, stored_present
 from tests.robots.small_robots import lifts_scene, robot
 
 

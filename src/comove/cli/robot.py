@@ -184,8 +184,7 @@ def _require_approach(present: Path | None, approach: bool) -> None:
 
 def _present(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
     """Return the joints at which the approach begins: those of a file, or else those of the result folder."""
-    from comove.robots.files import stored_present
-    from comove.robots.present import read_present
+    from comove.robots.present import read_present, stored_present
 
     return stored_present(folder, motion.robot) if file is None else read_present(file, motion.robot)
 

@@ -38,11 +38,10 @@ from comove.results.sealed import (
     require_types,
 )
 from comove.results.solution import StoredResult, motion_arrays, read_result, rebuild, verify_result
-from comove.robots.description import bundled_robots, errors_in, find_description, is_file
+from comove.robots.description import bundled_robots, find_description, is_file
 from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.robots.present import present_joints
 from comove.robots.verification.checks import unfit_joints
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 from comove.scenes.model import canonical
@@ -143,24 +142,6 @@ def write_joints(
         "motion_sha256": checksum(motion_arrays(motion)),
     }
     return JOINTS.write(folder, summary, joint_arrays(joints))
-
-
-def stored_present(folder: str | Path, robot: Robot) -> Array | None:
-    """Return the joints at which an approach to a stored motion begins, as its summary says; None for home.
-
-    Raises
-    ------
-    ResultError, RobotError
-        If the summary cannot be read, or tells of joints that are not the robot's.
-    """
-    file = Path(folder) / JOINTS.summary
-    told = read_json(file, JOINTS.hint).get("present")
-    if told is None:
-        return None
-    with errors_in(file):
-        if not isinstance(told, dict):
-            raise RobotError("it is no mapping of joints", key="present", way_out="solve the scene again")
-        return present_joints(told, robot)
 
 
 def joint_arrays(joints: JointMotion) -> Arrays:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from comove.errors import RobotError, near_name
 from comove.io.yaml_reader import read_yaml
+from comove.results.sealed import read_json
 from comove.robots.description import errors_in
+from comove.robots.files import JOINTS
 from comove.robots.model import Robot, frame_of_joint
 from comove.robots.verification.bodies import beyond_wrists
 
@@ -54,6 +56,24 @@ def read_present(file: Path, robot: Robot) -> dict[str, float]:
             data = dict(zip(map(str, names), values, strict=True))
         found = present_joints(data, robot)
     return dict(zip(robot.joint_names, found.tolist(), strict=True))
+
+
+def stored_present(folder: str | Path, robot: Robot) -> Array | None:
+    """Return the joints at which an approach to a stored motion begins, as its summary says; None for home.
+
+    Raises
+    ------
+    ResultError, RobotError
+        If the summary cannot be read, or tells of joints that are not the robot's.
+    """
+    file = Path(folder) / JOINTS.summary
+    told = read_json(file, JOINTS.hint).get("present")
+    if told is None:
+        return None
+    with errors_in(file):
+        if not isinstance(told, dict):
+            raise RobotError("it is no mapping of joints", key="present", way_out="solve the scene again")
+        return present_joints(told, robot)
 
 
 def present_joints(given: Joints | None, robot: Robot, key: str = "present") -> Array:
