@@ -199,6 +199,7 @@ def test_a_kernel_computes_the_same_however_it_is_called(calling, monkeypatch, l
         ]
 
 
+@pytest.mark.slow
 def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
     (tmp_path / "caller.py").write_text(
         "from comove.compiled import kernel\n\nimport calling_for_tests\n\n"
@@ -215,6 +216,7 @@ def test_a_large_kernel_is_called_anew_when_its_source_has_changed(tmp_path):
     assert run("int(x)") == ["4.0"]  # another type comes back
 
 
+@pytest.mark.slow
 def test_who_is_compiled_with_what_is_on_disk_loads_what_that_calls(tmp_path):
     """Each process compiles one caller more; a last one has nothing but what they have left."""
     (tmp_path / "chain.py").write_text(
@@ -354,6 +356,7 @@ def test_what_other_files_hold_is_never_out_of_date(parts, tmp_path):
     assert parts() == (61.5, 1)
 
 
+@pytest.mark.slow
 def test_a_comment_elsewhere_compiles_nothing_anew(parts, tmp_path):
     assert parts() == (12.5, 0)
     file = tmp_path / "inner_for_tests.py"

@@ -94,7 +94,6 @@ def test_solve_is_that_of_the_robot(tmp_path):
 
 @pytest.mark.slow
 def test_run_is_that_of_the_robot(tmp_path):
-    pytest.importorskip("mujoco")
     done = invoke("run", SCENE, "--out", tmp_path / "out", "--period", 0.004)
     assert done.exit_code == 0, done.stderr
     assert parts_of(tmp_path / "out") == (Part.ROBOT_RUN,)

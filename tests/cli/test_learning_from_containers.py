@@ -74,6 +74,7 @@ RECORDINGS = {
 
 
 @pytest.mark.parametrize("name", RECORDINGS)
+@pytest.mark.few(5)
 def test_printed_commands_lead_to_a_primitive(tmp_path, name):
     RECORDINGS[name](tmp_path / name)
     arguments = ["learn", name, "--out", "out.json"]

@@ -98,6 +98,7 @@ TABLES = {
 
 
 @pytest.mark.parametrize("name", TABLES)
+@pytest.mark.few(4)
 def test_the_commands_that_refusals_print_work_as_they_are_printed(folder, name):
     (folder / name).write_text(TABLES[name])
     arguments, asked = ["learn", name, "--out", "out.json"], 0
@@ -314,6 +315,7 @@ def test_damaged_and_foreign_files_are_named(filled):
     assert invoke("library", "list").exit_code == 0
 
 
+@pytest.mark.slow
 def test_combine_and_solve_with_what_came_of_it(filled):
     good("library", "add", "lasa:Worm", "lasa:Trapezoid")
     outcome = good("library", "combine", "scene.yaml", "--out", "c.json", "--picture", "c.png")

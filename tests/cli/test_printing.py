@@ -72,6 +72,7 @@ def test_the_stream_itself_lets_nothing_through_and_json_stays_json(tmp_path):
 
 
 @pytest.mark.parametrize("verb", ["verify", "show", "report"])
+@pytest.mark.few(2)
 def test_a_result_of_a_forger_commands_no_terminal(verb, folder):
     """In every entry of a summary that is text, and in names of arrays."""
     summary, arrays = SOLUTION.read(folder)
@@ -107,6 +108,7 @@ def test_paths_that_the_environment_cannot_encode_are_shown_by_their_letters(tmp
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of Unix")
+@pytest.mark.slow
 def test_a_file_that_is_larger_than_the_process_may_write_is_told_by_its_own_exit_code(folder, tmp_path):
     command = f"ulimit -f 40; exec {sys.executable} -m comove report {folder} --html {tmp_path}/page.html"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True)

@@ -102,6 +102,7 @@ def test_the_result_seeds_the_solver():
     assert solve(scene, demonstration=found.dmp, planner=False, budget=20).verified
 
 
+@pytest.mark.slow
 def test_where_nothing_passes_the_best_attempt_is_labelled_so():
     scene = two_gaps(gap=0.004, bar=0.1)
     found = combine([bump(0.5)], scene, budget=2.0)

@@ -47,6 +47,7 @@ def overshoot(hands, start, goal):
 @pytest.mark.parametrize(
     "changes", [{}, {"duration": None}, {"limits": {"speed": 1.0, "acceleration": 0.3}}], ids=str
 )
+@pytest.mark.few(1)
 def test_a_tray_is_carried_without_overshoot(changes):
     """One peak of speed, nothing beyond the goal or below the start, level, half of it after half of the time."""
     scene = Scene.from_dict(TRAY | changes)

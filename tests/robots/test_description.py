@@ -83,7 +83,7 @@ def test_the_example_of_the_module_is_a_description():
 def test_the_page_for_users_shows_a_description_and_every_key():
     page = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="utf-8")
     files = re.findall(r"```yaml\n(.*?)```", page, re.DOTALL)
-    names = [RobotFile.model_validate(yaml.safe_load(text)).name for text in files]
+    names = [RobotFile.model_validate(yaml.safe_load(text)).name for text in files if "arms:" in text]
     assert names == ["two_pandas", "held"]
     keys = set(re.findall(r"^\| (?:· )?`(\w+)`", page, re.MULTILINE))
     keys |= set(re.findall(r"`(\w+)`", "".join(re.findall(r"^\|.*", page, re.MULTILINE))))

@@ -98,6 +98,7 @@ def test_every_robot_that_comes_with_comove_has_a_first_scene(name):
     assert propose_scene(Robot.load(name), name).found.verified
 
 
+@pytest.mark.slow
 def test_the_same_scene_is_proposed_each_time(proposal):
     assert propose_scene(Robot.load(TWO_ARMS), str(TWO_ARMS)).data == proposal.data
 

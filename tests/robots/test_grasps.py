@@ -9,8 +9,9 @@ import pytest
 from comove.errors import SceneError
 from comove.planning import Budget, solve
 from comove.robots import Robot, carry, solving
-from comove.robots.files import read_joints, write_joints
+from comove.robots.files import read_joints
 from comove.scenes import Scene
+from comove.views import save_robot_result
 from tests.robots.small_robots import CAMERA, lifts_scene, robot
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "robots" / "from_the_side.yaml"
@@ -52,10 +53,10 @@ def test_the_mesh_of_a_scene_is_found_from_the_results_folder(tmp_path):
     scene = Scene.load(EXAMPLE.with_name("over_a_sill.yaml"))
     found = carry(scene, Robot.load("two_ur10"), seed=0)
     assert found.verified
-    write_joints(tmp_path, found.joints, found.verdict, found.robot, found.solution.attempt)
-    assert (
-        read_joints(tmp_path).scene.sha256 == found.motion.scene.sha256
-    )  # the mesh is found, and it is the same one
+    save_robot_result(found, tmp_path, wall_time_s=1.0)
+    assert read_joints(tmp_path).scene.sha256 == found.motion.scene.sha256, (
+        "the mesh is found, and the same one"
+    )
 
 
 def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(monkeypatch):

@@ -21,6 +21,7 @@ from comove.robots.grippers import COLOUR, gripper_links, without_gripper
 from comove.robots.proposal import examine, propose
 from comove.scenes import Scene
 from comove.simulators import simulate
+from comove.simulators.engine import engine
 from comove.simulators.urdf import for_mujoco
 from comove.stored import joint_rows, run_rows, simulation_rows
 from comove.workbench.bodies import bodies_of as drawn_bodies
@@ -220,7 +221,7 @@ def test_two_arms_may_have_the_same_gripper_and_a_description_without_one_keeps_
 
 
 def test_mujoco_has_its_bodies_and_its_mass(tmp_path):
-    mujoco = pytest.importorskip("mujoco")
+    mujoco = engine()
     machine = held(tmp_path, {"shapes": SHAPES, "mass": 0.8, "mount": MOUNT})
     text = for_mujoco(machine.sources, machine.description.posture, machine.joint_names, drawn=True)
     model = mujoco.MjModel.from_xml_string(text)

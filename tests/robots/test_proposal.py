@@ -545,8 +545,10 @@ def test_the_srdf_of_a_model_is_that_of_its_whole_name(tmp_path, urdf_name, srdf
     (tmp_path / "srdf").mkdir()
     for name in srdfs:
         (tmp_path / "srdf" / f"{name}.srdf").write_text('<robot name="made"/>', encoding="utf-8")
-    found = _srdf_beside(tmp_path / "urdf" / f"{urdf_name}.urdf")
-    assert (found and found.stem) == wanted
+    file = tmp_path / "urdf" / f"{urdf_name}.urdf"
+    assert _srdf_beside(file, f"package://made/urdf/{file.name}") == (
+        None if wanted is None else f"package://made/srdf/{wanted}.srdf"
+    )
 
 
 def test_two_of_a_kind_leave_out_the_same_pairs(tmp_path):
@@ -665,6 +667,7 @@ def limits_of(seed):
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.few(1)
 def test_a_home_keeps_what_search_and_approach_demand(tmp_path, seed):
     """Its distance from limits and between links is computed here from the raw file and coal's distances."""
     proposal = propose([written(tmp_path, limits_of(seed))], tmp_path / "made.yaml")
@@ -770,6 +773,7 @@ def five_joints(angle, limit):
 
 
 @pytest.mark.parametrize(("angle", "rounded"), [("1.5708", True), ("1.57", None), (repr(np.pi / 2), None)])
+@pytest.mark.few(1)
 def test_right_angles_of_arms_of_five_joints_are_rounded(angle, rounded, tmp_path):
     path = tmp_path / "five.urdf"
     path.write_text(five_joints(angle, 2.8), encoding="utf-8")

@@ -210,6 +210,7 @@ def room_to_home():
     return Room.for_ends(bodies, carry.scene, np.stack([held, robot.home]), nodes)
 
 
+@pytest.mark.slow
 def test_capsules_take_nothing_for_free_that_the_exact_bodies_do_not():
     room, robot, rng = room_to_home(), baxter(), np.random.default_rng(7)
     shares, strays = rng.random((400, 1)), rng.normal(0.0, 0.4, (400, len(robot.home)))

@@ -185,6 +185,7 @@ def test_what_broke_down_at_once_is_written_and_drawn_or_told(tmp_path, state):
             assert "pictures cannot be drawn" in str(error)
 
 
+@pytest.mark.slow
 def test_the_film_of_no_time_has_a_picture(tmp_path, monkeypatch):
     from comove.simulators import pictures
 

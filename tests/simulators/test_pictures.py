@@ -108,3 +108,31 @@ except OptionError as error:
     assert done.returncode == 0, done.stderr
     assert "apt-get install libegl1 libosmesa6" in done.stdout
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.slow
+def test_who_imports_mujoco_first_is_told_what_to_set(tmp_path):
+    code = """
+import mujoco
+from comove.errors import OptionError
+from comove.simulators import draw_sheet
+from tests.simulators.test_pictures import still
+try:
+    draw_sheet(still(), "sheet.png")
+except OptionError as error:
+    print(error.way_out)
+"""
+    environment = {k: v for k, v in os.environ.items() if k not in ("MUJOCO_GL", "DISPLAY")}
+    environment["PYTHONPATH"] = os.getcwd()
+    for advised in ({}, {"MUJOCO_GL": drawing_backend()}):
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            env=environment | advised,
+            capture_output=True,
+            text=True,
+            cwd=tmp_path,
+        )
+        assert done.returncode == 0, done.stderr
+        told = "" if advised else f"set MUJOCO_GL={drawing_backend()} before Python starts"
+        assert done.stdout.strip() == told
+    assert (tmp_path / "sheet.png").exists()

@@ -311,6 +311,7 @@ def test_what_is_held_stays_while_the_scene_changes(opened):
     assert session.stage.recording.time[-1] == pytest.approx(7.0)
 
 
+@pytest.mark.slow
 def test_what_no_control_sends_changes_nothing(bench):
     guarded, sessions, _ = bench
     page = Page(guarded.address.rstrip("/")).appear()

@@ -39,6 +39,7 @@ NUMBERS = {
 }
 """How many numbers an attribute holds, and their unit, by element; `_check_limits` checks those of `LIMITS`."""
 WHOLE = ("axis", "mass", "inertia", "box", "sphere", "cylinder", "capsule")  # have all of these attributes
+HINTS = "collision_checking"  # names shapes that Pinocchio may take for others, and gives them no sizes
 COUNTS = {1: "one number", 3: "three numbers with blanks between", 4: "four numbers with blanks between"}
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _MINUS = str.maketrans(dict.fromkeys("\u2010\u2011\u2012\u2013\u2014\u2212\ufe63\uff0d", "-"))
@@ -99,7 +100,8 @@ def _check_numbers(owner: ET.Element, told: str) -> None:
     """Refuse attributes that do not hold as many numbers as they should, and part the numbers by single blanks, as
     Pinocchio reads them.
     """
-    for element in owner.iter():
+    hints = {element for hint in owner.iter(HINTS) for element in hint.iter()}
+    for element in (each for each in owner.iter() if each not in hints):
         for attribute, (count, unit) in NUMBERS[element.tag].items() if element.tag in WHOLE else ():
             if attribute not in element.attrib:
                 raise RobotError(

@@ -78,11 +78,11 @@ def require_pictures() -> None:
 
 def no_pictures(reason: str) -> OptionError:
     """Return the error that says why pictures cannot be drawn, and what to do."""
-    return OptionError(
-        f"pictures cannot be drawn: {reason}",
-        key="MUJOCO_GL",
-        way_out=f"{INSTALL}, and leave MUJOCO_GL unset; the simulation itself needs none of it",
-    )
+    way_out = f"{INSTALL}, and leave MUJOCO_GL unset; the simulation itself needs none of it"
+    if "MUJOCO_GL" not in os.environ and (works := drawing_backend()) != NO_PICTURES:
+        reason += "; mujoco was imported before comove, and took another backend than works here"
+        way_out = f"set MUJOCO_GL={works} before Python starts"
+    return OptionError(f"pictures cannot be drawn: {reason}", key="MUJOCO_GL", way_out=way_out)
 
 
 @cache

@@ -414,6 +414,7 @@ def test_whatever_is_large_is_told_soon_and_in_short(tmp_path, content, words):
     assert len(str(caught.value)) < 400 + len(str(path))
 
 
+@pytest.mark.slow
 def test_lines_that_fill_blocks_are_no_long_lines(tmp_path):
     """What is read at a time ends within a line, at its end, or before it."""
     for width in (2**15 - 1, 2**15, 2**15 + 1, 2**16 - 1, 2**16):

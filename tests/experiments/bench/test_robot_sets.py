@@ -80,6 +80,7 @@ def test_ends_in_which_an_arm_touches_nothing_come_first():
             ).all()
 
 
+@pytest.mark.slow
 def test_scenes_are_drawn_again_as_they_are_frozen():
     frozen = scenes_of("robots-easy")[2]
     data, witness = SETS["robots-easy"].draw(2)

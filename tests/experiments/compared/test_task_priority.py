@@ -26,6 +26,7 @@ def through():
     return comove.solve(scene, demonstration=demonstration_of(scene), method=TaskPriority())
 
 
+@pytest.mark.slow
 def test_where_nothing_is_in_the_way_the_motion_is_verified():
     for scene in (example("wide"), PLANAR_BAR, MIXED, PLANAR_LEVEL):
         solution = comove.solve(scene, method=TaskPriority())

@@ -221,6 +221,7 @@ def test_obstacles_of_a_scene_stand_where_the_scene_says(obstacles):
 
 @examples(60)
 @given(st.data())
+@pytest.mark.slow
 def test_united_obstacles_share_a_point_inside_both(data):
     n_dims = data.draw(st.sampled_from([2, 3]))
     pair = [data.draw(bodies(n_dims)), data.draw(bodies(n_dims))]

@@ -65,6 +65,7 @@ def reference(obstacles, point, velocity, modulation):
 
 @examples(300)
 @given(cases(most=4), modulations)
+@pytest.mark.slow
 def test_fields_are_those_of_the_papers(case, modulation):
     obstacles, point, velocity = case
     at = field(point, velocity, obstacles, modulation)

@@ -137,8 +137,8 @@ class _Place:
     ) -> dict[str, Any]:
         """Return the contents of a scene file in which the bar is lifted over a rail.
 
-        All suits the arms' reach: the bar's radius is 1.2 % of it, its mass 0.2 kg for each metre of it, if they are
-        rated for that, and the speed 0.6 times it a second.
+        All suits the arms' reach: the bar's radius is 1.2 % of it, but at most an eighth of the way; its mass 0.2 kg
+        for each metre of it, if they are rated for that, and the speed 0.6 times it a second.
 
         Parameters
         ----------
@@ -147,12 +147,14 @@ class _Place:
         duration : of the carry [s]
         around : obstacles that stand around the robot, as a scene has them
         """
-        reach, radius = self.reach, round(0.012 * self.reach, 3)
-        inset = self._vector(0.0, 0.5 * self.cell, 0.5 * self.cell)
+        reach, inset = self.reach, self._vector(0.0, 0.5 * self.cell, 0.5 * self.cell)
         half = self._vector(0.5 * self.length, 0.0, 0.0)
         start, goal = (np.round(corner, 3) + 0.0 for corner in (self.lower + inset, self.upper - inset))
         lift, way = goal[2] - start[2], goal[1 - self.axis] - start[1 - self.axis]
         goal[2] = start[2]
+        radius = max(
+            0.001, round(min(0.012 * reach, 0.125 * way), 3)
+        )  # a quarter of the way is left beside the rail
         lower, upper = self.lower - self.aside - half, self.upper + self.aside + half
         lower[2] = max(lower[2], self.floor)
         lower, upper = np.round(lower, 3), np.round(upper, 3)
