@@ -2,6 +2,7 @@
 
 import base64
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -41,6 +42,16 @@ def test_a_report_of_a_result(solved):
     assert len(page) < 5e6
 
 
+def test_its_picture_is_of_what_was_verified(solved, tmp_path):
+    """Not the one that lies in the folder, which anyone may have put there."""
+    folder = shutil.copytree(solved / "result", tmp_path / "result")
+    (folder / "motion.png").write_bytes(forged := b"\x89PNG forged")
+    assert invoke("report", "result", "--html", "report.html", folder=tmp_path).exit_code == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "data:image/png;base64," in page
+    assert base64.b64encode(forged).decode()[:12] not in page
+
+
 def test_a_report_of_a_run(solved):
     assert invoke("run", example_path("wide"), "--no-film", "--out", "run", folder=solved).exit_code == 0
     done = invoke("report", "run", "--html", "run.html", folder=solved)
@@ -56,8 +67,6 @@ def test_a_report_of_a_run(solved):
 
 
 def test_an_edited_result_is_not_reported_as_verified(solved, tmp_path):
-    import shutil
-
     shutil.copytree(solved / "result", tmp_path / "result")
     with np.load(tmp_path / "result" / "solution.npz") as archive:
         arrays = dict(archive)

@@ -256,8 +256,8 @@ def playback_of_joints(
     return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), reasons, robot)
 
 
-def playback_of_item(item: Item) -> Playback:
-    """Return what a result folder holds, verified anew.
+def verification_of(folder: Path, part: Part, scene: Path) -> Verification:
+    """Verify a part of a result folder anew, against a scene's file.
 
     Raises
     ------
@@ -266,10 +266,14 @@ def playback_of_item(item: Item) -> Playback:
     ExtraError
         If it needs what is not installed.
     """
-    folder, is_own = item.result, item.result is not None and item.scene == item.result / SCENE
-    if folder is None:
+    return verify_part(folder, part, None if scene == folder / SCENE else read_scene(scene))
+
+
+def playback_of_item(item: Item) -> Playback:
+    """Return a scene, or what a result folder holds; raises what `verification_of` does."""
+    if item.result is None:
         return playback_of_scene(read_scene(item.scene))
-    return _of_part(verify_part(folder, item.part, None if is_own else read_scene(item.scene)))
+    return playback_of_verification(verification_of(item.result, item.part, item.scene))
 
 
 def playback_of(thing: Any) -> Playback:
@@ -318,7 +322,7 @@ def _of_robot(thing: Any) -> Playback:
     )
 
 
-def _of_part(checked: Verification) -> Playback:
+def playback_of_verification(checked: Verification) -> Playback:
     """Return a part of a result folder, with what its verification found."""
     verdict = _VERDICTS[checked.part][checked.verified]
     if checked.verified and checked.is_hands_alone:

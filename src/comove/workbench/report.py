@@ -6,16 +6,19 @@ import base64
 import html
 import shlex
 from collections.abc import Iterable, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from comove.results.inputs import command_again
 from comove.results.sealed import AGAIN, read_json
 from comove.scenes.scene import Scene
-from comove.stored import Part
-from comove.workbench.playback import Playback, playback_of_item
+from comove.stored import Part, Verification
+from comove.views.motion import draw_motion
+from comove.views.run import draw_run
+from comove.workbench.playback import Playback, playback_of_verification, verification_of
 from comove.workbench.recorded import POLICY, page_of
-from comove.workbench.shelf import Item, Shelf, parts_of
+from comove.workbench.shelf import Shelf, parts_of
 
 STYLE = (
     "body{font:15px/1.55 system-ui,sans-serif;color:#1a1a1a;max-width:62em;margin:2em auto;padding:0 1em}"
@@ -30,8 +33,8 @@ MEANING = (
     "within its tolerance, no limit is exceeded, and start and goal are reached. It covers what the scene holds, not "
     "obstacles that are elsewhere, nor a controller that does not follow."
 )
+DPI = 90
 SAMPLED = "These measures hold at samples. Nothing is proved between them."
-PICTURES = {Part.RUN: "run.png", Part.ROBOT_RUN: "robot_run.png"}
 
 
 def report_page(shelf: Shelf) -> tuple[str, Playback]:
@@ -51,7 +54,8 @@ def report_page(shelf: Shelf) -> tuple[str, Playback]:
     folder = shelf.item.result or shelf.folder
     found = parts_of(folder)  # a simulation besides is played by `comove view`
     part = next((part for part in found if part is not Part.SIMULATION), found[0])
-    playback = playback_of_item(Item(shelf.item.scene, folder, part))
+    verification = verification_of(folder, part, shelf.item.scene)
+    playback = playback_of_verification(verification)
     summary, scene = read_json(folder / part.file, AGAIN), playback.scene
     head = ("at every instant", "proved") if playback.proved else ("at samples", "measured")
     parts = [
@@ -63,7 +67,7 @@ def report_page(shelf: Shelf) -> tuple[str, Playback]:
         f"<p>{html.escape(MEANING if playback.proved else SAMPLED)}</p>",
         "<h2>The scene</h2>",
         _table(("what", "how many or how much"), _facts(scene)),
-        _figure(folder / PICTURES.get(part, "motion.png")),
+        _figure(verification),
         "<h2>How it was made, and how to repeat it</h2>",
         _table(("what", ""), _origin(summary)),
         f"<pre>{html.escape(_commands(folder))}</pre>",
@@ -110,12 +114,17 @@ def _facts(scene: Scene) -> list[tuple[str, str]]:
     ]
 
 
-def _figure(picture: Path) -> str:
-    """Return the picture of a motion; nothing where there is none."""
-    caption = "The scene and the payload at several times."
-    if not picture.is_file():
+def _figure(found: Verification) -> str:
+    """Return a picture of what was verified, drawn anew; nothing of a robot's run."""
+    if found.motion is not None:
+        figure = draw_motion(found.motion)
+    elif found.record is not None:
+        figure = draw_run(found.record)
+    else:
         return ""
-    data = base64.b64encode(picture.read_bytes()).decode("ascii")
+    caption, picture = "The scene and the payload at several times.", BytesIO()
+    figure.savefig(picture, format="png", dpi=DPI)
+    data = base64.b64encode(picture.getvalue()).decode("ascii")
     return f'<p><img alt="{caption}" src="data:image/png;base64,{data}"><br>{caption}</p>'
 
 
