@@ -80,7 +80,8 @@ def arrays_of(folder):
     """All arrays of a result, or of the motion of a study's first episode and of its samples in a dataset."""
     if (folder / RUNS).is_file():
         (_, motion), *_ = StudyStore.open(folder / RUNS).motions()
-        return unpacked(motion.curve) | read(folder / "npz" / "episode_000000.npz")
+        samples = folder / "npz" / "episode_000000.npz"
+        return unpacked(motion.curve) | (read(samples) if samples.is_file() else {})
     kinds = "robot_run.npz", "run.npz", "solution.npz", "joints.npz", "simulation.npz"
     found = [read(folder / name) for name in kinds if (folder / name).is_file()]
     return {f"{i} {name}": array for i, arrays in enumerate(found) for name, array in arrays.items()}
@@ -192,6 +193,14 @@ def test_an_episode_of_a_dataset_is_the_same_again(place):
     }
     (place / "study.yaml").write_text(json.dumps(study))
     made(place, "generate", "study.yaml", "--seed", "5", "--format", "npz", "--workers", "1")
+    same_again(moved(place))
+
+
+@pytest.mark.slow
+def test_a_comparison_is_made_again(place):
+    study = {"name": "two", "scenes": ["follows.yaml"], "settings": {"limits.speed": [0.5, 1]}}
+    (place / "study.yaml").write_text(json.dumps(study))
+    made(place, "sweep", "study.yaml", "--workers", "1")
     same_again(moved(place))
 
 

@@ -9,7 +9,7 @@ import typer
 from typer.core import TyperGroup
 
 from comove.cli import studies as s
-from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.app import NOT_VERIFIED, VERIFIED, command_words, sub_application, verb_of
 
 
 class _RunByDefault(TyperGroup):
@@ -39,6 +39,7 @@ def run(
     from json import loads
 
     from comove.cli.texts import as_table
+    from comove.results.inputs import command_again, write_inputs
     from comove.studies import Sweep, groups_of, report_of, write_report
     from comove.studies.runner import check_study_folder
 
@@ -49,6 +50,7 @@ def run(
         running.write_slurm(("sweep",), running.slurm, study, out, loaded.name)
         return VERIFIED
     s.run_with_progress(loaded, out, run, part)
+    write_inputs(out, None, files=loaded.files(), command=command_words())
     report = report_of(out)
     path = write_report(report, out)
     if json:
@@ -66,6 +68,7 @@ def run(
         rows.append((g.scene, g.method, settings or "-", f"{g.verified}/{g.runs}", *arrived, *figures))
     print(f"{report.ended} of {report.total} runs: {s.statuses_text(report)}")
     print(as_table(rows), *s.reason_lines(report), f"report: {path}", sep="\n")
+    print(f"made again, in the folder: {command_again(out)}")
     return VERIFIED if report.verified else NOT_VERIFIED
 
 

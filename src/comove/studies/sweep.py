@@ -7,6 +7,7 @@ import itertools
 import json
 import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +21,7 @@ from comove.methods import METHODS as KNOWN
 from comove.methods import OWN
 from comove.planning import Comove
 from comove.planning.method import Method
+from comove.results.inputs import files_of_scene
 from comove.scenes.scene import Scene
 from comove.studies.episode import solved_run
 from comove.studies.generation import read_study
@@ -39,11 +41,15 @@ ROBOT_METHODS: dict[str, Method | None] = {
 
 @dataclass(frozen=True, eq=False)
 class SweptScene:
-    """A scene of a sweep: contents of its file, the folder to which paths in it are relative, and its name."""
+    """A scene of a sweep: its name, the folder to which paths in it are relative, contents of its file, and its path.
+
+    There is no path where the scene was made in Python.
+    """
 
     name: str
     folder: Path
     contents: dict[str, Any] = field(repr=False)
+    path: Path | None = None
 
     def robot(self, settings: Mapping[str, Any]) -> str | None:
         """Return the name of the robot that carries, with some settings; None where hands move freely."""
@@ -141,6 +147,18 @@ class Sweep:
             "simulate": None if self.simulate is None else self.simulate.model_dump(),
         }
 
+    def files(self) -> list[Path]:
+        """Return the files and folders that the runs follow from, but the study's own."""
+        found = [scene.path for scene in self.scenes if scene.path is not None]
+        for swept, settings in itertools.product(self.scenes, self.settings):
+            with suppress(SceneError):  # a setting that makes no scene has no files
+                found += files_of_scene(_changed(swept, settings))
+            if (name := swept.robot(settings)) is not None:
+                from comove.studies.carried import robot_named
+
+                found += robot_named(name, swept.folder).files
+        return found
+
     def require(self) -> None:
         """Make sure that motions can be simulated in this process, where the study says so.
 
@@ -195,7 +213,7 @@ class Sweep:
 
 def _swept(path: Path) -> SweptScene:
     contents = read_yaml(path)[0]
-    return SweptScene(str(contents.get("name", path.stem)), path.parent, contents)
+    return SweptScene(str(contents.get("name", path.stem)), path.parent, contents, path)
 
 
 def _changed(swept: SweptScene, settings: Mapping[str, Any]) -> Scene:
