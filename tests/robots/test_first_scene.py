@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from comove.robots import Robot, RobotCarrier, bundled_robots, plan_transfers
 from comove.robots.ends import EndJoints
 from comove.robots.kernels import TWO_ARMS
 from comove.robots.proposal import first_scene, propose_scene
-from comove.robots.proposal.first_scene import FirstSceneSettings, largest_rectangle
+from comove.robots.proposal.first_scene import FirstSceneSettings, _Place, largest_rectangle
 from comove.robots.proposal.homes import floor_of
 from comove.scenes import Scene
 from tests.commands import invoke
@@ -65,6 +66,23 @@ def test_a_first_scene_is_solved_and_its_rail_is_in_the_way(proposal):
     nearest = np.clip(rail.center, bar.min(axis=0), bar.max(axis=0))
     assert np.abs(nearest - rail.center)[:2] == pytest.approx([0, 0]), "the straight way leads through it"
     assert scene.lower[2] >= floor_of(robot) - 1e-3
+
+
+@given(st.floats(0.3, 3.0), st.floats(0.04, 0.5))
+def test_there_is_room_beside_the_rail_however_short_the_way_is(reach, way):
+    """And the scene can be written."""
+    arms = [SimpleNamespace(name=name, payload=np.inf, hand=0.0) for name in ("left", "right")]
+    cell = 0.02
+    upper = np.array([way + cell, 0.0, 0.1])
+    place = _Place(tuple(arms), 1, 0.4, {}, np.zeros(3), upper, reach, -1.0, cell, 0.2)
+    data = yaml.safe_load(yaml.safe_dump(place.data("robot", 0.5, 3.0)))
+    (rail,), load = data["obstacles"], data["load"]
+    for end in ("start", "goal"):
+        apart = (
+            abs(data["manipulators"][0][end][0] - rail["center"][0]) - 0.5 * rail["size"][0] - load["radius"]
+        )
+        assert apart > data["limits"]["clearance"] + 1e-3
+    assert load["radius"] > 0.0
 
 
 def test_a_first_scene_can_be_approached_from_home_and_left_for_it(proposal):

@@ -152,9 +152,8 @@ class _Place:
         start, goal = (np.round(corner, 3) + 0.0 for corner in (self.lower + inset, self.upper - inset))
         lift, way = goal[2] - start[2], goal[1 - self.axis] - start[1 - self.axis]
         goal[2] = start[2]
-        radius = max(
-            0.001, round(min(0.012 * reach, 0.125 * way), 3)
-        )  # a quarter of the way is left beside the rail
+        # A quarter of the way is left beside the rail.
+        radius = max(0.001, round(float(min(0.012 * reach, 0.125 * way)), 3))
         lower, upper = self.lower - self.aside - half, self.upper + self.aside + half
         lower[2] = max(lower[2], self.floor)
         lower, upper = np.round(lower, 3), np.round(upper, 3)
