@@ -92,6 +92,7 @@ _DERIVED = _all(
     "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
     "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
     "moment moments power energy fx fy fz mx my mz vx vy vz ax ay az wx wy wz",
+    "lat lon lng latitude longitude",  # angles on the Earth, which span no length
 )
 _POSITIONS = _all("pos position positions translation trans point xyz location loc coordinate coord")
 _QUATERNIONS = _all("quat quaternion quaternions orientation orient ori attitude att")
@@ -232,6 +233,8 @@ def _is_time(texts: Sequence[str]) -> bool:
         return True
     if UNITS.get(last) in TIMES and len(texts) > 1:
         rest = rest[:-1]
+        if rest[-1] == "epoch":  # without a unit, it may count rounds of training
+            return True
     is_clock = set(rest) <= _OF_CLOCKS | _CLOCKS and bool(_CLOCKS & set(rest) or rest == ["ts"])
     return is_clock or rest[-1] in _STAMPS
 

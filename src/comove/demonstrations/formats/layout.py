@@ -451,6 +451,11 @@ def _no_numbers(path: Path, head: Sequence[tuple[int, str]]) -> DemonstrationErr
         return fault(path, None, "there are no rows below the header", "record two rows at least")
     if sum(is_number(line.strip()) for line in text) > len(text) // 2:
         return fault(path, None, "it has a single column", "record time and positions, a row a sample")
+    if text and text[0].strip() in ("header:", "---"):
+        message = "it holds messages as `ros2 topic echo` prints them"
+        return fault(
+            path, None, message, "write a table: ros2 topic echo --csv TOPIC > FILE; or record a bag"
+        )
     first = bare_name(text[0])[:40]
     return fault(
         path,

@@ -33,6 +33,8 @@ from comove.demonstrations.columns import Column, Kind, bare_name, read_columns
 from comove.demonstrations.formats import csv
 from comove.demonstrations.formats.layout import MAX_COLUMNS, MAX_NAME, Layout, is_missing, is_time, layout_of
 from comove.demonstrations.formats.table_guesses import (
+    Array,
+    are_rates_of,
     columns_by_numbers,
     grows_evenly,
     numbers_of,
@@ -41,7 +43,7 @@ from comove.demonstrations.formats.table_guesses import (
 from comove.demonstrations.formats.table_rows import TOO_LONG, TableRows, check_length
 from comove.demonstrations.formats.table_time import Clock
 from comove.demonstrations.plausibility import require_rate
-from comove.demonstrations.samples import TIME, Format, Origin, RecordedSamples, fault
+from comove.demonstrations.samples import AXES, TIME, Format, Origin, RecordedSamples, fault
 from comove.demonstrations.units import LENGTHS, TIMES, is_angle, is_length, require_unit, unit_named
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 from comove.io.files import existing_file, telling
@@ -50,6 +52,8 @@ MAX_BYTES = 512 * 2**20
 SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "blank": " ", "comma": ",", "semicolon": ";", "pipe": "|"}
 _SHOWN = 12
 """Columns that a message lists."""
+_TRIED = 1000
+"""Rows by which columns without names are told apart."""
 
 
 def read(
@@ -199,7 +203,7 @@ class _Table:
         columns = with_matrices(_main_bodies(columns, layout), layout)
         if layout.angles is not None and not any(column.kind is Kind.POSITION for column in columns):
             columns = tuple(
-                replace(c, kind=Kind.JOINT, axis=bare_name(c.name)) if c.kind is Kind.OTHER else c
+                replace(c, kind=Kind.JOINT, axis=bare_name(c.name)) if c.kind is Kind.OTHER and c.axis else c
                 for c in columns
             )
         stated = {Kind.POSITION: layout.unit, Kind.JOINT: layout.angles}
@@ -405,7 +409,7 @@ class _Table:
             column
             for column in self.columns
             if column.kind not in (Kind.TIME, Kind.INDEX) and self._is_number(column.number)
-            if column.name and self._may_be_anything(column)
+            if column.name and self._may_be_anything(column) and column.unit not in TIMES
         ]
         if not candidates:
             are_lists = any(cell.startswith("[") for row in self.layout.sample for cell in row)
@@ -418,6 +422,8 @@ class _Table:
         time = "1" if not self.layout.names and first.number == 0 and self._grows(0) else self.request.time
         if time == "1" and len(candidates) > 1:
             candidates = candidates[1:]
+        if not self.layout.names:
+            candidates = self._coordinates(candidates, time == "1")
         asked = [
             str(c.number + 1) if len(columns_named(c.name, self.columns)) > 1 else c.name
             for c in candidates[:3]
@@ -426,10 +432,29 @@ class _Table:
             self.request.path,
             "columns",
             f"no column is named as a position or a joint is; there are {names}",
-            "name those of the positions: --columns",
+            "name those of the positions, or of joints with --unit rad or deg: --columns",
             columns=asked,
             time=time,
         )
+
+    def _coordinates(self, columns: Sequence[Column], is_timed: bool) -> Sequence[Column]:
+        """Return columns without names: none that counts nothing in front of the others, and none of speeds."""
+        layout = self.layout
+        rows = [layout.cells(line) for _, line in islice(layout.rows(), _TRIED)]
+        rows = [row for row in rows if len(row) == layout.n_cells]
+        stamps = numbers_of([row[0] for row in rows]) if is_timed else np.zeros(0)
+        seen: list[Array] = []
+        kept: list[Column] = []
+        for column in columns[:_SHOWN]:
+            values = numbers_of([row[column.number] for row in rows])
+            are_same_count = layout.sampled(column.number)[0].isdigit() and np.ptp(values) == 0.0
+            are_speeds = any(are_rates_of(values, others, stamps) for others in seen)
+            seen.append(values)
+            if not are_speeds and (kept or not are_same_count):
+                kept.append(column)
+            if len(kept) == len(AXES):
+                break
+        return kept or columns
 
     def _may_be_anything(self, column: Column) -> bool:
         """Return whether nothing says what a column holds; speeds and forces are known, though not read."""
