@@ -70,10 +70,10 @@ def test_movements_beyond_five_metres_look_like_millimetres(scale, doubted):
     assert doubt_of_unit(100.0 + scale * LINE) == (message if doubted else None)
 
 
-@pytest.mark.parametrize(("speed", "unit"), [(0.4, "m"), (8.0, "m"), (30.0, "mm"), (300.0, "mm")])
+@pytest.mark.parametrize(("speed", "unit"), [(0.4, "m"), (1.5, "m"), (3.0, "mm"), (300.0, "mm")])
 @pytest.mark.parametrize("jumps", [False, True])
 def test_what_is_too_large_but_slow_is_offered_as_metres_of_a_vehicle(speed, unit, jumps):
-    """Millimetres of a hand change by tens a second and more; metres of a robot that drives by a few."""
+    """Millimetres of the slowest hand change by a few a second; metres of a robot in a room by one or so."""
     away = np.linspace(0.0, 60.0, 201)
     position = np.column_stack((away, np.sin(away / 20.0)))
     position[70:] += 40.0 * jumps

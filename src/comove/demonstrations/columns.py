@@ -88,7 +88,8 @@ _INDICES = _all(
     "unnamed header field episode task iteration",
 )
 _DERIVED = _all(
-    "vel velocity velocities speed acc accel acceleration twist angular force torque wrench effort gyro gyroscope",
+    "vel velocity velocities speed acc accel acceleration accelerations twist angular force forces torque wrench",
+    "effort gyro gyroscope",
     "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
     "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
     "moment moments power energy fx fy fz mx my mz vx vy vz ax ay az wx wy wz",
@@ -223,6 +224,11 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
 def words_of(text: str) -> list[str]:
     """Return the words of a name in lower case."""
     return [word.text for word in _words(text)]
+
+
+def is_derived(text: str) -> bool:
+    """Return whether words tell of speeds, forces and the like, which are no coordinates."""
+    return bool(_DERIVED & set(words_of(text)))
 
 
 def _is_time(texts: Sequence[str]) -> bool:

@@ -34,7 +34,7 @@ EPOCHS = {"s": (1e9, 1e10), "ms": (1e12, 1e13), "us": (1e15, 1e16), "ns": (1e18,
 """Stamps between these count from 1970, in this unit: they lie between the years 2001 and 2286."""
 EXTENTS = {"m": 5.0, "rad": 4.0 * np.pi}
 """A movement of a hand or a joint with a larger extent than this was probably recorded in another unit."""
-SLOWEST_HAND = 10.0
+SLOWEST_HAND = 2.0
 """Numbers that change more slowly than this [1/s] are hardly the millimetres of a hand, but metres of a vehicle."""
 LOOKS_LIKE = {"m": "looks like millimetres", "rad": "looks like degrees"}
 """What a movement in this unit looks like when its numbers are too large."""

@@ -65,6 +65,7 @@ class Layout:
     rate : samples a second that the preamble states [Hz]
     unit : unit of lengths that the preamble states
     angles : unit of angles that the preamble states
+    title : first line of a preamble that states it, which says what the numbers are
     sample : cells of the first rows of numbers
     """
 
@@ -82,6 +83,7 @@ class Layout:
     rate: float | None = None
     unit: str | None = None
     angles: str | None = None
+    title: str = ""
     sample: tuple[tuple[str, ...], ...] = ()
 
     def rows(self) -> Iterator[tuple[int, str]]:
@@ -234,6 +236,7 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
         rate,
         unit if unit in LENGTHS else None,
         {"yes": "deg", "no": "rad"}.get(said.get("indegrees", "").lower()),
+        head[0][1].strip(f"{separator}\n ") if "indegrees" in said else "",
         tuple(map(tuple, sample)),
     )
 
