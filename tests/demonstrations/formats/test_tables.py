@@ -220,9 +220,9 @@ def test_forces_of_a_table_of_angles_are_no_joints(tmp_path):
 def test_speeds_and_counts_without_names_are_not_offered_as_positions(tmp_path):
     """Scripts save time, positions, speeds and accelerations; trackers a number of the frame and of a part of it."""
     path = tmp_path / "r.txt"
-    plane = 1e-3 * POSITION[:, :2]
-    speed = np.gradient(plane, TIME, axis=0)
-    np.savetxt(path, np.column_stack([TIME, plane, speed, np.gradient(speed, TIME, axis=0)]), fmt="%.7f")
+    time, plane = TIME[150:400], 1e-3 * POSITION[150:400, :2]
+    speed = np.gradient(plane, time, axis=0)
+    np.savetxt(path, np.column_stack([time, plane, speed, np.gradient(speed, time, axis=0)]), fmt="%.7f")
     np.testing.assert_allclose(follow(path).position, plane, atol=1e-6)
     kinds = ["%d", "%d", "%.9f", "%.9f", "%.9f"]
     table = np.column_stack([np.arange(len(TIME)) + 1, 0 * TIME, 1e-3 * POSITION])[:400]
