@@ -60,7 +60,7 @@ def test_waypoints_seconds_apart_are_no_milliseconds():
 
 
 def doubt_of_unit(position, unit="m"):
-    found = [one.message for one in doubts(np.linspace(0.0, 1.0, 5), position, unit) if one.is_unit]
+    found = [one.message for one in doubts(np.linspace(0.0, 0.2, 5), position, unit) if one.is_unit]
     return found[0] if found else None
 
 
@@ -68,6 +68,19 @@ def doubt_of_unit(position, unit="m"):
 def test_movements_beyond_five_metres_look_like_millimetres(scale, doubted):
     message = f"the movement spans {scale:.4g} m: looks like millimetres"
     assert doubt_of_unit(100.0 + scale * LINE) == (message if doubted else None)
+
+
+@pytest.mark.parametrize(("speed", "unit"), [(0.4, "m"), (1.5, "m"), (3.0, "mm"), (300.0, "mm")])
+@pytest.mark.parametrize("jumps", [False, True])
+def test_what_is_too_large_but_slow_is_offered_as_metres_of_a_vehicle(speed, unit, jumps):
+    """Millimetres of the slowest hand change by a few a second; metres of a robot in a room by one or so."""
+    away = np.linspace(0.0, 60.0, 201)
+    position = np.column_stack((away, np.sin(away / 20.0)))
+    position[70:] += 40.0 * jumps
+    (doubt,) = (one for one in doubts(away / speed, position) if one.is_unit)
+    assert doubt.options == {"unit": unit}
+    assert "--unit m " in doubt.way_out.replace(",", " ")
+    assert "--unit mm" in doubt.way_out
 
 
 def test_joints_beyond_two_turns_look_like_degrees_and_other_units_like_nothing():

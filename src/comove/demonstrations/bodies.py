@@ -25,7 +25,7 @@ from comove.demonstrations.columns import (
     words_of,
 )
 from comove.demonstrations.samples import AXES, QUATERNION, UNIT, fault
-from comove.demonstrations.units import base_unit, in_base_unit, is_angle
+from comove.demonstrations.units import TIMES, base_unit, in_base_unit, is_angle
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 from comove.geometry.rotations import exponential, quaternion_product
 
@@ -384,6 +384,14 @@ def chosen_body(
     for body in every.values():
         if body.position == tuple(places):
             return body
+    timed = [column.name for column in places if column.kind is Kind.TIME and column.unit in TIMES]
+    if timed:
+        raise OptionError(
+            f"{timed[0]!r} is a time, and no position",
+            file=file,
+            key="columns",
+            way_out=f"name the positions, and the time by --time {timed[0]!r}",
+        )
     movable = (Kind.JOINT, Kind.GRIPPER)
     if is_angle(unit) or all(column.kind in movable or is_angle(column.unit) for column in places):
         return Body("", joints=as_joints(places))

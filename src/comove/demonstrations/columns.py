@@ -88,10 +88,12 @@ _INDICES = _all(
     "unnamed header field episode task iteration",
 )
 _DERIVED = _all(
-    "vel velocity velocities speed acc accel acceleration twist angular force torque wrench effort gyro gyroscope",
+    "vel velocity velocities speed acc accel acceleration accelerations twist angular force forces torque wrench",
+    "effort gyro gyroscope",
     "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
     "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
     "moment moments power energy fx fy fz mx my mz vx vy vz ax ay az wx wy wz",
+    "lat lon lng latitude longitude",  # angles on the Earth, which span no length
 )
 _POSITIONS = _all("pos position positions translation trans point xyz location loc coordinate coord")
 _QUATERNIONS = _all("quat quaternion quaternions orientation orient ori attitude att")
@@ -224,6 +226,11 @@ def words_of(text: str) -> list[str]:
     return [word.text for word in _words(text)]
 
 
+def is_derived(text: str) -> bool:
+    """Return whether words tell of speeds, forces and the like, which are no coordinates."""
+    return bool(_DERIVED & set(words_of(text)))
+
+
 def _is_time(texts: Sequence[str]) -> bool:
     """Return whether a name of these words is one of time, or of a part of it."""
     last, rest = texts[-1], list(texts)
@@ -232,6 +239,8 @@ def _is_time(texts: Sequence[str]) -> bool:
         return True
     if UNITS.get(last) in TIMES and len(texts) > 1:
         rest = rest[:-1]
+        if rest[-1] == "epoch":  # without a unit, it may count rounds of training
+            return True
     is_clock = set(rest) <= _OF_CLOCKS | _CLOCKS and bool(_CLOCKS & set(rest) or rest == ["ts"])
     return is_clock or rest[-1] in _STAMPS
 

@@ -34,6 +34,8 @@ EPOCHS = {"s": (1e9, 1e10), "ms": (1e12, 1e13), "us": (1e15, 1e16), "ns": (1e18,
 """Stamps between these count from 1970, in this unit: they lie between the years 2001 and 2286."""
 EXTENTS = {"m": 5.0, "rad": 4.0 * np.pi}
 """A movement of a hand or a joint with a larger extent than this was probably recorded in another unit."""
+SLOWEST_HAND = 2.0
+"""Numbers that change more slowly than this [1/s] are hardly the millimetres of a hand, but metres of a vehicle."""
 LOOKS_LIKE = {"m": "looks like millimetres", "rad": "looks like degrees"}
 """What a movement in this unit looks like when its numbers are too large."""
 STILL = 1e-6
@@ -185,16 +187,28 @@ def doubts(
     extent = float(np.ptp(position, axis=0).max())
     found = [_still(extent, unit, orientation)]
     if UNIT not in stated:
-        found.append(_wrong_unit(extent, unit))
+        found.append(_wrong_unit(time, position, extent, unit))
     if TIME not in stated:
         found.append(_wrong_time(time))
     found += [_hole(time, origin), _jump(time, position, unit, extent, origin)]
     return tuple(doubt for doubt in found if doubt is not None)
 
 
-def _wrong_unit(extent: float, unit: str) -> Doubt | None:
+def _wrong_unit(time: Array, position: Array, extent: float, unit: str) -> Doubt | None:
+    """Return the doubt about a movement that is too large for its unit.
+
+    Taking metres for millimetres yields a tiny movement that any robot can make, so that nobody is warned later.
+    """
     if extent <= EXTENTS.get(unit, np.inf):
         return None
+    steps = np.linalg.norm(np.diff(position, axis=0), axis=1)
+    if len(steps) >= FEW:
+        steps = steps[steps < 0.1 * extent]  # what is longer may be a jump
+    speed = float(steps.sum() / (time[-1] - time[0]))
+    if unit == "m" and speed < SLOWEST_HAND:
+        message = f"the movement spans {extent:.4g} m at {speed:.2g} m/s: too large for a hand"
+        way_out = "give the unit: --unit m if it is right, or --unit mm"
+        return Doubt("too large for a hand", message, way_out, "--unit", {"unit": "m"})
     smaller = "mm" if unit in LENGTHS else "deg"
     return Doubt(
         LOOKS_LIKE[unit],

@@ -15,6 +15,7 @@ from comove.errors import ComoveError, ComoveWarning, DemonstrationError, Option
 from tests.cases import examples
 from tests.cli.test_cli import assert_refused
 from tests.commands import invoke
+from tests.demonstrations.formats.advice import follow
 
 TIME = np.arange(0.0, 8.0, 0.01)
 SHARE = np.clip((TIME - 2.0) / 3.0, 0.0, 1.0)
@@ -197,3 +198,113 @@ def test_nothing_is_kept_that_spans_hundreds_of_metres_by_mistake(tmp_path):
     assert not (tmp_path / "lib").exists()
     assert invoke("learn", path, "--unit", "mm", "--out", tmp_path / "p.json").exit_code == 0
     assert invoke("learn", path, "--unit", "m", "--out", tmp_path / "q.json").exit_code == 0
+
+
+def test_forces_of_a_table_of_angles_are_no_joints(tmp_path):
+    """Tables of biomechanics say that angles are in radians, also where they hold no angles but moments."""
+    path = tmp_path / "loads.sto"
+    head = "Loads\nversion=1\ninDegrees=no\nendheader\n"
+    write(path, "time\tneck_tilt_moment\tneck_tx_force", TIME, POSITION[:, :2], separator="\t", preamble=head)
+    with pytest.raises(DemonstrationError, match="no positions beside time"):
+        Demonstration.load(path)
+    for title in ("Velocities", "Accelerations", "Body Forces"):
+        write(path, "time\thand_X\thand_Y", TIME, POSITION[:, :2], separator="\t", preamble=title + head[5:])
+        with pytest.raises(DemonstrationError, match=f"'{title}', which are no positions"):
+            Demonstration.load(path)
+    write(path, "time\tneck_tilt\tneck_moment", TIME, POSITION[:, :2] / 900, separator="\t", preamble=head)
+    read = Demonstration.load(path)
+    assert read.axes == ("neck_tilt",)
+    assert read.unit == "rad"
+
+
+def test_speeds_and_counts_without_names_are_not_offered_as_positions(tmp_path):
+    """Scripts save time, positions, speeds and accelerations; trackers a number of the frame and of a part of it."""
+    path = tmp_path / "r.txt"
+    time, plane = TIME[150:400], 1e-3 * POSITION[150:400, :2]
+    speed = np.gradient(plane, time, axis=0)
+    np.savetxt(path, np.column_stack([time, plane, speed, np.gradient(speed, time, axis=0)]), fmt="%.7f")
+    np.testing.assert_allclose(follow(path).position, plane, atol=1e-6)
+    kinds = ["%d", "%d", "%.9f", "%.9f", "%.9f"]
+    table = np.column_stack([np.arange(len(TIME)) + 1, 0 * TIME, 1e-3 * POSITION])[:400]
+    np.savetxt(path, table, fmt=kinds, delimiter=",")
+    np.testing.assert_allclose(follow(path).position, 1e-3 * POSITION[:400], atol=1e-8)
+
+
+def test_places_on_the_earth_and_its_times_are_no_positions(tmp_path):
+    header = "app_epoch_ms,lat,lon"
+    path = write(tmp_path / "r.csv", header, 1.7e12 + 1e3 * TIME, POSITION[:, :2] / 10, separator=",")
+    with pytest.raises(DemonstrationError, match="no positions beside time"):
+        Demonstration.load(path)
+    with pytest.raises(OptionError, match=r"'app_epoch_ms' is a time.*--time 'app_epoch_ms'"):
+        Demonstration.load(path, columns=["app_epoch_ms", "lat"])
+
+
+def test_the_time_of_an_epoch_is_found(tmp_path):
+    header = "robot_epoch_ms,x,y,z"
+    rows = "".join(
+        f"{1_700_000_000_000 + 10 * i},{x:.9g},{y:.9g},{z:.9g}\n" for i, (x, y, z) in enumerate(POSITION)
+    )
+    (tmp_path / "r.csv").write_text(header + "\n" + rows)
+    np.testing.assert_allclose(Demonstration.load(tmp_path / "r.csv", unit="mm").time, TIME, atol=1e-9)
+
+
+def test_arrays_without_names_and_printed_messages_come_with_the_way_to_a_table(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    np.save("r.npy", np.column_stack([TIME, 1e-3 * POSITION]))
+    with pytest.raises(DemonstrationError, match=r"numpy\.savetxt\('r\.csv', numpy\.load\('r\.npy'\)"):
+        Demonstration.load("r.npy")
+    np.savetxt("r.csv", np.load("r.npy"), delimiter=",")  # as it says
+    np.testing.assert_allclose(Demonstration.load("r.csv").position, 1e-3 * POSITION, atol=1e-12)
+    (tmp_path / "odom.csv").write_text("header:\n  stamp:\n    sec: 1\npose:\n  x: 0.1\n---\n")
+    with pytest.raises(DemonstrationError, match="ros2 topic echo --csv TOPIC"):
+        Demonstration.load("odom.csv")
+
+
+def test_bones_are_told_from_the_markers_on_them(tmp_path):
+    """Trackers write bones as they do rigid bodies, and markers that bear their names."""
+    rows = [
+        ["Format Version", "1.25", "Length Units", "Millimeters"] + [""] * 8,
+        ["", "Type", *["Bone"] * 7, *["Bone Marker"] * 3],
+        ["", "Name", *["Ann:Hand"] * 10],
+        ["", "ID", *["1"] * 10],
+        ["", "", *["Rotation"] * 4, *["Position"] * 6],
+        ["Frame", "Time (Seconds)", *"XYZW", *"XYZ", *"XYZ"],
+    ]
+    still = np.tile([0.0, 0.0, 0.0, 1.0], (len(TIME), 1))
+    head = "".join(",".join(row) + "\n" for row in rows)
+    columns = np.arange(len(TIME)), TIME, still, POSITION, POSITION + 30.0
+    path = write(tmp_path / "r.csv", head.rstrip("\n"), *columns, separator=",")
+    read = Demonstration.load(path)
+    np.testing.assert_allclose(read.position, 1e-3 * POSITION, atol=1e-8)
+    np.testing.assert_allclose(np.abs(read.orientation[:, 0]), 1.0)
+
+
+def test_what_grows_only_at_first_is_not_offered_as_time(tmp_path):
+    path = tmp_path / "r.txt"
+    np.savetxt(path, np.column_stack([1e-3 * POSITION, np.minimum(TIME, 0.8)]))
+    with pytest.raises(DemonstrationError, match="no time among 4") as caught:
+        Demonstration.load(path, columns=["1", "2", "3"])
+    assert caught.value.options == {"rate": 100}
+
+
+def test_several_recordings_in_one_table_are_told(tmp_path):
+    steps = np.tile(np.arange(len(TIME) // 2), 2)
+    path = write(tmp_path / "r.csv", "step,x,y,z", steps, 1e-3 * POSITION, separator=",")
+    with pytest.warns(ComoveWarning, match=rf"column 'step' begins again in the sample {len(TIME) // 2 + 1}"):
+        Demonstration.load(path, rate=100)
+    path = write(tmp_path / "s.csv", "frame,sub frame,x,y,z", TIME, 0 * TIME, 1e-3 * POSITION, separator=",")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Demonstration.load(path, rate=100)
+
+
+def test_joints_beside_a_position_are_told(tmp_path):
+    path = write(
+        tmp_path / "r.csv",
+        "t,x,y,z,joint1,joint2,gripper",
+        TIME,
+        1e-3 * POSITION,
+        POSITION / 900,
+        separator=",",
+    )
+    assert any(note == "left out: joint1, joint2, gripper" for note in Demonstration.load(path).notes)

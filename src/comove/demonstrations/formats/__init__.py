@@ -69,7 +69,13 @@ def format_of(path: str | os.PathLike[str]) -> Format:
     if path.suffix.lower() not in kinds:
         if exists and path.suffix.lower() not in _OTHERS and tables.is_table(path):
             return tables.FORMAT
-        raise fault(path, None, f"its kind {path.suffix!r} is not known", near_name(path.suffix, kinds))
+        way_out = near_name(path.suffix, kinds)
+        if path.suffix.lower() == ".npy":
+            table = path.with_suffix(".csv").name
+            way_out = (
+                f"write it as a table: numpy.savetxt({table!r}, numpy.load({path.name!r}), delimiter=',')"
+            )
+        raise fault(path, None, f"its kind {path.suffix!r} is not known", way_out)
     return kinds[path.suffix.lower()]
 
 

@@ -65,6 +65,7 @@ class Layout:
     rate : samples a second that the preamble states [Hz]
     unit : unit of lengths that the preamble states
     angles : unit of angles that the preamble states
+    title : first line of a preamble that states it, which says what the numbers are
     sample : cells of the first rows of numbers
     """
 
@@ -82,6 +83,7 @@ class Layout:
     rate: float | None = None
     unit: str | None = None
     angles: str | None = None
+    title: str = ""
     sample: tuple[tuple[str, ...], ...] = ()
 
     def rows(self) -> Iterator[tuple[int, str]]:
@@ -234,6 +236,7 @@ def layout_of(path: Path, delimiter: str | None = None) -> Layout:
         rate,
         unit if unit in LENGTHS else None,
         {"yes": "deg", "no": "rad"}.get(said.get("indegrees", "").lower()),
+        head[0][1].strip(f"{separator}\n ") if "indegrees" in said else "",
         tuple(map(tuple, sample)),
     )
 
@@ -451,6 +454,11 @@ def _no_numbers(path: Path, head: Sequence[tuple[int, str]]) -> DemonstrationErr
         return fault(path, None, "there are no rows below the header", "record two rows at least")
     if sum(is_number(line.strip()) for line in text) > len(text) // 2:
         return fault(path, None, "it has a single column", "record time and positions, a row a sample")
+    if text and text[0].strip() in ("header:", "---"):
+        message = "it holds messages as `ros2 topic echo` prints them"
+        return fault(
+            path, None, message, "write a table: ros2 topic echo --csv TOPIC > FILE; or record a bag"
+        )
     first = bare_name(text[0])[:40]
     return fault(
         path,

@@ -38,6 +38,16 @@ def grows_evenly(values: Array) -> bool:
     return len(steps) > 0 and bool((steps > 0.0).all() and np.ptp(steps) < 0.5 * steps.mean())
 
 
+def are_rates_of(rates: Array, values: Array, stamps: Array) -> bool:
+    """Return whether numbers are the speeds at which others change, within a fifth; steady ones may be anything."""
+    steps = np.diff(stamps)
+    if len(steps) < 3 or not (steps > 0.0).all():
+        return False
+    speeds = np.diff(values) / steps
+    away = np.linalg.norm(0.5 * (rates[1:] + rates[:-1]) - speeds)
+    return bool(np.ptp(speeds) > 0.05 * np.abs(speeds).max() and away < 0.2 * np.linalg.norm(speeds))
+
+
 def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
     """Return the columns of a table without names, and the layout that was recognised, in words."""
     n_columns = layout.n_cells

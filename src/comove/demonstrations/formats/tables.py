@@ -10,6 +10,7 @@ writes. Here is decided which columns are read, and from where time comes; `form
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -29,10 +30,12 @@ from comove.demonstrations.bodies import (
     matching_body,
     spoken,
 )
-from comove.demonstrations.columns import Column, Kind, bare_name, read_columns
+from comove.demonstrations.columns import Column, Kind, bare_name, is_derived, read_columns, words_of
 from comove.demonstrations.formats import csv
 from comove.demonstrations.formats.layout import MAX_COLUMNS, MAX_NAME, Layout, is_missing, is_time, layout_of
 from comove.demonstrations.formats.table_guesses import (
+    Array,
+    are_rates_of,
     columns_by_numbers,
     grows_evenly,
     numbers_of,
@@ -41,15 +44,17 @@ from comove.demonstrations.formats.table_guesses import (
 from comove.demonstrations.formats.table_rows import TOO_LONG, TableRows, check_length
 from comove.demonstrations.formats.table_time import Clock
 from comove.demonstrations.plausibility import require_rate
-from comove.demonstrations.samples import TIME, Format, Origin, RecordedSamples, fault
+from comove.demonstrations.samples import AXES, TIME, Format, Origin, RecordedSamples, fault
 from comove.demonstrations.units import LENGTHS, TIMES, is_angle, is_length, require_unit, unit_named
-from comove.errors import DemonstrationError, OptionError, listed, near_name
+from comove.errors import ComoveWarning, DemonstrationError, OptionError, listed, near_name
 from comove.io.files import existing_file, telling
 
 MAX_BYTES = 512 * 2**20
 SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "blank": " ", "comma": ",", "semicolon": ";", "pipe": "|"}
 _SHOWN = 12
 """Columns that a message lists."""
+_TRIED = 1000
+"""Rows by which columns without names are told apart."""
 
 
 def read(
@@ -195,11 +200,12 @@ class _Table:
         if not layout.names:
             columns, guessed = columns_by_numbers(layout)
             return cls(request, layout, columns, guessed)
-        columns = read_columns(layout.names, bodies=layout.bodies, kinds=layout.kinds, units=layout.units)
+        kinds = (layout.title,) * len(layout.names) if is_derived(layout.title) else layout.kinds
+        columns = read_columns(layout.names, bodies=layout.bodies, kinds=kinds, units=layout.units)
         columns = with_matrices(_main_bodies(columns, layout), layout)
         if layout.angles is not None and not any(column.kind is Kind.POSITION for column in columns):
             columns = tuple(
-                replace(c, kind=Kind.JOINT, axis=bare_name(c.name)) if c.kind is Kind.OTHER else c
+                replace(c, kind=Kind.JOINT, axis=bare_name(c.name)) if c.kind is Kind.OTHER and c.axis else c
                 for c in columns
             )
         stated = {Kind.POSITION: layout.unit, Kind.JOINT: layout.angles}
@@ -350,6 +356,8 @@ class _Table:
         numbers = list(dict.fromkeys(c.number for body in bodies.values() for c in body.needed))
         stamps, values, dropped = self.rows.read([column.number for column in clock.columns], numbers)
         time = clock.time(self.layout, stamps, len(values))
+        if request.rate is not None:
+            self._warn_of_restarts()
         found = {}
         for name, body in bodies.items():
             fields = body.samples(values, numbers, request.unit)
@@ -357,7 +365,7 @@ class _Table:
             words = f"{time.words}, {body.words(request.unit)}" + (
                 f" ({self.guessed})" if self.guessed else ""
             )
-            left = self._left_out(body) if body.joints else ""
+            left = self._left_out(body)
             found[name] = RecordedSamples(
                 time.seconds,
                 name=f"{request.path.stem}.{name}" if name else request.path.stem,
@@ -368,9 +376,26 @@ class _Table:
             )
         return found
 
+    def _warn_of_restarts(self) -> None:
+        """Warn if the rows are counted from the begin several times, as where a table holds several recordings."""
+        rows = self._tried()
+        for column in self.columns:
+            if column.kind is not Kind.INDEX or not column.name or "sub" in words_of(column.name):
+                continue
+            counted = numbers_of([row[column.number] for row in rows])
+            again = np.flatnonzero((np.diff(counted) < 0.0) & (counted[1:] == counted[0]))
+            if again.size:
+                warnings.warn(
+                    f"{self.request.path.name}: column {column.name!r} begins again in the sample "
+                    f"{again[0] + 2}: recordings in one table are learned as one; write each to a file of its own",
+                    ComoveWarning,
+                    stacklevel=2,
+                )
+                return
+
     def _left_out(self, body: Body) -> str:
-        """Return which numbers beside joints were left out, in words."""
-        passed = (Kind.TIME, Kind.INDEX)
+        """Return which numbers beside joints, or which joints beside a position, were left out, in words."""
+        passed = (Kind.TIME, Kind.INDEX) if body.joints else set(Kind) - {Kind.JOINT, Kind.GRIPPER}
         left = [
             column
             for column in self.columns
@@ -405,19 +430,23 @@ class _Table:
             column
             for column in self.columns
             if column.kind not in (Kind.TIME, Kind.INDEX) and self._is_number(column.number)
-            if column.name and self._may_be_anything(column)
+            if column.name and self._may_be_anything(column) and column.unit not in TIMES
         ]
         if not candidates:
             are_lists = any(cell.startswith("[") for row in self.layout.sample for cell in row)
             message = f"there are no positions beside time in {names}"
             if are_lists:
                 message = f"cells hold lists of numbers, in {names}"
+            if is_derived(self.layout.title):
+                message = f"its first line says that it holds {self.layout.title!r}, which are no positions"
             way_out = "write a column for each number" if are_lists else "record them as well"
             return fault(self.request.path, "header", message, way_out)
         first = candidates[0]
         time = "1" if not self.layout.names and first.number == 0 and self._grows(0) else self.request.time
         if time == "1" and len(candidates) > 1:
             candidates = candidates[1:]
+        if not self.layout.names:
+            candidates = self._coordinates(candidates, time == "1")
         asked = [
             str(c.number + 1) if len(columns_named(c.name, self.columns)) > 1 else c.name
             for c in candidates[:3]
@@ -426,10 +455,32 @@ class _Table:
             self.request.path,
             "columns",
             f"no column is named as a position or a joint is; there are {names}",
-            "name those of the positions: --columns",
+            "name those of the positions, or of joints with --unit rad or deg: --columns",
             columns=asked,
             time=time,
         )
+
+    def _tried(self) -> list[list[str]]:
+        """Return the cells of many rows, for what the first ones do not tell."""
+        rows = (self.layout.cells(line) for _, line in islice(self.layout.rows(), _TRIED))
+        return [row for row in rows if len(row) == self.layout.n_cells]
+
+    def _coordinates(self, columns: Sequence[Column], is_timed: bool) -> list[Column]:
+        """Return columns without names: none that counts nothing in front of the others, and none of speeds."""
+        layout, rows = self.layout, self._tried()
+        stamps = numbers_of([row[0] for row in rows]) if is_timed else np.zeros(0)
+        seen: list[Array] = []
+        kept: list[Column] = []
+        for column in columns[:_SHOWN]:
+            values = numbers_of([row[column.number] for row in rows])
+            are_same_count = layout.sampled(column.number)[0].isdigit() and np.ptp(values) == 0.0
+            are_speeds = any(are_rates_of(values, others, stamps) for others in seen)
+            seen.append(values)
+            if not are_speeds and (kept or not are_same_count):
+                kept.append(column)
+            if len(kept) == len(AXES):
+                break
+        return kept or list(columns)
 
     def _may_be_anything(self, column: Column) -> bool:
         """Return whether nothing says what a column holds; speeds and forces are known, though not read."""
@@ -478,6 +529,7 @@ class _Table:
             if self._may_be_anything(column)
             and self._grows(column.number)
             and not self._counts(column.number)
+            and (np.diff(numbers_of([row[column.number] for row in self._tried()])) > 0.0).all()
         ]
         options: dict[str, Any] = {"rate": 100}
         advice = "give the samples a second: --rate HZ"
@@ -492,13 +544,13 @@ class _Table:
 
 
 def _main_bodies(columns: tuple[Column, ...], layout: Layout) -> tuple[Column, ...]:
-    """Return columns among which only rigid bodies count, if there are any, and not the markers on them."""
+    """Return columns among which only rigid bodies and bones count, if there are any, and not the markers on them."""
     types = [text.strip().lower() for text in layout.types]
-    if "rigid body" not in types:
+    if not {"rigid body", "bone"} & set(types):
         return columns
     return tuple(
         column
-        if column.number >= len(types) or types[column.number] in ("", "type", "rigid body")
+        if column.number >= len(types) or types[column.number] in ("", "type", "rigid body", "bone")
         else replace(column, kind=Kind.OTHER)
         for column in columns
     )
