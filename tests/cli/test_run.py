@@ -56,7 +56,7 @@ def test_a_run_that_arrives(invoke, tmp_path):
     assert away >= summary["clearance_min"] >= 0
     assert {"cost", "cost_terms", "seed", "version", "scene_sha256", "motion_sha256"} <= set(summary)
     names = {p.name for p in (tmp_path / "out").iterdir()}
-    assert names == {"run.npz", "run.json", "scene.json", "run.png", "run.gif"}
+    assert names == {"run.npz", "run.json", "scene.json", "run.png", "run.gif", "inputs", "inputs.json"}
 
 
 @pytest.mark.slow

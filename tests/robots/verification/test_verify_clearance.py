@@ -56,8 +56,11 @@ class Sampled:
         self.model, self.data, self.geometry = robot.model, robot.model.createData(), robot.collision.copy()
         self.kinds = [SELF] * len(self.geometry.collisionPairs)
         links, wrists = range(self.geometry.ngeoms), ("left_w2", "right_w2")
+        moved = [
+            g for g in links if self.geometry.geometryObjects[g].parentJoint > 0
+        ]  # others stand as obstacles do
         for k, obstacle in enumerate(motion.scene.file.obstacles):
-            self._add(f"obstacle {k}", links, SCENE, shape(obstacle), np.array(obstacle.center))
+            self._add(f"obstacle {k}", moved, SCENE, shape(obstacle), np.array(obstacle.center))
         load = motion.scene.file.load
         if load.shape == "bar":
             rod = coal.Capsule(load.radius, load.length + 2 * load.overhang)

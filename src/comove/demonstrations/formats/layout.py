@@ -106,9 +106,22 @@ class Layout:
 
 
 def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
-    """Iterate over the number, from 1, and the text of each line, with its end."""
-    with open(path, encoding=encoding, newline=None) as file:
-        yield from enumerate(file, start=1)
+    """Iterate over the number, from 1, and the text of each line, with its end.
+
+    Raises
+    ------
+    DemonstrationError
+        If it is no text in this encoding.
+    """
+    try:
+        with open(path, encoding=encoding, newline=None) as file:
+            yield from enumerate(file, start=1)
+    except UnicodeDecodeError as error:
+        raise DemonstrationError(
+            f"it begins as a text in {encoding.upper()}, and is none",
+            file=path,
+            way_out="save it as UTF-8 text",
+        ) from error
 
 
 def encoding_of(path: Path) -> str:
