@@ -322,7 +322,7 @@ def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
     scene = scene_with(tmp_path, duration=1.0, limits={"speed": 5.0})
     result = invoke("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 8)
     assert result.exit_code == 1, text_of(result)
-    needed = re.search(r"1 s are too short for the limits: (\S+) s would do", text_of(result))[1]
+    needed = re.search(r"(\S+) s would do", text_of(result))[1]
     again = invoke("robot", "solve", scene, "--out", tmp_path / "again", "--budget", 20, "--duration", needed)
     assert again.exit_code == 0, text_of(again)
     assert json.loads((tmp_path / "out" / "solution.json").read_text())["verified"] is False
