@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -161,6 +161,9 @@ def test_poses_near_a_configuration_are_reached(name, goal, away, arm):
     chains, arm = chains_of(machine, machine.arms), arm % len(machine.arms)
     goal = within(chains, goal)
     q = np.clip(goal + 0.05 * away[: len(goal)], chains.lower, chains.upper)
+    own = slice(chains.first[arm], chains.first[arm + 1])
+    held = ((q <= chains.lower) | (q >= chains.upper))[own]
+    assume(held.sum() < 4)  # in a corner of the limits, joints that are held may leave too few to get out
     pose = grasp(machine, arm, goal)
     left = reach_pose(chains, arm, pose[:3, :3].copy(), pose[:3, 3].copy(), q.copy(), EXACT, q)
     assert left < 1e-9
