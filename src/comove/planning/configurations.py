@@ -40,6 +40,7 @@ from comove.planning.surroundings import (
 )
 from comove.scenes.resting import lift_direction
 from comove.scenes.scene import Scene
+from comove.ties import first_largest
 
 Array = NDArray[np.float64]
 
@@ -131,7 +132,7 @@ def lifted(scene: Scene, space: Space, q: Array, end: str, margin: float) -> Arr
         for center in blocks.center:
             there[center[: blocks.n_dims]] += share * high * way[: blocks.n_dims]
         tried.append((min(clearance_of(space, there, nodes, 0.0), space.required + margin), there))
-    return max(tried, key=lambda found: found[0])[1]
+    return tried[first_largest([clearance for clearance, _ in tried])][1]
 
 
 @kernel

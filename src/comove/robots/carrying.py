@@ -271,6 +271,8 @@ class RobotCarrier:
         room for approach and release.
         """
         pairs = self.ends.pairs(self.starts, self.goals)
+        if not self.transfers:
+            return pairs
         admitted = tuple(islice((pair for pair in pairs if self._admits(*pair)), self.settings.ends.n_pairs))
         if not admitted:
             raise self._no_retreat(pairs[0])

@@ -24,6 +24,7 @@ from comove.errors import SceneError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices
 from comove.scenes.rigid import ENDS
+from comove.ties import first_largest, first_least
 
 if TYPE_CHECKING:
     from comove.scenes.scene import Scene
@@ -227,7 +228,8 @@ def _normal(scene: Scene, obstacle: int, nodes: Array, far: float) -> Array:
         ways = np.concatenate([ways, ways[:, [1, 0, 2]] * [-1.0, 1.0, 1.0]]) * [1.0, 1.0, 0.0]
     length = np.linalg.norm(ways, axis=1, keepdims=True)
     ways = (ways / np.maximum(length, 1e-12))[length[:, 0] > 1e-9]
-    best = max(np.concatenate([ways, -ways]), key=apart)
+    ways = np.concatenate([ways, -ways])
+    best = ways[first_largest([apart(way) for way in ways])]
     steps = PROBE * np.eye(3)[: scene.n_dims]
     for _ in range(REFINED):
         ahead, back = (
@@ -249,8 +251,9 @@ def _require_way(scene: Scene, end: str, rests: list[Rest]) -> None:
     if steepest >= SLOPE + SPARE:
         return
     names = [scene.name_of(rest.obstacle) for rest in rests]
-    opposed = min(combinations(rests, 2), key=lambda pair: float(pair[0].normal @ pair[1].normal))
-    last = max(opposed, key=lambda rest: rest.distance)
+    pairs = list(combinations(rests, 2))
+    opposed = pairs[first_least([first.normal @ second.normal for first, second in pairs])]
+    last = opposed[first_largest([rest.distance for rest in opposed])]
     wide = 2 * scene.clearance + PASSABLE - sum(rest.distance for rest in opposed)
     moved = _written(scene, -wide * last.normal)
     raise SceneError(
