@@ -22,9 +22,9 @@ from timing import on_one_thread, print_table
 import comove
 from comove.coordination.adaptation import carried_to_hands
 from comove.coordination.coordinates import arms_coordinates
-from comove.experiments.compared import LeaderFollower
-from comove.experiments.compared.speed_scaled import SpeedScaled
-from comove.experiments.paper.jobs import scene_of
+from comove.lab.compared import LeaderFollower
+from comove.lab.compared.speed_scaled import SpeedScaled
+from comove.lab.paper.jobs import scene_of
 from comove.planning.objective import Objective
 from comove.planning.search import Search
 

@@ -14,9 +14,9 @@ import time
 import numpy as np
 from timing import print_table
 
-from comove.execution import Clouds, Scanner
-from comove.experiments.examples import scene_contents
-from comove.reaction.twists import nodes_of, poses_of
+from comove.control import Clouds, Scanner
+from comove.control.safety.twists import nodes_of, poses_of
+from comove.lab.examples import scene_contents
 from comove.scenes import Scene
 
 N_BODIES, PERIOD = 10, 0.05  # s

@@ -35,11 +35,11 @@ from timing import elapsed, number, on_one_thread, print_table
 import comove
 from comove import ProMP
 from comove.coordination.adaptation import covariance_of_hands
-from comove.demonstrations import Demonstration, lasa_names
+from comove.dmp import ViaPoint
+from comove.dmp.demonstrations import Demonstration, lasa_names
 from comove.planning import carried_demonstration, movements_of
 from comove.planning.resemblance import followed, precision_root
 from comove.planning.seeds import minimum_jerk
-from comove.primitives import ViaPoint
 from comove.trajectory import interpolated
 
 Array = np.ndarray
@@ -462,9 +462,9 @@ def draw_tube(axes: Any, mean: Array, covariance: Array, *, label: str = "") -> 
 
 def picture(path: str) -> None:
     """Draw the tube of the demonstrations, the wall, and both motions."""
-    from comove.views import save_picture
-    from comove.views.motion import draw_panel
-    from comove.views.style import new_figure
+    from comove.view.figures import save_picture
+    from comove.view.figures.motion import draw_panel
+    from comove.view.figures.style import new_figure
 
     rng = np.random.default_rng(3)
     demos = recordings(rng)

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from comove.control.safety.twists import advanced, twists_between
 from comove.coordination.coordinates import HandPoses
-from comove.optimisers import CMAES
-from comove.reaction.twists import advanced, twists_between
+from comove.optim import CMAES
 from comove.verification.record import Record, verify_execution
 
 HORIZON, PERIOD, N_KNOTS = 2.0, 0.01, 11  # s, s, both ends counted

@@ -24,11 +24,11 @@ from generate import STUDIES, processor
 from generate_work import Idle
 from timing import on_one_thread, print_table
 
-from comove.studies import Shard, Study, StudyStore, on_processes, run_study
-from comove.studies.merging import merge
-from comove.studies.on_dask import on_dask
-from comove.studies.runner import RunSource
-from comove.studies.runs import RUNS, UNREPEATED
+from comove.data import Shard, Study, StudyStore, on_processes, run_study
+from comove.data.merging import merge
+from comove.data.on_dask import on_dask
+from comove.data.runner import RunSource
+from comove.data.runs import RUNS, UNREPEATED
 
 PARTS = 4
 

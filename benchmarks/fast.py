@@ -22,10 +22,10 @@ from timing import by_toppra, on_one_thread, peer, print_table
 
 import comove
 from comove import LeastJerk, LeastTime, PaperCost
-from comove.experiments.examples import example_path
-from comove.experiments.peers.common import clearances
-from comove.experiments.peers.drake import Drake
-from comove.experiments.systems import Offers, SystemProblem
+from comove.lab.examples import example_path
+from comove.lab.peers.common import clearances
+from comove.lab.peers.drake import Drake
+from comove.lab.systems import Offers, SystemProblem
 
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 NAMES = ("narrow", "complex", "window", "triangle")

@@ -19,10 +19,10 @@ from timing import on_one_thread, print_table
 
 import comove
 from comove import LeastJerk, PaperCost
-from comove.demonstrations import lasa_names
-from comove.experiments.bench.sets import SETS
-from comove.experiments.examples import example_path
+from comove.dmp.demonstrations import lasa_names
 from comove.geometry.distances import configuration_distance
+from comove.lab.bench.sets import SETS
+from comove.lab.examples import example_path
 from comove.planning import carried_demonstration
 from comove.planning.resemblance import followed
 

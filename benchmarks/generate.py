@@ -24,10 +24,10 @@ from typing import Any
 from generate_work import Idle, TimedWork, row_of
 from timing import on_one_thread, print_table
 
+from comove.data import Study, StudyStore, on_processes, report_of, run_study
+from comove.data.many import SolvingWork
+from comove.data.runs import RUNS
 from comove.processes import run_tasks
-from comove.studies import Study, StudyStore, on_processes, report_of, run_study
-from comove.studies.many import SolvingWork
-from comove.studies.runs import RUNS
 
 STUDIES = Path(__file__).parents[1] / "examples" / "studies"
 PARTS = ("episodes", "many", "idle", "grown")

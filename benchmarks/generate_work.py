@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from comove.studies import StudyRun
-from comove.studies.runs import StoredMotion
+from comove.data import StudyRun
+from comove.data.runs import StoredMotion
 
 
 @dataclass(frozen=True)

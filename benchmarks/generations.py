@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from comove.optimisers import CMAES, DiagonalCovariance, Parameters, TransformationMatrix
+from comove.optim import CMAES, DiagonalCovariance, Parameters, TransformationMatrix
 
 GENERATIONS = 300
 DIMENSIONS = 40, 100, 200, 400

@@ -29,8 +29,8 @@ from pathlib import Path
 from generate_work import Idle
 from timing import on_one_thread, print_table
 
-from comove.studies import StudyStore, on_processes, run_study
-from comove.studies.runs import RUNS
+from comove.data import StudyStore, on_processes, run_study
+from comove.data.runs import RUNS
 
 PAUSE = 0.02  # s of a run
 PATIENCE = 120.0  # s, after which a driver that does not go on, or does not end, counts as stuck
@@ -66,7 +66,7 @@ def drive(runs: int, folder: str, log: str, address: str) -> None:
     if address == "processes":
         run = on_processes(2)
     else:
-        from comove.studies.on_dask import on_dask
+        from comove.data.on_dask import on_dask
 
         run = on_dask(address, 2)
     study = Idle(runs, pause=PAUSE, log=Path(log))

@@ -1,10 +1,10 @@
 """Every method and peer on the example scenes `wide` (from a straight line), `narrow` and `complex` (demonstrated).
 
 - ``comove``, ``projection`` (both with and without the planner), ``paper``: the methods of `comove.solve`.
-- ``AugmentedLagrangian``, ``CCMAES``, ``EpsilonLevel``, ``Penalty`` of `comove.optimisers`, on the problem that
-  `comove.experiments.peers.shapes` poses to pycma: what the paper's method minimises, but all at once, with the whole
+- ``AugmentedLagrangian``, ``CCMAES``, ``EpsilonLevel``, ``Penalty`` of `comove.optim`, on the problem that
+  `comove.lab.peers.shapes` poses to pycma: what the paper's method minimises, but all at once, with the whole
   load from the beginning and no planner. They begin with step size 0.05.
-- the peers of `comove.experiments.peers`.
+- the peers of `comove.lab.peers`.
 
 Whatever is offered last is judged in continuous time. Columns: runs whose last offer is verified; seconds to the
 first offer that is and until the method ended, medians; largest error of the distance over its tolerance, median;
@@ -28,11 +28,11 @@ import numpy as np
 from timing import number, on_one_thread, print_table
 
 from comove import optimisers
-from comove.experiments.examples import example
-from comove.experiments.peers.common import Peer, PeerOutOfTime
-from comove.experiments.peers.shapes import Shapes
-from comove.experiments.registry import PEERS
-from comove.experiments.systems import (
+from comove.lab.examples import example
+from comove.lab.peers.common import Peer, PeerOutOfTime
+from comove.lab.peers.shapes import Shapes
+from comove.lab.registry import PEERS
+from comove.lab.systems import (
     Offers,
     OwnSystem,
     System,

@@ -26,9 +26,9 @@ from dodging import dodge, news
 from random_scenes import moving_scene
 from timing import print_head, print_row
 
-from comove.execution import Executor, Functions, Known, Measured, Scanned, Sensor
-from comove.experiments.modulation import Sharing
-from comove.experiments.modulation.comparison import MODULATED, loose_run
+from comove.control import Executor, Functions, Known, Measured, Scanned, Sensor
+from comove.lab.modulation import Sharing
+from comove.lab.modulation.comparison import MODULATED, loose_run
 from comove.planning import SceneKind, load_kernels
 from comove.scenes import Scene
 from comove.verification.record import Record, verify_execution

@@ -23,10 +23,10 @@ from timing import on_one_thread, print_table
 
 import comove
 from comove.coordination.adaptation import modulate
-from comove.demonstrations import Demonstration, lasa_names
+from comove.dmp import DMP
+from comove.dmp.demonstrations import Demonstration, lasa_names
+from comove.dmp.variants import APART, CLOSED, extent_of
 from comove.errors import ComoveWarning
-from comove.primitives import DMP
-from comove.primitives.variants import APART, CLOSED, extent_of
 
 Array = NDArray[np.float64]
 
@@ -150,8 +150,8 @@ def solved_rows() -> list[tuple[str, ...]]:
 
 def picture(path: str, shapes: list[Callable[[float], Demonstration]]) -> None:
     """Draw adapted loops, and sizes over the gap as a share of the demonstration's own size."""
-    from comove.views import save_picture
-    from comove.views.style import COLOURS, new_figure
+    from comove.view.figures import save_picture
+    from comove.view.figures.style import COLOURS, new_figure
 
     figure = new_figure(13.0, 4.6)
     axes = figure.add_subplot(1, 3, 1)

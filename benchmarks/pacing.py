@@ -21,8 +21,8 @@ from typing import Any
 import numpy as np
 from timing import by_toppra, elapsed, on_one_thread, print_table
 
-from comove.demonstrations import Demonstration, lasa_names
-from comove.primitives import DMP, largest, slowed
+from comove.dmp import DMP, largest, slowed
+from comove.dmp.demonstrations import Demonstration, lasa_names
 
 N_PATH = 4001
 N_SEEN = 20_001

@@ -28,9 +28,9 @@ import numpy as np
 from timing import medians, number, on_one_thread, peer, print_table
 
 from comove.coordination import CooperativeDMP
-from comove.demonstrations import Demonstration, lasa_names
+from comove.dmp import DMP, Pose, PoseDMP, Variant
+from comove.dmp.demonstrations import Demonstration, lasa_names
 from comove.planning.seeds import minimum_jerk
-from comove.primitives import DMP, Pose, PoseDMP, Variant
 from comove.trajectory import interpolated
 
 N_BASIS = (10, 20, 50)
@@ -208,8 +208,8 @@ def rigid_load() -> None:
 RECORDING = """
 import re, sys, time
 started = time.perf_counter()
-from comove.demonstrations import Demonstration, segment
-from comove.primitives import DMP
+from comove.dmp.demonstrations import Demonstration, segment
+from comove.dmp import DMP
 recording = Demonstration.load(sys.argv[1])
 read = time.perf_counter()
 parts = segment(recording)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.errors import SceneError
-from comove.experiments.examples import scene_contents
-from comove.experiments.examples import wall as wall_boxes
+from comove.lab.examples import scene_contents
+from comove.lab.examples import wall as wall_boxes
 from comove.planning.configurations import configuration_space
 from comove.planning.planner import plan
 from comove.scenes.scene import Scene

@@ -20,10 +20,10 @@ from collections.abc import Callable
 import numpy as np
 from timing import number, on_one_thread, print_table, quantile
 
-from comove.reaction import twist_qp as tp
-from comove.reaction.control_points import moved_obstacles
-from comove.reaction.twist_qp import Sighting, TwistProgramme
-from comove.reaction.twists import advanced, nodes_of, poses_of
+from comove.control.safety import twist_qp as tp
+from comove.control.safety.control_points import moved_obstacles
+from comove.control.safety.twist_qp import Sighting, TwistProgramme
+from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
 
 PERIOD = 0.01  # s

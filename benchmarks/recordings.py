@@ -44,10 +44,10 @@ from typer.testing import CliRunner
 
 from comove.cli.app import whole_application
 from comove.cli.recordings import Reading
-from comove.demonstrations import Demonstration
-from comove.primitives import read_primitive
-from comove.primitives.files import checksum
-from comove.primitives.recordings import read_recording
+from comove.dmp import read_primitive
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.files import checksum
+from comove.dmp.recordings import read_recording
 
 Array = NDArray[np.float64]
 

@@ -23,9 +23,9 @@ import yaml
 from numpy.typing import NDArray
 from timing import print_head, print_row
 
+from comove.control.safety.qp_workspace import Sighting
 from comove.geometry.distances import CENTER, segment_distance
 from comove.planning import SceneKind
-from comove.reaction.qp_workspace import Sighting
 from comove.robots import Robot
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.online.courses import Places
@@ -34,8 +34,8 @@ from comove.robots.online.pilot import Pilot
 from comove.robots.online.reference import Reference
 from comove.robots.online.roadmap import Way
 from comove.scenes import Scene
-from comove.simulators.live import run_live
-from comove.simulators.live_record import judge_run
+from comove.sim.live import run_live
+from comove.sim.live_record import judge_run
 
 Array = NDArray[np.float64]
 EXAMPLES = Path(__file__).parents[1] / "examples"

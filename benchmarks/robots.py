@@ -30,7 +30,7 @@ from comove.planning.solution import Progress
 from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry, plan_transfers
 from comove.robots.kernels import load_robot_kernels
 from comove.scenes import Scene, demonstration_of
-from comove.simulators import Friction, Perturbation, Weld, simulate
+from comove.sim import Friction, Perturbation, Weld, simulate
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCENES = sorted([*EXAMPLES.glob("baxter/*.yaml"), *EXAMPLES.glob("robots/*.yaml")])

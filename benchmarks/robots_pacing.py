@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from timing import by_toppra, number, on_one_thread, peer, print_table
 
 from comove import LeastTime
-from comove.experiments.bench.sets import scenes_of
+from comove.lab.bench.sets import scenes_of
 from comove.robots import Robot, carry
 
 Array = NDArray[np.float64]

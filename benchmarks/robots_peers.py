@@ -37,7 +37,7 @@ from robots_peers_roboplan import RoboPlan, by_roboplan
 from robots_peers_terms import BUDGET, N_SAMPLES, Outcome, Terms, flaws
 from timing import print_head, print_row
 
-from comove.experiments.bench.sets import own_scenes, scenes_of
+from comove.lab.bench.sets import own_scenes, scenes_of
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
 from comove.robots import Robot, RobotCarrier, carry

@@ -21,7 +21,7 @@ from timing import medians, number, on_one_thread, peer, print_table
 
 import comove
 from comove.coordination import load_coordinates
-from comove.primitives import motion_basis
+from comove.dmp import motion_basis
 
 N_ROLLOUTS, N_STEPS, N_BASIS = 1000, 200, 20
 N_PEER = 20  # rollouts of the peer that are measured

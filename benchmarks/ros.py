@@ -4,7 +4,7 @@
     python benchmarks/ros.py --repeats 20
 
 A master and a FollowJointTrajectory server each arm run on loopback, in processes of their own
-(`tests/export/ros1_server.py`); a carry is solved, verified and sent to them. All instants are those at which the
+(`tests/ros/ros1_server.py`); a carry is solved, verified and sent to them. All instants are those at which the
 servers' own processes log them, by the system's monotonic clock:
 
 - finish: between the two arms' ends of one motion; at most 50 ms is wanted;
@@ -32,10 +32,10 @@ from timing import number, print_table
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from comove.export import Ros1Client, SendError, Tolerances, send  # noqa: E402
 from comove.robots import Robot, VerifiedJointMotion, carry  # noqa: E402
+from comove.ros import Ros1Client, SendError, Tolerances, send  # noqa: E402
 from comove.scenes import Scene, demonstration_of  # noqa: E402
-from tests.export.ros1_robot import INSTALL, Process, arm_server, has_ros, ros_master  # noqa: E402
+from tests.ros.ros1_robot import INSTALL, Process, arm_server, has_ros, ros_master  # noqa: E402
 
 SCENE = ROOT / "examples" / "baxter" / "gap_30.yaml"
 APART, STOPPED = 0.050, 0.100  # s, what is wanted

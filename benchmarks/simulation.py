@@ -21,7 +21,7 @@ from timing import number, on_one_thread, print_table
 from comove.planning import SceneKind, load_kernels, movements_of
 from comove.robots import JointMotion, Robot, carry
 from comove.scenes import Scene, demonstration_of
-from comove.simulators import GRASPS, Execution, Perturbation, simulate
+from comove.sim import GRASPS, Execution, Perturbation, simulate
 
 SCENE = Path(__file__).parents[1] / "examples" / "baxter" / "gap_30.yaml"
 SHOWN = {

@@ -23,7 +23,7 @@ from timing import Watch, on_one_thread, print_table
 
 import comove
 from comove import LeastJerk, PaperCost
-from comove.experiments.bench.sets import SETS
+from comove.lab.bench.sets import SETS
 from comove.planning import Comove
 from comove.planning.convex.costs import jerk_cost
 from comove.planning.seeds import minimum_jerk

@@ -43,9 +43,9 @@ from timing import print_table
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import comove
+from comove.control import Executor, Pace, write_run
 from comove.coordination.coordinates import coordinates_for
 from comove.errors import ComoveError, ComoveWarning
-from comove.execution import Executor, Pace, write_run
 from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.results.reference import SCENE
@@ -58,7 +58,7 @@ from comove.stored import Part, verify_part
 from comove.verification.measures import WEIGHTS, unit_terms, unit_terms_of
 from comove.verification.record import verify_execution
 from comove.verification.verify import verify
-from comove.views import save_result
+from comove.view.figures import save_result
 
 SHM = Path("/dev/shm") if Path("/dev/shm").is_dir() else None
 COUNTS = {
@@ -471,7 +471,7 @@ def make_studies(folder: Path) -> Path:
     """A study of three episodes."""
     import yaml
 
-    from comove.studies import Study, on_processes, run_study
+    from comove.data import Study, on_processes, run_study
 
     examples = Path(__file__).parents[1] / "examples" / "studies"
     contents = yaml.safe_load((examples / "planar.yaml").read_text()) | {"episodes": 3, "seed": 0}
@@ -483,9 +483,9 @@ def make_studies(folder: Path) -> Path:
 
 def forge_study(rng: np.random.Generator, base: Path, folder: Path) -> Case:
     """Forge the store of a study."""
-    from comove.studies import StudyStore
-    from comove.studies.episode import packed, unpacked
-    from comove.studies.runs import RUNS
+    from comove.data import StudyStore
+    from comove.data.episode import packed, unpacked
+    from comove.data.runs import RUNS
 
     folder.mkdir()
     shutil.copy(base / "out" / RUNS, folder)
@@ -521,14 +521,14 @@ def forge_study(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 @cache
 def trusted_study() -> Any:
     """The study, as its file says."""
-    from comove.studies import Study
+    from comove.data import Study
 
     return Study.load(bases("studies") / "study.yaml")
 
 
 def judge_study(case: Case) -> list[str]:
     """Contradictions of what a dataset would hold; raises what export would raise."""
-    from comove.studies.datasets.samples import episodes_of
+    from comove.data.datasets.samples import episodes_of
 
     study, found = trusted_study(), []
     for episode in episodes_of(case.folder, study.folder, 100, study):
@@ -728,7 +728,7 @@ def tools(robot: Any, scene: Scene, q: np.ndarray) -> np.ndarray:
 
 def make_simulations(folder: Path) -> Path:
     """The known movement of Baxter, played."""
-    from comove.simulators import play, write_simulation
+    from comove.sim import play, write_simulation
     from tests.robots.known_carry import baxter, known_carry
 
     make_joints(folder)
@@ -739,7 +739,7 @@ def make_simulations(folder: Path) -> Path:
 
 def forge_simulation(rng: np.random.Generator, base: Path, folder: Path) -> Case:
     """Forge a simulation."""
-    from comove.simulators import SIMULATION
+    from comove.sim import SIMULATION
     from tests.robots.known_carry import known_carry
 
     scene = known_carry()[0].scene
@@ -770,7 +770,7 @@ def forge_simulation(rng: np.random.Generator, base: Path, folder: Path) -> Case
 
 def look_at_simulation(case: Case) -> list[str]:
     """Contradictions of a simulation that was not objected to: is the load where the goal is, held by hands?"""
-    from comove.simulators import SIMULATION
+    from comove.sim import SIMULATION
     from tests.robots.known_carry import baxter
 
     summary, arrays = SIMULATION.read(case.folder)
@@ -793,7 +793,7 @@ def make_robot_runs(folder: Path) -> Path:
 
 def forge_robot_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
     """Forge an online run of a robot."""
-    from comove.simulators.robot_runs import ROBOT_RUN
+    from comove.sim.robot_runs import ROBOT_RUN
     from tests.robots.known_carry import known_carry
 
     scene = known_carry()[0].scene
@@ -825,7 +825,7 @@ def forge_robot_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 def look_at_robot_run(case: Case) -> list[str]:
     """Contradictions of a robot's run that is as it should be: limits, hands at the goal, a bar that is clear."""
-    from comove.simulators.robot_runs import ROBOT_RUN
+    from comove.sim.robot_runs import ROBOT_RUN
     from tests.robots.known_carry import baxter
 
     robot, (_, arrays) = baxter(), ROBOT_RUN.read(case.folder)

@@ -19,8 +19,8 @@ from timing import Watch, on_one_thread, print_table
 
 import comove
 from comove.errors import InputError
-from comove.experiments.registry import PEERS
-from comove.experiments.systems import SystemProblem, measured
+from comove.lab.registry import PEERS
+from comove.lab.systems import SystemProblem, measured
 
 SIDE, THICK, WIDTH = 3.0, 0.02, (0.05, 0.4)  # m
 COUNTS = {2: 60, 3: 150}

@@ -24,10 +24,10 @@ import numpy as np
 import yaml
 
 import comove
-from comove.workbench.edits import Draft, contents_of, grips_of, moved, place_of
-from comove.workbench.link import Link
-from comove.workbench.session import PageSettings
-from comove.workbench.shelf import read_scene, shelf_of
+from comove.view.workbench.edits import Draft, contents_of, grips_of, moved, place_of
+from comove.view.workbench.link import Link
+from comove.view.workbench.session import PageSettings
+from comove.view.workbench.shelf import read_scene, shelf_of
 
 STEPS, PERIOD = 5, 0.05  # s
 REACH = 0.06  # of the longest side of the workspace: how far from its own place a thing is dragged
@@ -119,9 +119,9 @@ def drag_on_page(session, grips, home, rng):
 
 def memory(n_drags, seed, every=100):
     """Print the memory of a page's server and of its planner while things are dragged on one page."""
-    from comove.workbench.server import serve
-    from comove.workbench.session import Session
-    from tests.workbench.pages import Page
+    from comove.view.workbench.server import serve
+    from comove.view.workbench.session import Session
+    from tests.view.workbench.pages import Page
 
     sessions, plain = [], Session.__init__
 
@@ -188,7 +188,7 @@ INTERVALS = """count => new Promise(done => {
 
 def frames(n_obstacles, seed, n_frames=30):
     """Print how long a state takes to be sent, and how often a browser draws without graphics card."""
-    from tests.workbench.browser import Bench, browser
+    from tests.view.workbench.browser import Bench, browser
 
     with tempfile.TemporaryDirectory() as folder, browser() as chromium:
         path = Path(folder) / "crowded.yaml"

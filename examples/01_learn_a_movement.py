@@ -8,7 +8,7 @@ Fit a primitive to a person's recorded movement and play it to another goal.
 import numpy as np
 
 import comove
-from comove.views import draw_primitive, save
+from comove.view.figures import draw_primitive, save
 
 demonstration = comove.Demonstration.from_lasa("Angle")
 dmp = comove.DMP.fit(demonstration, n_basis=20)

@@ -6,7 +6,7 @@ Two hands carry a bar through a passage half as wide as the bar is long.
 """
 
 import comove
-from comove.views import draw_motion, save
+from comove.view.figures import draw_motion, save
 
 scene = comove.Scene.from_dict(
     {

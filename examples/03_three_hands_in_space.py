@@ -8,7 +8,7 @@ Three hands carry a triangular frame over a post, and keep two centimetres away 
 import numpy as np
 
 import comove
-from comove.views import draw_motion, save
+from comove.view.figures import draw_motion, save
 
 corners = 0.1 * np.array([[np.cos(a), np.sin(a), 0.0] for a in np.pi / 2 + 2 * np.pi / 3 * np.arange(3)])
 names = ["front", "left", "right"]

@@ -8,8 +8,8 @@ Learn a library, find what resembles a new recording, and combine movements that
 import tempfile
 
 import comove
-from comove.primitives import operations as op
-from comove.views import draw_library, save
+from comove.dmp import operations as op
+from comove.view.figures import draw_library, save
 
 
 def wall(x: float, gap: float) -> list[dict]:

@@ -11,8 +11,8 @@ the execution at which they were measured. Points of the arms are left out befor
 import numpy as np
 
 import comove
-from comove.execution import Clouds, Executor, Scanner
-from comove.reaction.twists import nodes_of
+from comove.control import Clouds, Executor, Scanner
+from comove.control.safety.twists import nodes_of
 
 scene = comove.Scene.from_dict(
     {

@@ -7,8 +7,8 @@ every instant. The path changes too: a fast way through a gap is not the smoothe
 """
 
 import comove
-from comove.experiments.examples import example
-from comove.views import draw_motion, save
+from comove.lab.examples import example
+from comove.view.figures import draw_motion, save
 
 scene = example("narrow").limited(speed=1.0, acceleration=2.0, jerk=10.0)  # m/s, m/s^2, m/s^3
 solution = comove.solve(scene, objective=comove.LeastTime(), seed=0)

@@ -7,7 +7,7 @@ could tilt.
 """
 
 import comove
-from comove.views import draw_motion, save
+from comove.view.figures import draw_motion, save
 
 scene = comove.Scene.from_dict(
     {

@@ -6,7 +6,7 @@ Loads in the plane may be polygons. This one is held at two places and goes roun
 """
 
 import comove
-from comove.views import draw_motion, save
+from comove.view.figures import draw_motion, save
 
 scene = comove.Scene.from_dict(
     {

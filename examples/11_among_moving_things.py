@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import comove
-from comove.views import draw_motion, save
+from comove.view.figures import draw_motion, save
 
 scene = comove.Scene.load(Path(sys.argv[0]).parent / "moving" / "crossing.yaml")
 solution = comove.solve(scene, seed=0)

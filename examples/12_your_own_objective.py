@@ -7,8 +7,8 @@ hold as ever.
 """
 
 import comove
-from comove.experiments.examples import example
-from comove.views import draw_side_by_side, save
+from comove.lab.examples import example
+from comove.view.figures import draw_side_by_side, save
 
 
 def height(motion: comove.Samples) -> float:

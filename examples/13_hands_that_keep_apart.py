@@ -8,7 +8,7 @@ Two hands carry nothing and change places. They must never come nearer to each o
 import numpy as np
 
 import comove
-from comove.views import draw_motion, save
+from comove.view.figures import draw_motion, save
 
 scene = comove.Scene.from_dict(
     {

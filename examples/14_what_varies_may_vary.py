@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import comove
-from comove.views import save
+from comove.view.figures import save
 
 recordings = [comove.Demonstration.from_lasa("Sine", demo) for demo in range(7)]
 movement = comove.ProMP.fit(recordings, n_basis=15)

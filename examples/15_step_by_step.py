@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import comove
-from comove.views import save
+from comove.view.figures import save
 
 dmp = comove.DMP.fit(comove.Demonstration.from_lasa("Angle"), n_basis=20)
 state, positions, dt = dmp.initial_state(), [], dmp.duration / 400

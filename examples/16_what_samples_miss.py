@@ -9,8 +9,8 @@ import numpy as np
 
 import comove
 from comove.coordination import load_coordinates
-from comove.primitives import motion_basis
-from comove.views import draw_motion, save
+from comove.dmp import motion_basis
+from comove.view.figures import draw_motion, save
 
 scene = comove.Scene.from_dict(
     {

@@ -9,8 +9,8 @@ value lies.
 import numpy as np
 from matplotlib.figure import Figure
 
-from comove.optimisers import minimise
-from comove.views import save
+from comove.optim import minimise
+from comove.view.figures import save
 
 seen = []
 

@@ -7,8 +7,8 @@ rounding, and its convex programme finds a smoother way, sooner.
 """
 
 import comove
-from comove.experiments.examples import example
-from comove.views import draw_side_by_side, save
+from comove.lab.examples import example
+from comove.view.figures import draw_side_by_side, save
 
 scene = example("narrow")
 demonstration = comove.Demonstration.from_lasa("Sine")

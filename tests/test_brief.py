@@ -4,7 +4,7 @@ import numpy as np
 
 import comove
 from comove.brief import brief
-from comove.primitives import PoseDMP
+from comove.dmp import PoseDMP
 from tests.solved import solved
 
 

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from comove.demonstrations import formats
-from comove.experiments.examples import copy_examples
+from comove.dmp.demonstrations import formats
+from comove.lab.examples import copy_examples
 from tests.commands import invoke
-from tests.experiments.paper.test_page import SMALL
+from tests.lab.paper.test_page import SMALL
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

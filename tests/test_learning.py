@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from comove.data import Study, on_processes, run_study
+from comove.data.datasets import FORMATS, export_episodes
 from comove.errors import DemonstrationError, ResultError
-from comove.studies import Study, on_processes, run_study
-from comove.studies.datasets import FORMATS, export_episodes
 from comove.verification.record import RecordSamples, verify_execution
 
 pytest.importorskip("torch", reason="torch is not installed: pip install 'comove[learn]'")

@@ -8,7 +8,8 @@ from functools import partial
 
 import pytest
 
-from comove.demonstrations import (
+from comove.dmp import DMP, Library, Primitive, read_primitive, write_primitive
+from comove.dmp.demonstrations import (
     Demonstration,
     read_csv,
     read_hdf5,
@@ -20,15 +21,14 @@ from comove.demonstrations import (
     write_npz,
     write_rosbag,
 )
-from comove.demonstrations.formats import hdf5, lerobot
+from comove.dmp.demonstrations.formats import hdf5, lerobot
 from comove.errors import ComoveError
-from comove.experiments.bench.store import RunStore
 from comove.io.folders import check_target
-from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
+from comove.lab.bench.store import RunStore
 from comove.results import RESULT, read_result
 from comove.robots import Robot, read_joints
 from comove.scenes import Scene
-from comove.simulators import SIMULATION
+from comove.sim import SIMULATION
 
 KINDS = ("", ".csv", ".npz", ".hdf5", ".bag", ".mcap", ".db3", ".json", ".yaml", ".dmp.json", ".sqlite")
 DEMO = Demonstration([0.0, 1.0, 2.0], [[0.0, 0.0], [1.0, 0.0], [2.0, 1.0]])

@@ -17,7 +17,7 @@ import yaml
 
 from comove import errors
 from comove.constraints import KINDS
-from comove.experiments.examples import copy_examples
+from comove.lab.examples import copy_examples
 from comove.scenes.model import SceneFile
 
 ROOT = Path(__file__).parents[1]

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from comove.errors import ResultError
-from comove.simulators import SIMULATION, play, write_simulation
-from comove.simulators.robot_runs import ROBOT_RUN
+from comove.sim import SIMULATION, play, write_simulation
+from comove.sim.robot_runs import ROBOT_RUN
 from comove.stored import Part, parts_of, verify_folder, verify_part
 from tests.commands import invoke
 from tests.robots.known_carry import baxter, known_carry

@@ -6,8 +6,8 @@ import pytest
 
 from comove.cli.generate import _sides
 from comove.cli.texts import summary_text
+from comove.data.variety import Variety
 from comove.stored import joint_rows, motion_rows, run_rows, simulation_rows
-from comove.studies.variety import Variety
 
 DEVIATIONS = [
     (motion_rows, "distance_error_max"),

@@ -3,7 +3,7 @@
 import numpy as np
 
 from comove.planning import SceneKind, load_kernels
-from tests.reaction.moving import World, run, scene_of
+from tests.control.safety.moving import World, run, scene_of
 
 
 def react():

@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, poses_at
+from comove.data import Study
 from comove.errors import ComoveError, ExtraError, OptionError, ResultError
 from comove.io.arrays import read_arrays
 from comove.io.files import require_target
 from comove.scenes.scene import Scene
-from comove.studies import Study
 from comove.verification.record import ExecutionReport, Record, RecordSamples, verify_execution
-from comove.views import save_picture
-from comove.views.motion import FINE, OFF, TOUCHES, draw_frame
-from comove.views.shapes import outline
-from comove.views.style import draw_way, new_figure
+from comove.view.figures import save_picture
+from comove.view.figures.motion import FINE, OFF, TOUCHES, draw_frame
+from comove.view.figures.shapes import outline
+from comove.view.figures.style import draw_way, new_figure
 
 try:
     import torch

@@ -192,7 +192,7 @@ class ExportError(RobotError):
     Examples
     --------
     >>> import comove
-    >>> from comove.export import parts_of
+    >>> from comove.ros import parts_of
     >>> parts_of(comove.solve(comove.Scene.load("narrow.yaml"), seed=0).motion)
     Traceback (most recent call last):
     comove.errors.ExportError: motion: the motion is a VerifiedMotion, not a verified one of joints; ...
@@ -209,7 +209,7 @@ class SendError(RobotError):
     Examples
     --------
     >>> import sys
-    >>> from comove.export import Ros1Client
+    >>> from comove.ros import Ros1Client
     >>> Ros1Client(python=sys.executable).connect({}, timeout=1.0)
     Traceback (most recent call last):
     comove.errors.SendError: ros: no Python here has ROS 1; tried ...; install rospy, actionlib and trajectory_msgs,
@@ -217,7 +217,7 @@ class SendError(RobotError):
     """
 
     outcome: object = None
-    """The `comove.export.SendOutcome`, if the motion began."""
+    """The `comove.ros.SendOutcome`, if the motion began."""
 
 
 class OptionError(InputError):
@@ -245,7 +245,7 @@ class ConstraintError(InputError):
     Examples
     --------
     >>> import numpy as np
-    >>> from comove.primitives.projection import HandDistance, Poses, project
+    >>> from comove.dmp.projection import HandDistance, Poses, project
     >>> poses = Poses(("left", "right"), np.array([[[0, 0, 0], [0.5, 0, 0]]]), np.tile([1.0, 0, 0, 0], (1, 2, 1)))
     >>> project(poses, [HandDistance("left", "right", 0.4), HandDistance("left", "right", 0.5)])
     Traceback (most recent call last):

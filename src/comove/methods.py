@@ -25,7 +25,7 @@ class MethodName:
     @property
     def is_compared(self) -> bool:
         """Return whether it is a system of others, for comparison."""
-        return self.place.startswith("comove.experiments.")
+        return self.place.startswith("comove.lab.")
 
     @property
     def kind(self) -> Any:
@@ -41,11 +41,11 @@ METHODS = {
         MethodName("projection", "comove.Projection"),
         MethodName("paper", "comove.planning.Paper", serves_robots=True),
         MethodName("printed", "comove.planning.Printed"),
-        MethodName("unconstrained", "comove.experiments.compared.Unconstrained"),
-        MethodName("leader-follower", "comove.experiments.compared.LeaderFollower"),
-        MethodName("speed-scaled", "comove.experiments.compared.SpeedScaled"),
-        MethodName("task-priority", "comove.experiments.compared.TaskPriority", serves_robots=True),
-        MethodName("single", "comove.experiments.compared.Single"),
+        MethodName("unconstrained", "comove.lab.compared.Unconstrained"),
+        MethodName("leader-follower", "comove.lab.compared.LeaderFollower"),
+        MethodName("speed-scaled", "comove.lab.compared.SpeedScaled"),
+        MethodName("task-priority", "comove.lab.compared.TaskPriority", serves_robots=True),
+        MethodName("single", "comove.lab.compared.Single"),
     )
 }
 """All methods by name; others are derived from this table."""

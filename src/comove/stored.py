@@ -233,7 +233,7 @@ if TYPE_CHECKING:  # robots are an extra
     from comove.robots.model import Robot
     from comove.robots.motion import JointMotion
     from comove.robots.verification.verify import VerifiedJointMotion
-    from comove.simulators.live_record import OnlineRecord
+    from comove.sim.live_record import OnlineRecord
     from comove.verification.record import Record
 
 
@@ -424,7 +424,7 @@ class _Folder:
         )
 
     def _robot_run(self) -> Verification:
-        from comove.simulators.robot_runs import ROBOT_RUN, read_robot_run, verify_robot_run
+        from comove.sim.robot_runs import ROBOT_RUN, read_robot_run, verify_robot_run
 
         stored = read_robot_run(self.folder)
         reference = self.given.for_result(stored)
@@ -443,7 +443,7 @@ class _Folder:
 
     def _simulation(self) -> Verification:
         from comove.robots.grippers import without_gripper
-        from comove.simulators.files import SIMULATION, verify_simulation
+        from comove.sim.files import SIMULATION, verify_simulation
 
         carried = self.carried
         summary, arrays = SIMULATION.read(self.folder)

@@ -10,9 +10,9 @@ import time
 import pytest
 
 from comove.cli.bench import ALL_SETS
-from comove.experiments.bench.sets import SETS, own_scenes, scenes_of
-from comove.experiments.bench.store import RunStore
-from comove.experiments.examples import example_path
+from comove.lab.bench.sets import SETS, own_scenes, scenes_of
+from comove.lab.bench.store import RunStore
+from comove.lab.examples import example_path
 from tests.commands import invoke
 
 

@@ -496,7 +496,7 @@ def test_missing_arguments(scene):
 
 
 def test_projection_of_three_hands_in_space(tmp_path):
-    from comove.experiments.examples import example_path
+    from comove.lab.examples import example_path
 
     outcome = invoke("solve", example_path("triangle"), "--out", tmp_path / "out", "--method", "projection")
     assert_refused(outcome, "method", "comove")

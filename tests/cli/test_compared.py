@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration
-from comove.experiments.examples import example_path
-from comove.primitives import DMP, Library, Primitive
+from comove.dmp import DMP, Library, Primitive
+from comove.dmp.demonstrations import Demonstration
+from comove.lab.examples import example_path
 from tests.commands import invoke
 
 FILES = {"solution.npz", "solution.json", "motion.png", "progress.png", "scene.json", "inputs", "inputs.json"}

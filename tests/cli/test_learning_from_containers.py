@@ -7,11 +7,11 @@ import h5py
 import numpy as np
 import pytest
 
-from comove.primitives import read_primitive
+from comove.dmp import read_primitive
 from tests.commands import invoke
-from tests.demonstrations.formats.bags import TYPES, bag, header, joint_state, pose_stamped
-from tests.demonstrations.formats.test_lerobot_features import ANGLES, PATH, SO_101, dataset, state
-from tests.demonstrations.formats.test_ros_transforms import STAMPS, Course
+from tests.dmp.demonstrations.formats.bags import TYPES, bag, header, joint_state, pose_stamped
+from tests.dmp.demonstrations.formats.test_lerobot_features import ANGLES, PATH, SO_101, dataset, state
+from tests.dmp.demonstrations.formats.test_ros_transforms import STAMPS, Course
 
 SHARE = np.linspace(0.0, 1.0, 40)
 POSITION = np.stack([0.3 * SHARE, 0.1 * np.sin(np.pi * SHARE), 0.2 + 0.05 * SHARE], axis=1)

@@ -10,8 +10,8 @@ import sys
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, write_csv
-from comove.primitives import DMP, Library, Primitive, read_primitive, write_primitive
+from comove.dmp import DMP, Library, Primitive, read_primitive, write_primitive
+from comove.dmp.demonstrations import Demonstration, write_csv
 from tests.cli.test_cli import SCENE, SWING
 from tests.commands import invoke
 
@@ -263,7 +263,7 @@ def test_pictures(filled):
 
 
 def test_the_recording_is_drawn_where_it_is_the_same(filled):
-    from comove.primitives.recordings import recording_of
+    from comove.dmp.recordings import recording_of
 
     assert recording_of(filled["Sine-0"]).name == "Sine 0"
     assert recording_of(filled["swing"]).n_steps == 21

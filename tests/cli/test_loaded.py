@@ -7,21 +7,21 @@ import sys
 
 import pytest
 
-from comove.execution import Executor, Pace, write_run
+from comove.control import Executor, Pace, write_run
 from comove.io.folders import whole_folder
 from comove.results import RESULT
-from comove.simulators import play, write_simulation
+from comove.sim import play, write_simulation
 from comove.verification.record import verify_execution
-from comove.views import save_result
+from comove.view.figures import save_result
 from tests.robots.known_carry import baxter, known_carry
 from tests.robots.known_folder import write
 from tests.robots.known_run import write_known_run
 from tests.solved import EXAMPLES, example, solved
 
 MAKERS = (
-    *("planning", "optimisers", "demonstrations", "experiments", "studies", "workbench", "views", "export"),
-    *("execution", "reaction", "processes", "robots.search", "robots.online", "robots.proposal"),
-    *(f"simulators.{name}" for name in ("dynamics", "playback", "building", "pictures", "meshes", "world")),
+    *("planning", "optim", "dmp.demonstrations", "lab", "data", "view", "ros"),
+    *("control", "processes", "robots.search", "robots.online", "robots.proposal"),
+    *(f"sim.{name}" for name in ("dynamics", "playback", "building", "pictures", "meshes", "world")),
 )
 MOST = 90
 PROBE = """
@@ -85,6 +85,6 @@ def test_the_verifier_loads_no_maker_of_motions(made, tmp_path):
     rooms = {name.removeprefix("comove.") for name in loaded("verify", *made(tmp_path / "result"))}
     assert not {name for name in rooms if name.startswith(MAKERS)}
     assert len(rooms) <= MOST
-    knows = {name.partition(".")[0] for name in rooms} & {"robots", "simulators"}
-    expected = {joints: {"robots"}, simulation: {"robots", "simulators"}, robot_run: {"robots", "simulators"}}
+    knows = {name.partition(".")[0] for name in rooms} & {"robots", "sim"}
+    expected = {joints: {"robots"}, simulation: {"robots", "sim"}, robot_run: {"robots", "sim"}}
     assert knows == expected.get(made, set())

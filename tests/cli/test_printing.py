@@ -9,13 +9,13 @@ import pytest
 
 from comove.cli.streams import _Plain
 from comove.cli.texts import as_table, in_rows, learned_text, say
-from comove.demonstrations import Demonstration
+from comove.dmp import learn
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import letters, plain, printable
 from comove.io.folders import whole_folder
-from comove.primitives import learn
 from comove.results import RESULT
 from comove.results.solution import SOLUTION
-from comove.views import save_result
+from comove.view.figures import save_result
 from tests.commands import invoke
 from tests.solved import solved
 

@@ -12,15 +12,15 @@ import yaml
 
 from comove.cli import robot
 from comove.errors import RobotError
-from comove.experiments.examples import example_path
-from comove.export import FORMATS
+from comove.lab.examples import example_path
 from comove.robots import Robot, read_joints
 from comove.robots import description as descriptions
 from comove.robots.kernels import TWO_ARMS
+from comove.ros import FORMATS
 from comove.scenes import Scene
 from tests.commands import invoke
 from tests.robots.small_robots import SHELF, lifts, lifts_scene
-from tests.simulators.test_mjcf import ARM
+from tests.sim.test_mjcf import ARM
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 SCENE = EXAMPLES / "baxter" / "gap_30.yaml"

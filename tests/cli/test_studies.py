@@ -14,9 +14,9 @@ import pytest
 import yaml
 
 import comove
-from comove.studies import Study, StudyStore
-from comove.studies.episode import restored
-from comove.studies.runs import RUNS, UNREPEATED
+from comove.data import Study, StudyStore
+from comove.data.episode import restored
+from comove.data.runs import RUNS, UNREPEATED
 from tests.commands import invoke
 
 ROOT = Path(__file__).parents[2]

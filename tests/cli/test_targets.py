@@ -49,12 +49,12 @@ def place(tmp_path, monkeypatch):
     def working(*_, **__):
         pytest.fail("work was begun")
 
-    for name in ("planning.solve", "planning.load_kernels", "planning.combine", "primitives.learn"):
+    for name in ("planning.solve", "planning.load_kernels", "planning.combine", "dmp.learn"):
         monkeypatch.setattr(f"comove.{name}", working)
-    for name in ("execution.Executor", "robots.carry", "experiments.paper.page.reproduce"):
+    for name in ("control.Executor", "robots.carry", "lab.paper.page.reproduce"):
         monkeypatch.setattr(f"comove.{name}", working)
     for name in ("sets.drawn", "scaling.measure"):
-        monkeypatch.setattr(f"comove.experiments.bench.{name}", working)
+        monkeypatch.setattr(f"comove.lab.bench.{name}", working)
     return tmp_path
 
 

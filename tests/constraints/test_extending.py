@@ -105,7 +105,7 @@ def test_an_execution_keeps_it():
     """The third hand climbs over a circle: the bar, which could stay where it is, makes way for it."""
     out = run(
         """
-from comove.execution import Executor
+from comove.control import Executor
 from comove.verification.record import verify_execution
 data = scene().file.model_dump(mode="json")
 data["manipulators"][2] |= {"start": [0.1, 0.3], "goal": [0.9, 0.3]}

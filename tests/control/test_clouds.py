@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from benchmarks.random_scenes import moving_scene
+from comove.control import Clouds, Executor, Known, Scanned, Scanner
+from comove.control.clouds import surface
+from comove.control.safety.twists import nodes_of, poses_of
 from comove.errors import OptionError
-from comove.execution import Clouds, Executor, Known, Scanned, Scanner
-from comove.execution.clouds import surface
 from comove.geometry import distances as sd
-from comove.reaction.twists import nodes_of, poses_of
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
-from tests.execution.test_executor import crossing, disc
+from tests.control.test_executor import crossing, disc
 from tests.meshes import hull, write_obj
 from tests.verification.random_motions import scene_data
 

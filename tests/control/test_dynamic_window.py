@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from benchmarks.random_scenes import moving_scene
+from comove.control.dynamic_window import DynamicWindow, WindowStart
+from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of
 from comove.coordination import load_coordinates
-from comove.execution.dynamic_window import DynamicWindow, WindowStart
 from comove.planning.objective import Objective
-from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of
-from tests.execution.test_executor import crossing, disc
+from tests.control.test_executor import crossing, disc
 
 WINDOW = DynamicWindow()
 FEW = SimpleNamespace(  # draws nothing but standing still

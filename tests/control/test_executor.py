@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
+from comove.control import Executor, Functions, Pace
+from comove.control.safety.twists import advanced, nodes_of, poses_of, twists_between
 from comove.coordination.coordinates import HandPoses
 from comove.errors import OptionError
-from comove.execution import Executor, Functions, Pace
-from comove.reaction.twists import advanced, nodes_of, poses_of, twists_between
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
 from tests.cases import examples

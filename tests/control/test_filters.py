@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
-from comove.execution.filters import Expectations, informed, later, unknown
-from comove.execution.observers import Turning
+from comove.control.filters import Expectations, informed, later, unknown
+from comove.control.observers import Turning
 
 AGILITY, FASTEST, SHARPEST, NOISE, DT = 0.5, 0.5, 1.2, 0.01, 0.01
 EXPECTED = Expectations(AGILITY, FASTEST, SHARPEST)

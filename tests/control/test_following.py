@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration
-from comove.execution import Executor
+from comove.control import Executor
+from comove.dmp import DMP
+from comove.dmp.demonstrations import Demonstration
 from comove.planning import carried_demonstration
-from comove.primitives import DMP
 from comove.scenes import Scene, demonstration_of
 from comove.verification.record import verify_execution
 from tests.solved import EXAMPLES, example

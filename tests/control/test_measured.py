@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from benchmarks.random_scenes import moving_scene
+from comove.control import Executor, Known, Measured, Observed, Sensor
 from comove.errors import OptionError
-from comove.execution import Executor, Known, Measured, Observed, Sensor
 from comove.verification.record import verify_execution
-from tests.execution.test_executor import crossing, disc
+from tests.control.test_executor import crossing, disc
 
 STEADY = crossing(disc([0.9, 0.9], {"velocity": [-0.2, -0.1]}))
 ZIGZAG = crossing(

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
+from comove.control import Executor, Functions, Measured, Sensor, write_run
+from comove.control.observers import Known, going_on
+from comove.control.safety.twist_qp import Sighting
 from comove.errors import OptionError
-from comove.execution import Executor, Functions, Measured, Sensor, write_run
-from comove.execution.observers import Known, going_on
-from comove.experiments.modulation.obstacles import level_obstacle
-from comove.reaction.twist_qp import Sighting
+from comove.lab.modulation.obstacles import level_obstacle
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
-from comove.views.run import draw_run
+from comove.view.figures.run import draw_run
 
 from ..meshes import l_profile, ring, write_obj
 

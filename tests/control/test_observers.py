@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.execution import Functions
-from comove.execution.observers import Turning
+from comove.control import Functions
+from comove.control.observers import Turning
 from comove.scenes.moving import Circle, Motion
-from tests.execution.test_executor import crossing, disc
+from tests.control.test_executor import crossing, disc
 
 vector = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
 

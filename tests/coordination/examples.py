@@ -9,7 +9,7 @@ from comove.coordination import (
     projected_coordinates,
 )
 from comove.coordination.coordinates import DIRECTION
-from comove.primitives import motion_basis
+from comove.dmp import motion_basis
 from comove.scenes.scene import Scene
 
 TRIANGLE = np.array([[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.1, 0.15, 0.0]])

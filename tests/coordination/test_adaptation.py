@@ -16,14 +16,14 @@ from comove.coordination.adaptation import (
     magnification,
     modulate,
 )
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, PoseDMP, ProMP, Variant
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.operations import rotate
+from comove.dmp.variants import APART, CLOSED
 from comove.errors import ComoveWarning, OptionError
 from comove.geometry.rotations import exponential, similarity
-from comove.primitives import DMP, PoseDMP, ProMP, Variant
-from comove.primitives.operations import rotate
-from comove.primitives.variants import APART, CLOSED
 from tests.cases import examples
-from tests.primitives.movements import random_dmp
+from tests.dmp.movements import random_dmp
 
 T = np.linspace(0.0, 1.0, 201)
 REST = T**3 * (10 - 15 * T + 6 * T**2)

@@ -16,11 +16,11 @@ from comove.coordination import (
     projected_coordinates,
     rollouts,
 )
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, LinearPhase, Variant, motion_basis
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.system import N_INTERVALS
 from comove.errors import OptionError
 from comove.geometry import rotations
-from comove.primitives import DMP, LinearPhase, Variant, motion_basis
-from comove.primitives.system import N_INTERVALS
 from comove.verification.bounds import largest_acceleration, largest_speed, node_bounds
 from tests.cases import examples
 

@@ -1,10 +1,10 @@
-"""Runs a study that needs no solver: python -m tests.studies.driver FOLDER WORKERS TOTAL PAUSE LOG [to be killed]."""
+"""Runs a study that needs no solver: python -m tests.data.driver FOLDER WORKERS TOTAL PAUSE LOG [to be killed]."""
 
 import sys
 from pathlib import Path
 
-from comove.studies import on_processes, run_study
-from tests.studies.works import FakeStudy
+from comove.data import on_processes, run_study
+from tests.data.works import FakeStudy
 
 if __name__ == "__main__":
     folder, workers, total, pause, log = sys.argv[1:]

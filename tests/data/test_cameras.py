@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 import yaml
 
+from comove.data import Study, StudyStore, on_processes, run_study
+from comove.data.cameras import CamerasPart
+from comove.data.datasets import FORMATS, export_episodes
+from comove.data.datasets.samples import chosen_rate, episodes_of
+from comove.data.runs import RUNS
+from comove.data.videos import Video, VideoFile, encoded
 from comove.errors import ComoveError, InputError, OptionError, ResultError
-from comove.simulators.engine import NO_PICTURES, drawing_backend
-from comove.studies import Study, StudyStore, on_processes, run_study
-from comove.studies.cameras import CamerasPart
-from comove.studies.datasets import FORMATS, export_episodes
-from comove.studies.datasets.samples import chosen_rate, episodes_of
-from comove.studies.runs import RUNS
-from comove.studies.videos import Video, VideoFile, encoded
+from comove.sim.engine import NO_PICTURES, drawing_backend
 from tests.commands import invoke
-from tests.studies.test_carried import SCENE, require_mujoco, stored, written
-from tests.studies.test_runner import rows
-from tests.studies.works import FakeStudy
+from tests.data.test_carried import SCENE, require_mujoco, stored, written
+from tests.data.test_runner import rows
+from tests.data.works import FakeStudy
 
 RATE = 5
 CAMERAS = {

@@ -12,20 +12,20 @@ import pytest
 import yaml
 
 import comove
+from comove.data import Shard, Study, StudyStore, Sweep, groups_of, on_processes, report_of, run_study
+from comove.data.datasets import FORMATS, export_episodes
+from comove.data.datasets.samples import episodes_of
+from comove.data.keys import change
+from comove.data.merging import merge
+from comove.data.on_dask import on_dask
+from comove.data.runs import RUNS, UNREPEATED
 from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.robots import Robot
-from comove.simulators.engine import engine
-from comove.studies import Shard, Study, StudyStore, Sweep, groups_of, on_processes, report_of, run_study
-from comove.studies.datasets import FORMATS, export_episodes
-from comove.studies.datasets.samples import episodes_of
-from comove.studies.keys import change
-from comove.studies.merging import merge
-from comove.studies.on_dask import on_dask
-from comove.studies.runs import RUNS, UNREPEATED
+from comove.sim.engine import engine
 from tests.commands import invoke
+from tests.data.test_runner import rows
+from tests.data.test_study import SCENE as PLANAR
 from tests.robots.small_robots import gantry
-from tests.studies.test_runner import rows
-from tests.studies.test_study import SCENE as PLANAR
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"
 SCENE = {

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from comove.data import on_processes, run_study
+from comove.data.on_dask import on_dask
 from comove.errors import ExtraError, OptionError
-from comove.studies import on_processes, run_study
-from comove.studies.on_dask import on_dask
-from tests.studies.test_runner import rows
-from tests.studies.works import FakeStudy
+from tests.data.test_runner import rows
+from tests.data.works import FakeStudy
 
 
 def test_without_dask_the_way_out_is_told(monkeypatch):

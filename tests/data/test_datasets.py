@@ -12,15 +12,15 @@ import pytest
 import yaml
 
 import comove
+from comove.data import Study, StudyStore, on_processes, run_study
+from comove.data.datasets import FORMATS, export_episodes
+from comove.data.datasets.lerobot import ENVIRONMENT, STATE, Statistics
+from comove.data.datasets.mcap import movements_of
+from comove.data.datasets.samples import episodes_of
+from comove.data.runs import RUNS
 from comove.errors import OptionError, ResultError
 from comove.scenes import Scene
 from comove.scenes.model import canonical
-from comove.studies import Study, StudyStore, on_processes, run_study
-from comove.studies.datasets import FORMATS, export_episodes
-from comove.studies.datasets.lerobot import ENVIRONMENT, STATE, Statistics
-from comove.studies.datasets.mcap import movements_of
-from comove.studies.datasets.samples import episodes_of
-from comove.studies.runs import RUNS
 from tests.commands import invoke
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"

@@ -5,7 +5,7 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.experiments.examples import example_path
+from comove.lab.examples import example_path
 from comove.planning import PaperCost
 from comove.planning.methods import Quick
 from comove.scenes import demonstration_of

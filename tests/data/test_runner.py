@@ -14,11 +14,11 @@ from pathlib import Path
 
 import pytest
 
+from comove.data import Shard, StudyStore, on_processes, run_study
+from comove.data.merging import merge
+from comove.data.runs import RUNS, UNREPEATED
 from comove.errors import OptionError, ResultError
-from comove.studies import Shard, StudyStore, on_processes, run_study
-from comove.studies.merging import merge
-from comove.studies.runs import RUNS, UNREPEATED
-from tests.studies.works import FakeStudy
+from tests.data.works import FakeStudy
 
 ROOT = Path(__file__).parents[2]
 
@@ -34,7 +34,7 @@ def start(folder, *, workers=2, total=40, pause=0.02, room=None):
     path = os.pathsep.join([str(ROOT), str(ROOT / "src")])
     log = folder.with_suffix(".log")
     return subprocess.Popen(
-        [sys.executable, "-m", "tests.studies.driver", *map(str, (folder, workers, total, pause, log))],
+        [sys.executable, "-m", "tests.data.driver", *map(str, (folder, workers, total, pause, log))],
         env={**os.environ, "PYTHONPATH": path},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comove import Scene
-from comove.studies.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
+from comove.data.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
 
 TURN = [0.5, 0.5, 0.5, 0.5]
 SHAPES = {

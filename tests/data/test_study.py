@@ -8,14 +8,14 @@ import pytest
 import yaml
 from scipy import stats
 
-from comove.demonstrations import Demonstration
+from comove.data import Study, Sweep
+from comove.data.distributions import OneOf, TruncatedNormal, Uniform
+from comove.data.keys import change, fit_hands
+from comove.data.runs import differences
+from comove.dmp import DMP, Library, Primitive
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError, SceneError
-from comove.primitives import DMP, Library, Primitive
 from comove.scenes import recording_of
-from comove.studies import Study, Sweep
-from comove.studies.distributions import OneOf, TruncatedNormal, Uniform
-from comove.studies.keys import change, fit_hands
-from comove.studies.runs import differences
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"
 SCENE = {

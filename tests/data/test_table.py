@@ -4,7 +4,7 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.experiments.examples import example_path
+from comove.lab.examples import example_path
 
 
 @pytest.mark.slow

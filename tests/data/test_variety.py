@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.examples import example_path
-from comove.studies.variety import N_PATH, passing_class, variety
+from comove.data.variety import N_PATH, passing_class, variety
+from comove.lab.examples import example_path
 
 
 def straight(*ends):
@@ -32,7 +32,7 @@ def test_many_episodes_are_compared_by_some_pairs(monkeypatch):
     rng = np.random.default_rng(1)
     paths = straight(*[((0, y), (1, y)) for y in rng.random(600)])
     some = variety(paths, {"": 600}).paths
-    monkeypatch.setattr("comove.studies.variety.PAIRS", 10**9)
+    monkeypatch.setattr("comove.data.variety.PAIRS", 10**9)
     every = variety(paths, {"": 600}).paths
     assert some == pytest.approx(every, rel=0.02)
     assert every == pytest.approx(1 / 3, rel=0.1)  # of two uniform numbers

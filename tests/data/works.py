@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from comove.data.runs import StoredMotion, StudyRun
+from comove.data.variety import N_PATH
 from comove.errors import OptionError
-from comove.studies.runs import StoredMotion, StudyRun
-from comove.studies.variety import N_PATH
 
 
 @dataclass(frozen=True)

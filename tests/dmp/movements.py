@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
-from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
+from comove.dmp import DMP, ExponentialPhase, LinearPhase, Variant
+from comove.dmp.demonstrations import Demonstration
 
 REACH = 2.5  # rad, of the turn of a recording
 

@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, Library, Pose, PoseDMP, learn
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.variants import APART, CLOSED, adaptation, extent_of
 from comove.errors import ComoveWarning
 from comove.geometry.rotations import similarity, turn_between
-from comove.primitives import DMP, Library, Pose, PoseDMP, learn
-from comove.primitives.variants import APART, CLOSED, adaptation, extent_of
 from tests.cases import examples
-from tests.primitives.movements import random_dmp
+from tests.dmp.movements import random_dmp
 
 seeds = st.integers(0, 2**32 - 1)
 S = np.linspace(0.0, 1.0, 201)

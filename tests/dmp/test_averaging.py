@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP
+from comove.dmp.averaging import average
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import DemonstrationError, OptionError
-from comove.primitives import DMP
-from comove.primitives.averaging import average
 
 DEMOS = [Demonstration.from_lasa("Sine", k) for k in range(7)]
 

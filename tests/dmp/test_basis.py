@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from comove.primitives.basis import motion_basis
-from comove.primitives.system import ALPHA_Y, N_INTERVALS, ExponentialPhase, LinearPhase
+from comove.dmp.basis import motion_basis
+from comove.dmp.system import ALPHA_Y, N_INTERVALS, ExponentialPhase, LinearPhase
 from tests.cases import examples
 
 KNOTS = np.linspace(0.0, 1.0, N_INTERVALS + 1)

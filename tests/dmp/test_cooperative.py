@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
-from comove.errors import ConstraintError, DemonstrationError, OptionError
-from comove.primitives.cooperative import CooperativeDMP
-from comove.primitives.poses import VERTICAL, Pose, PoseDMP
-from comove.primitives.projection import (
+from comove.dmp.cooperative import CooperativeDMP
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.poses import VERTICAL, Pose, PoseDMP
+from comove.dmp.projection import (
     HandDistance,
     Poses,
     ProjectionSettings,
@@ -22,6 +21,7 @@ from comove.primitives.projection import (
     Upright,
     project,
 )
+from comove.errors import ConstraintError, DemonstrationError, OptionError
 from tests.cases import examples
 
 from .movements import recording

@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.demonstrations import lasa_names
-from comove.demonstrations.demonstration import Demonstration
+from comove.dmp import DMP, ExponentialPhase, LinearPhase, Variant
+from comove.dmp.demonstrations import lasa_names
+from comove.dmp.demonstrations.demonstration import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
 from tests.cases import examples
 
 from .movements import random_dmp

@@ -10,11 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration
-from comove.errors import LibraryError, OptionError
-from comove.primitives import DMP, ExponentialPhase, Library, LinearPhase, Variant, average
-from comove.primitives.cooperative import CooperativeDMP
-from comove.primitives.files import (
+from comove.dmp import DMP, ExponentialPhase, Library, LinearPhase, Variant, average
+from comove.dmp.cooperative import CooperativeDMP
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.files import (
     MAX_BYTES,
     Primitive,
     dumps,
@@ -25,8 +24,9 @@ from comove.primitives.files import (
     require_name,
     write_primitive,
 )
-from comove.primitives.poses import Pose, PoseDMP
-from comove.primitives.projection import HandDistance, RelativePose, SameHeight, Separation, Upright
+from comove.dmp.poses import Pose, PoseDMP
+from comove.dmp.projection import HandDistance, RelativePose, SameHeight, Separation, Upright
+from comove.errors import LibraryError, OptionError
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration, lasa_names
+from comove.dmp import DMP, FitError, PoseDMP, ProMP, Variant, learn
+from comove.dmp.demonstrations import Demonstration, lasa_names
 from comove.errors import ComoveWarning
-from comove.primitives import DMP, FitError, PoseDMP, ProMP, Variant, learn
-from tests.primitives.movements import recording
+from tests.dmp.movements import recording
 
 S = np.linspace(0.0, 1.0, 2001)
 

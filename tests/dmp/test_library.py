@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 from scipy.spatial import procrustes
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
+from comove.dmp import operations as op
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.files import Primitive, dumps, learn, learn_distribution
+from comove.dmp.library import SUFFIX, Library, shape_distances
 from comove.errors import DemonstrationError, LibraryError, OptionError
-from comove.primitives import operations as op
-from comove.primitives.files import Primitive, dumps, learn, learn_distribution
-from comove.primitives.library import SUFFIX, Library, shape_distances
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)

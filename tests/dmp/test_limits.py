@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, Variant
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.limits import ViaPoint, constrained, largest
 from comove.errors import OptionError
-from comove.primitives import DMP, Variant
-from comove.primitives.limits import ViaPoint, constrained, largest
 from tests.cases import examples
 
 from .movements import resting_dmp

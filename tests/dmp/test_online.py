@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from comove.dmp import LinearPhase, Variant, rate_for_lag
+from comove.dmp.system import ALPHA_Y, N_INTERVALS
 from comove.errors import OptionError
-from comove.primitives import LinearPhase, Variant, rate_for_lag
-from comove.primitives.system import ALPHA_Y, N_INTERVALS
 from tests.cases import examples
 
 from .movements import random_dmp

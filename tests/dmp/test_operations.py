@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration, lasa_names
+from comove.dmp import DMP, ExponentialPhase, LinearPhase, Variant
+from comove.dmp import operations as op
+from comove.dmp.demonstrations import Demonstration, lasa_names
+from comove.dmp.poses import PoseDMP
 from comove.errors import OptionError
-from comove.primitives import DMP, ExponentialPhase, LinearPhase, Variant
-from comove.primitives import operations as op
-from comove.primitives.poses import PoseDMP
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)

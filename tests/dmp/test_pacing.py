@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, ExponentialPhase, LinearPhase, PacingSettings, Variant, largest, slowed
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
-from comove.primitives import DMP, ExponentialPhase, LinearPhase, PacingSettings, Variant, largest, slowed
 from tests.cases import examples
 
 from .movements import resting_dmp

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
+from comove.dmp import Pose, PoseProMP, ProMP
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.files import dumps, learn_distribution, loads
 from comove.errors import DemonstrationError, OptionError
-from comove.primitives import Pose, PoseProMP, ProMP
-from comove.primitives.files import dumps, learn_distribution, loads
 from tests.cases import examples
 
 REFERENCE = Rotation.from_rotvec([2.0, -1.0, 0.5])

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.poses import VERTICAL, Pose, PoseDMP
+from comove.dmp.variants import Variant
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives.poses import VERTICAL, Pose, PoseDMP
-from comove.primitives.variants import Variant
 from tests.cases import examples
 
 from .movements import recording

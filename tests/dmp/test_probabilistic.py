@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from comove.demonstrations import Demonstration
-from comove.errors import ComoveWarning, DemonstrationError, LibraryError, OptionError
-from comove.primitives import (
+from comove.dmp import (
     DMP,
     Library,
     LinearPhase,
@@ -21,8 +19,10 @@ from comove.primitives import (
     read_primitive,
     write_primitive,
 )
-from comove.primitives.alignment import Alignment, aligned
-from comove.primitives.estimation import EstimationSettings, regression, widening
+from comove.dmp.alignment import Alignment, aligned
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.estimation import EstimationSettings, regression, widening
+from comove.errors import ComoveWarning, DemonstrationError, LibraryError, OptionError
 from tests.cases import examples
 
 DEMOS = [Demonstration.from_lasa("Sine", k) for k in range(7)]

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.rhythm import estimated_period, rhythmic_basis
+from comove.dmp.system import ALPHA_Y, N_INTERVALS
 from comove.errors import OptionError
-from comove.primitives import DMP
-from comove.primitives.rhythm import estimated_period, rhythmic_basis
-from comove.primitives.system import ALPHA_Y, N_INTERVALS
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from comove.dmp import DMP, PoseProMP, slowed
+from comove.dmp.alignment import WarpingSettings
+from comove.dmp.estimation import EstimationSettings
+from comove.dmp.pacing import PacingSettings
+from comove.dmp.projection import ProjectionSettings
 from comove.errors import DemonstrationError, OptionError
-from comove.primitives import DMP, PoseProMP, slowed
-from comove.primitives.alignment import WarpingSettings
-from comove.primitives.estimation import EstimationSettings
-from comove.primitives.pacing import PacingSettings
-from comove.primitives.projection import ProjectionSettings
 
 
 @pytest.mark.parametrize(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from comove.primitives import ExponentialPhase, LinearPhase
-from comove.primitives.system import N_INTERVALS, gaussians, mollifiers, von_mises
+from comove.dmp import ExponentialPhase, LinearPhase
+from comove.dmp.system import N_INTERVALS, gaussians, mollifiers, von_mises
 
 KNOTS = np.linspace(0, 1, N_INTERVALS + 1)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from comove.demonstrations import Demonstration, lasa_names
-from comove.primitives import DMP, Variant, motion_basis
-from comove.primitives.poses import PoseDMP
-from comove.primitives.system import ALPHA_Y, N_INTERVALS
+from comove.dmp import DMP, Variant, motion_basis
+from comove.dmp.demonstrations import Demonstration, lasa_names
+from comove.dmp.poses import PoseDMP
+from comove.dmp.system import ALPHA_Y, N_INTERVALS
 
 ENDING = [variant for variant in Variant if variant is not Variant.RHYTHMIC]
 each_ending = pytest.mark.parametrize("variant", ENDING)

@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, ExponentialPhase, Variant
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.system import ALPHA_Y, N_INTERVALS
 from comove.errors import ComoveWarning, OptionError
 from comove.geometry.rotations import similarity
-from comove.primitives import DMP, ExponentialPhase, Variant
-from comove.primitives.system import ALPHA_Y, N_INTERVALS
 from tests.cases import examples
 
 seeds = st.integers(0, 2**32 - 1)

@@ -3,7 +3,7 @@
 import pytest
 
 from comove.errors import ResultError
-from comove.experiments.examples import EXAMPLES, copy_examples, example
+from comove.lab.examples import EXAMPLES, copy_examples, example
 from comove.scenes import Scene
 
 

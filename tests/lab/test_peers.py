@@ -7,16 +7,16 @@ import pytest
 import scipy
 
 from comove.errors import ExtraError
-from comove.experiments.peers.common import (
+from comove.lab.peers.common import (
     clearance_slopes,
     clearances,
     first_hands,
     independent_distances,
     timed,
 )
-from comove.experiments.peers.shapes import Shapes
-from comove.experiments.registry import PEERS, SYSTEMS
-from comove.experiments.systems import N_SAMPLES, Offers, SystemProblem, cost_of, measured
+from comove.lab.peers.shapes import Shapes
+from comove.lab.registry import PEERS, SYSTEMS
+from comove.lab.systems import N_SAMPLES, Offers, SystemProblem, cost_of, measured
 from comove.scenes import Scene
 
 MODULES = {

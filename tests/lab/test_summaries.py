@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.experiments.summaries import mean_interval, median_interval, slope_interval, wilson
+from comove.lab.summaries import mean_interval, median_interval, slope_interval, wilson
 
 
 @pytest.mark.parametrize(

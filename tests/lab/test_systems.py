@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.examples import example
-from comove.experiments.systems import (
+from comove.lab.examples import example
+from comove.lab.systems import (
     N_SAMPLES,
     OwnSystem,
     System,

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import OptionError
-from comove.optimisers import CMAES, DiagonalCovariance, FullCovariance, Parameters, TransformationMatrix
+from comove.optim import CMAES, DiagonalCovariance, FullCovariance, Parameters, TransformationMatrix
 
 N = 12
 FORMS = {

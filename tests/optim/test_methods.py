@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import OptionError
-from comove.optimisers import (
+from comove.optim import (
     CCMAES,
     CMAES,
     Affine,
@@ -28,7 +28,7 @@ from comove.optimisers import (
     StaleForm,
     minimise,
 )
-from comove.optimisers.method import Patience
+from comove.optim.method import Patience
 from tests.cases import examples
 
 

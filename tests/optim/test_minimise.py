@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from comove.errors import ComoveWarning, OptionError
-from comove.optimisers import (
+from comove.optim import (
     BIPOP,
     CCMAES,
     IPOP,
@@ -21,7 +21,7 @@ from comove.optimisers import (
     Reduction,
     minimise,
 )
-from comove.optimisers.restarts import Ended, Setting
+from comove.optim.restarts import Ended, Setting
 
 
 def sphere(x):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from comove.optimisers.models import LinearModel, bound_rows, nearest_feasible
+from comove.optim.models import LinearModel, bound_rows, nearest_feasible
 from tests.cases import examples
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.optimisers import PrintedCCMAES
+from comove.optim import PrintedCCMAES
 
 
 def root(matrix):

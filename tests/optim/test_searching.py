@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, OptionError
-from comove.optimisers import (
+from comove.optim import (
     CCMAES,
     Affine,
     AugmentedLagrangian,

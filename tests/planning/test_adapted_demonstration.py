@@ -9,12 +9,12 @@ import pytest
 
 import comove
 from comove import DMP, Demonstration, ProMP
+from comove.control import Executor
+from comove.dmp.operations import scale
+from comove.dmp.variants import APART, extent_of
 from comove.errors import ComoveWarning
-from comove.execution import Executor
 from comove.planning import best_movement, carried_demonstration, combine, movements_of
 from comove.planning.arguments import warn_of_adaptation
-from comove.primitives.operations import scale
-from comove.primitives.variants import APART, extent_of
 from tests.solved import example
 
 S = np.linspace(0.0, 1.0, 201)

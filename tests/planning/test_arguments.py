@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from comove import solve
-from comove.demonstrations import Demonstration
+from comove.data import sweep
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import InputError, OptionError
 from comove.methods import METHODS, OF_ROBOTS, OWN
 from comove.planning import arguments
 from comove.planning.method import Method
-from comove.studies import sweep
 from tests.solved import example
 
 OBJECTIVES = ("least-jerk", "least-time", "paper")

@@ -13,7 +13,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.objective import ContactPenalty, Objective
 from comove.scenes import Scene
-from comove.views.motion import draw_motion
+from comove.view.figures.motion import draw_motion
 from tests.cases import examples
 from tests.verification.random_boxes import box_near_contact, least_clearance, random_box_motion
 

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from comove.coordination import CoordinatedDMP, load_coordinates
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, Library, Primitive, learn, motion_basis
+from comove.dmp import operations as op
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
-from comove.experiments.examples import example
+from comove.lab.examples import example
 from comove.planning import PaperCost, best_movement, carried_demonstration
 from comove.planning.choice import N_BASIS
 from comove.planning.objective import N_STEPS, Objective
-from comove.primitives import DMP, Library, Primitive, learn, motion_basis
-from comove.primitives import operations as op
 from comove.verification.verify import verify
 from tests.planning.two_gaps import bump, bumps, two_gaps
 

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from comove.coordination import CoordinatedDMP, load_coordinates
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, motion_basis
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.planning import best_movement, combine, solve
 from comove.planning.choice import N_BASIS, suitable
 from comove.planning.combination import _Span
 from comove.planning.objective import N_STEPS
-from comove.primitives import DMP, motion_basis
 from comove.scenes import Scene
 from comove.verification.verify import verify
 from tests.planning.two_gaps import bump, bumps, two_gaps

@@ -5,7 +5,7 @@ import pytest
 
 import comove
 from comove import DMP, Demonstration
-from comove.demonstrations import write_csv
+from comove.dmp.demonstrations import write_csv
 from comove.errors import OptionError
 from comove.planning import carried_demonstration
 from comove.scenes import Scene, demonstration_of, recording_of

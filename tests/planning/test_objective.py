@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
 from comove.coordination import CoordinatedMotion, load_coordinates, rollouts
+from comove.dmp.basis import motion_basis
 from comove.planning import PaperCost
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
-from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from tests import brute_force
 from tests.cases import examples

@@ -233,5 +233,5 @@ def test_what_is_to_fit_a_slot_lies_flush(seed):
 @pytest.mark.parametrize("name", ["spatial-10", "spatial-18", "spatial-19"])
 def test_frames_pass_slots_edge_on(name):
     """Each has three walls with a slot that the triangle passes in few orientations alone."""
-    scene = Scene.load(str(files("comove") / "experiments" / "sets" / "hard" / f"{name}.yaml"))
+    scene = Scene.load(str(files("comove") / "lab" / "sets" / "hard" / f"{name}.yaml"))
     assert planned(scene, 0.004, seed=0, max_nodes=3000)[0] is not None

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from comove import Demonstration, LeastJerk, ProMP, Scene, solve
-from comove.demonstrations.formats import write
+from comove.dmp.demonstrations.formats import write
 from comove.errors import OptionError
 from comove.planning import carried_demonstration, movements_of
 from comove.planning.convex.costs import JerkCost

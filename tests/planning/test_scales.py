@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.examples import example
+from comove.lab.examples import example
 from comove.scenes import Scene
 
 SCALES = (1e-3, 10.0, 1e3)

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from comove.demonstrations import Demonstration
-from comove.primitives import DMP
+from comove.dmp import DMP
+from comove.dmp.demonstrations import Demonstration
 from comove.scenes import Scene
 
 

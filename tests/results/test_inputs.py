@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.examples import example_path
+from comove.data import StudyStore
+from comove.data.episode import unpacked
+from comove.data.runs import RUNS
 from comove.io.folders import check_target
+from comove.lab.examples import example_path
 from comove.results import RESULT
 from comove.results.inputs import command_again, write_inputs
-from comove.studies import StudyStore
-from comove.studies.episode import unpacked
-from comove.studies.runs import RUNS
-from comove.views import save_result
-from comove.workbench.edits import Draft, contents_of
-from comove.workbench.protocol import SearchTimes
-from comove.workbench.teaching import Stroke
-from comove.workbench.worker import RunMailbox, Worker
+from comove.view.figures import save_result
+from comove.view.workbench.edits import Draft, contents_of
+from comove.view.workbench.protocol import SearchTimes
+from comove.view.workbench.teaching import Stroke
+from comove.view.workbench.worker import RunMailbox, Worker
 from tests.commands import invoke
 from tests.robots.small_robots import gantry, gantry_scene
 from tests.solved import solved

@@ -12,7 +12,7 @@ from comove.results.reference import filled_in, reference_of
 from comove.results.solution import read_result
 from comove.scenes import Scene
 from comove.scenes.model import DEFAULT_LIMITS
-from comove.views import save_result
+from comove.view.figures import save_result
 from tests.commands import invoke
 
 OPEN = {

@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from comove.coordination import CoordinatedDMP, CoordinatedMotion
 from comove.coordination.coordinates import load_coordinates
-from comove.primitives.basis import motion_basis
+from comove.dmp.basis import motion_basis
 from comove.robots import JointMotion, Robot
 from comove.robots.description import Uncertainty
 from comove.scenes import Scene

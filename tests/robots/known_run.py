@@ -5,9 +5,9 @@ import numpy as np
 from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.robots.online.executor import OnlineLog
-from comove.simulators.live_record import OnlineRecord, judge_run
-from comove.simulators.loads import carried, hand_poses, load_of
-from comove.simulators.robot_runs import write_robot_run
+from comove.sim.live_record import OnlineRecord, judge_run
+from comove.sim.loads import carried, hand_poses, load_of
+from comove.sim.robot_runs import write_robot_run
 from tests.robots.known_carry import baxter, known_carry
 
 

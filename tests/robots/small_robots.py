@@ -10,8 +10,8 @@ import yaml
 
 from comove.coordination import CoordinatedDMP, CoordinatedMotion
 from comove.coordination.coordinates import load_coordinates
+from comove.dmp.basis import motion_basis
 from comove.errors import ComoveWarning
-from comove.primitives.basis import motion_basis
 from comove.robots import Arm, Robot
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from comove.errors import SceneError
 from comove.robots import Robot, RobotCarrier, carry
 from comove.scenes import Scene
-from comove.simulators import simulate
+from comove.sim import simulate
 from tests.robots.small_robots import EXAMPLES, robot, urdf, written
 
 DENAVIT_HARTENBERG = [  # a [m], d [m], alpha [deg] of the FR3 (Craig's convention), as its maker publishes them

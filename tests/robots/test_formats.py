@@ -9,7 +9,7 @@ pytest.importorskip("pinocchio")
 from comove.errors import RobotError
 from comove.robots import Robot
 from comove.robots.proposal import propose
-from comove.simulators.mjcf import urdf_of
+from comove.sim.mjcf import urdf_of
 from tests.commands import invoke
 
 LINKS = '<link name="base"/><link name="hand"/>'

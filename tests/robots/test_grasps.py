@@ -11,7 +11,7 @@ from comove.planning import Budget, solve
 from comove.robots import Robot, carry, solving
 from comove.robots.files import read_joints
 from comove.scenes import Scene
-from comove.views import save_robot_result
+from comove.view.figures import save_robot_result
 from tests.robots.small_robots import CAMERA, lifts_scene, robot
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "robots" / "from_the_side.yaml"

@@ -20,11 +20,11 @@ from comove.robots import Robot, carry, verify_joints
 from comove.robots.grippers import COLOUR, gripper_links, without_gripper
 from comove.robots.proposal import examine, propose
 from comove.scenes import Scene
-from comove.simulators import simulate
-from comove.simulators.engine import engine
-from comove.simulators.urdf import for_mujoco
+from comove.sim import simulate
+from comove.sim.engine import engine
+from comove.sim.urdf import for_mujoco
 from comove.stored import joint_rows, run_rows, simulation_rows
-from comove.workbench.bodies import bodies_of as drawn_bodies
+from comove.view.workbench.bodies import bodies_of as drawn_bodies
 from tests.brute_force import obstacle_distance
 from tests.commands import invoke
 from tests.robots.small_robots import BUNDLED, EXAMPLES, robot, written

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import ComoveWarning, DemonstrationError, RobotError
 from comove.robots import Robot, end_effector_path
 from tests.robots.small_robots import written

@@ -10,8 +10,8 @@ from comove.robots import Robot, carry
 from comove.robots.verification.checks import calibration
 from comove.scenes import Scene
 from comove.scenes.resting import SLOPE, TOLERANCE
-from comove.simulators import play, simulate
-from comove.simulators.loads import hand_poses
+from comove.sim import play, simulate
+from comove.sim.loads import hand_poses
 
 
 def stands(support=True):

@@ -12,13 +12,13 @@ import pytest
 
 from comove import Scene
 from comove.errors import OptionError, RobotError
-from comove.export import parts_of
 from comove.robots import carry, verify_joints
 from comove.robots.free_space import Room
 from comove.robots.transfers import Transfers, plan_transfers, possible_transfers
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
+from comove.ros import parts_of
 from tests.robots.known_carry import TABLE, baxter, hands_motion, known_carry, on_scene, posts, scene_data
 from tests.robots.small_robots import SHELF, lifts_scene, robot
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from comove import Demonstration
-from comove.export import FORMATS, export, parts_of
+from comove.ros import FORMATS, export, parts_of
 
 BAGS = ("rosbag1", "rosbag2", "mcap")
 EXACT = 1e-12

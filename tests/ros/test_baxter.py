@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from comove.export import FORMATS, ExportError, export, parts_of
-from comove.export.tables import require_baxter
-from tests.export.playback import play, require_playable
+from comove.ros import FORMATS, ExportError, export, parts_of
+from comove.ros.tables import require_baxter
+from tests.ros.playback import play, require_playable
 
 BAXTER = FORMATS["baxter-csv"]
 

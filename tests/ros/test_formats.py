@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from comove.errors import ComoveError
-from comove.export import FORMATS, ExportError, check_export, export, parts_of, usual_format
-from comove.export.parts import PARTS, sampling_errors
 from comove.robots import verify_joints, write_joints
+from comove.ros import FORMATS, ExportError, check_export, export, parts_of, usual_format
+from comove.ros.parts import PARTS, sampling_errors
 
 
 def test_the_usual_format_is_one_that_the_robot_can_play(brief, monkeypatch):
     assert usual_format(brief) is FORMATS["baxter-csv"]
-    monkeypatch.setattr("comove.export.tables.ARMS", {"left": ("another_joint",), "right": ()})
+    monkeypatch.setattr("comove.ros.tables.ARMS", {"left": ("another_joint",), "right": ()})
     assert usual_format(brief) is FORMATS["csv"]
 
 
@@ -82,7 +82,7 @@ def test_a_file_that_somebody_else_made_meanwhile_stays(verified, tmp_path):
 
 def test_a_full_disk_is_told_whatever_tells_of_it(verified, tmp_path, monkeypatch):
     """SQLite has errors of its own."""
-    from comove.export import bags
+    from comove.ros import bags
 
     def full(*_):
         raise sqlite3.OperationalError("database or disk is full")

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import pytest
 
-from comove.export import SendError, Tolerances, send
-from comove.export.ros1 import BRIDGE, Ros1Client
 from comove.processes import n_processors
-from tests.export.ros1_robot import INSTALL, PYTHON, Process, arm_server, has_ros, ros_master
+from comove.ros import SendError, Tolerances, send
+from comove.ros.ros1 import BRIDGE, Ros1Client
+from tests.ros.ros1_robot import INSTALL, PYTHON, Process, arm_server, has_ros, ros_master
 
 BRIEF = Tolerances(connect=3.0, late=1.0, silence=2.0)  # other work on this machine is no fault of the arms
 LOAD = max(
@@ -257,7 +257,7 @@ def test_no_room_for_temporary_files_is_told(brief, monkeypatch):
     def none(*_, **__):
         raise FileNotFoundError(2, "No usable temporary directory found in ['/tmp']")
 
-    monkeypatch.setattr("comove.export.ros1.tempfile.TemporaryFile", none)
+    monkeypatch.setattr("comove.ros.ros1.tempfile.TemporaryFile", none)
     with Ros1Client() as client:
         fails(client, brief, "No usable temporary directory")
 
@@ -267,7 +267,7 @@ def test_when_comove_ends_all_arms_stop(robot, brief, master):
     """Even when it is killed: the bridge's input ends."""
     servers, _ = robot()
     code = (
-        "import sys, time; from comove.export import JointSamples as Goal, Ros1Client;"
+        "import sys, time; from comove.ros import JointSamples as Goal, Ros1Client;"
         "import numpy as np; n = np.arange(3) * 10**10; names = sys.argv[1:];"
         "client = Ros1Client(); arms = {a: tuple(x for x in names if x.startswith(a)) for a in ('left', 'right')};"
         "client.connect(arms, 20.0);"

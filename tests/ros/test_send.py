@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
-from comove.export import ExportError, SendError, Tolerances, parts_of, send
-from comove.export.send import ArmState, RobotState, Status
+from comove.ros import ExportError, SendError, Tolerances, parts_of, send
+from comove.ros.send import ArmState, RobotState, Status
 
 STEP = 0.01  # s, that a look at the state takes
 TOLERANCES = Tolerances()

@@ -5,7 +5,7 @@ import json
 
 import numpy as np
 
-from comove.export import FORMATS, export, parts_of
+from comove.ros import FORMATS, export, parts_of
 
 
 def test_csv_reads_back_bit_by_bit(verified, tmp_path):

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 import yaml
 
-from comove.demonstrations import Demonstration, write_csv, write_npz, write_robomimic, write_rosbag
+from comove.dmp import DMP, Library, Primitive, learn, write_primitive
+from comove.dmp import operations as op
+from comove.dmp.demonstrations import Demonstration, write_csv, write_npz, write_robomimic, write_rosbag
 from comove.errors import SceneError
-from comove.primitives import DMP, Library, Primitive, learn, write_primitive
-from comove.primitives import operations as op
 from comove.robots import Robot, end_effector_path
 from comove.scenes import Scene, demonstration_of, recording_of
 from comove.scenes.demonstration import fitted

@@ -11,14 +11,14 @@ from comove.errors import RobotError, SceneError
 from comove.robots import JointMotion
 from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.scenes import Scene
-from comove.simulators import Connect, Friction, Perturbation, Push, Settings, Weld, play, simulate
-from comove.simulators.building import build_world
-from comove.simulators.dynamics import at_start
-from comove.simulators.engine import engine
-from comove.simulators.loads import hand_poses, load_of
-from comove.simulators.servos import PayloadTorques
+from comove.sim import Connect, Friction, Perturbation, Push, Settings, Weld, play, simulate
+from comove.sim.building import build_world
+from comove.sim.dynamics import at_start
+from comove.sim.engine import engine
+from comove.sim.loads import hand_poses, load_of
+from comove.sim.servos import PayloadTorques
 from tests.robots.known_path import known_motion
-from tests.simulators.benchmark import joints_straight, load_straight, posts, standing
+from tests.sim.benchmark import joints_straight, load_straight, posts, standing
 
 G = 9.81  # m/s^2
 JOINT_DAMPING = 0.7  # N m s/rad, of Baxter's URDF

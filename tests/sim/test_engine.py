@@ -6,9 +6,9 @@ import sys
 import pytest
 
 from comove.errors import ExtraError
-from comove.simulators import play, simulate
-from comove.simulators.engine import drawing_backend, engine
-from tests.simulators.benchmark import posts, standing
+from comove.sim import play, simulate
+from comove.sim.engine import drawing_backend, engine
+from tests.sim.benchmark import posts, standing
 
 
 @pytest.fixture
@@ -36,7 +36,5 @@ def test_the_backend_is_one_that_mujoco_knows():
 
 @pytest.mark.slow
 def test_the_room_is_entered_without_mujoco():
-    code = (
-        "import sys, comove.simulators; assert 'mujoco' not in sys.modules and 'trimesh' not in sys.modules"
-    )
+    code = "import sys, comove.sim; assert 'mujoco' not in sys.modules and 'trimesh' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from comove.errors import ResultError
-from comove.simulators import SIMULATION, Friction, Perturbation, Weld, simulate, write_simulation
-from tests.simulators.benchmark import posts, standing
+from comove.sim import SIMULATION, Friction, Perturbation, Weld, simulate, write_simulation
+from tests.sim.benchmark import posts, standing
 
 
 @lru_cache(maxsize=2)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from comove.simulators.execution import internal_wrenches, squeezes
+from comove.sim.execution import internal_wrenches, squeezes
 
 numbers = st.floats(-100, 100).map(lambda x: round(x, 6))
 

@@ -11,14 +11,14 @@ from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.scenes import Scene
-from comove.simulators.building import build_world
-from comove.simulators.engine import NO_PICTURES, drawing_backend, engine
-from comove.simulators.execution import Contact
-from comove.simulators.live import run_live
-from comove.simulators.live_record import judge_run
-from comove.simulators.pictures import FilmedRun, draw_film, draw_sheet, place
-from comove.simulators.robot_runs import ROBOT_RUN, write_robot_run
-from comove.simulators.world import moving_body
+from comove.sim.building import build_world
+from comove.sim.engine import NO_PICTURES, drawing_backend, engine
+from comove.sim.execution import Contact
+from comove.sim.live import run_live
+from comove.sim.live_record import judge_run
+from comove.sim.pictures import FilmedRun, draw_film, draw_sheet, place
+from comove.sim.robot_runs import ROBOT_RUN, write_robot_run
+from comove.sim.world import moving_body
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import EXAMPLES, robot
 
@@ -135,7 +135,7 @@ def test_a_run_has_pictures_and_a_film_of_its_length(executed, tmp_path):
 
 def test_a_stored_run_is_played_and_judged_anew(executed, tmp_path):
     pytest.importorskip("viser")
-    from comove.workbench.playback import playback_of
+    from comove.view.workbench.playback import playback_of
 
     executor, record = executed
     report = judge_run(record)

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from comove.scenes import Scene
-from comove.simulators.loads import carried, load_of, points_of
+from comove.sim.loads import carried, load_of, points_of
 
 
 def some_poses(shape, seed=0):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from comove.errors import RobotError
-from comove.simulators import meshes
-from comove.simulators.meshes import SEAL, as_obj, cache_folder, coloured_parts, convex_parts_of
+from comove.sim import meshes
+from comove.sim.meshes import SEAL, as_obj, cache_folder, coloured_parts, convex_parts_of
 from tests.geometry.triangles.written import WEDGE
 
 trimesh = pytest.importorskip("trimesh")

@@ -9,7 +9,7 @@ import pytest
 from comove.errors import ComoveError, ComoveWarning, OptionError, RobotError
 from comove.robots import JointMotion, Robot
 from comove.scenes import Scene
-from comove.simulators import (
+from comove.sim import (
     Friction,
     Perturbation,
     Push,
@@ -19,7 +19,7 @@ from comove.simulators import (
     simulate,
     write_simulation,
 )
-from tests.simulators.benchmark import posts, standing
+from tests.sim.benchmark import posts, standing
 
 INERTIA = '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
 SHAPE = '<collision><geometry><box size="0.05 0.05 0.2"/></geometry></collision>'
@@ -94,8 +94,8 @@ def test_links_may_be_called_as_one_likes(tmp_path, name):
 
 
 def test_a_load_has_no_name_that_a_link_may_have():
-    from comove.simulators.engine import THE_LOAD
-    from comove.simulators.urdf import ROOT
+    from comove.sim.engine import THE_LOAD
+    from comove.sim.urdf import ROOT
 
     assert " " in THE_LOAD and " " in ROOT
 
@@ -187,7 +187,7 @@ def test_what_broke_down_at_once_is_written_and_drawn_or_told(tmp_path, state):
 
 @pytest.mark.slow
 def test_the_film_of_no_time_has_a_picture(tmp_path, monkeypatch):
-    from comove.simulators import pictures
+    from comove.sim import pictures
 
     monkeypatch.setattr(pictures, "encodes", lambda: False)
     try:

@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from comove.errors import RobotError
-from comove.simulators.engine import engine
-from comove.simulators.mjcf import urdf_of
+from comove.sim.engine import engine
+from comove.sim.mjcf import urdf_of
 
 ARM = """
 <mujoco model="arm">
@@ -255,7 +255,7 @@ BOMBS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("bomb", BOMBS.values(), ids=BOMBS)
 def test_a_small_file_that_asks_for_endless_work_is_refused_in_one_sentence(tmp_path, monkeypatch, bomb):
-    monkeypatch.setattr("comove.simulators.mjcf.SECONDS", 3)
+    monkeypatch.setattr("comove.sim.mjcf.SECONDS", 3)
     with pytest.raises(
         RobotError, match=r"arm\.xml: [^\n]*; (correct it|make it smaller|name a robot's model)$"
     ):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from comove.simulators import Perturbation
+from comove.sim import Perturbation
 
 
 def test_drawn_within_bounds():

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
-from comove.simulators import draw_film, draw_sheet, play
-from comove.simulators.engine import NO_PICTURES, drawing_backend
-from comove.simulators.pictures import camera
+from comove.sim import draw_film, draw_sheet, play
+from comove.sim.engine import NO_PICTURES, drawing_backend
+from comove.sim.pictures import camera
 from tests.robots.known_path import known_motion
-from tests.simulators.benchmark import posts, standing
+from tests.sim.benchmark import posts, standing
 
 Image = pytest.importorskip("PIL.Image")
 
@@ -69,7 +69,7 @@ def test_a_film_lasts_as_long_as_the_motion(tmp_path):
 
 
 def test_a_film_without_an_encoder_is_a_gif(tmp_path, monkeypatch):
-    monkeypatch.setattr("comove.simulators.pictures.encodes", lambda: False)
+    monkeypatch.setattr("comove.sim.pictures.encodes", lambda: False)
     path = draw_film(still(), tmp_path / "film.mp4", rate=10.0, width=80)
     with Image.open(path) as picture:
         assert path.suffix == ".gif" and picture.n_frames == 2
@@ -90,9 +90,9 @@ def test_without_a_driver_it_is_told_what_to_install(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_without_a_driver_one_can_simulate_and_is_told_why_there_are_no_pictures(tmp_path):
     code = """
-from comove.simulators import simulate, draw_sheet
+from comove.sim import simulate, draw_sheet
 from comove.errors import OptionError
-from tests.simulators.benchmark import posts, standing
+from tests.sim.benchmark import posts, standing
 robot, motion = standing()
 execution = simulate(motion, posts(), robot)
 assert execution.delivered
@@ -115,8 +115,8 @@ def test_who_imports_mujoco_first_is_told_what_to_set(tmp_path):
     code = """
 import mujoco
 from comove.errors import OptionError
-from comove.simulators import draw_sheet
-from tests.simulators.test_pictures import still
+from comove.sim import draw_sheet
+from tests.sim.test_pictures import still
 try:
     draw_sheet(still(), "sheet.png")
 except OptionError as error:

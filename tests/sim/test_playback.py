@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from comove.simulators import Settings, play
+from comove.sim import Settings, play
 from tests.robots.known_path import DISTANCE, known_motion
-from tests.simulators.benchmark import joints_straight, load_straight, posts
+from tests.sim.benchmark import joints_straight, load_straight, posts
 
 G = 9.81  # m/s^2
 

@@ -10,15 +10,15 @@ from comove.errors import ComoveWarning, RobotError, SceneError
 from comove.robots import JointMotion, Robot
 from comove.robots.description import bundled_robots
 from comove.scenes import Scene
-from comove.simulators import Friction, Perturbation, Weld, simulate
-from comove.simulators.building import build_world
-from comove.simulators.dynamics import at_start
-from comove.simulators.engine import engine
-from comove.simulators.loads import hand_poses, load_of
-from comove.simulators.servos import PayloadTorques, servo_gains
-from comove.simulators.world import lower_floor
+from comove.sim import Friction, Perturbation, Weld, simulate
+from comove.sim.building import build_world
+from comove.sim.dynamics import at_start
+from comove.sim.engine import engine
+from comove.sim.loads import hand_poses, load_of
+from comove.sim.servos import PayloadTorques, servo_gains
+from comove.sim.world import lower_floor
 from tests.robots.known_path import known_motion
-from tests.simulators.benchmark import posts, standing
+from tests.sim.benchmark import posts, standing
 
 CRANE = """<robot name="crane">
   <link name="ground"/>
@@ -278,7 +278,7 @@ def test_a_stick_that_is_too_wide_for_the_fingers_is_refused():
 
 def test_a_visual_mesh_that_is_missing_hinders_nothing(crane, tmp_path):
     from comove.errors import ComoveWarning
-    from comove.simulators.pictures import furnish
+    from comove.sim.pictures import furnish
 
     robot = crane()
     path = Path(tmp_path / "crane.urdf")

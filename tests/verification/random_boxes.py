@@ -9,9 +9,9 @@ from scipy.spatial.transform import Rotation
 
 from comove.coordination import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.basis import motion_basis
 from comove.errors import SceneError
 from comove.geometry.solids import solid_at, solid_distance
-from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from tests import brute_force
 

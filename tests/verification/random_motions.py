@@ -18,8 +18,8 @@ from comove.coordination import (
     projected_coordinates,
 )
 from comove.coordination.coordinates import coordinates_for
+from comove.dmp.basis import motion_basis
 from comove.errors import OptionError, SceneError
-from comove.primitives.basis import motion_basis
 from comove.scenes import Scene
 from tests import brute_force
 

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.coordination import CoordinatedMotion, load_coordinates
-from comove.primitives.basis import motion_basis
+from comove.dmp.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
 from comove.verification.certificate import certify

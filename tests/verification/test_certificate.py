@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.coordination import CoordinatedMotion, load_coordinates
-from comove.primitives.basis import motion_basis
+from comove.dmp.basis import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
 from comove.verification.bounds import node_bounds

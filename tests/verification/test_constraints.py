@@ -18,8 +18,8 @@ from comove.constraints import (
     UprightConstraint,
 )
 from comove.coordination import CoordinatedDMP, arms_coordinates, load_coordinates, projected_coordinates
+from comove.dmp import motion_basis
 from comove.errors import ComoveWarning, OptionError, SceneError
-from comove.primitives import motion_basis
 from comove.scenes import Scene
 from comove.verification import verify
 from tests import brute_force

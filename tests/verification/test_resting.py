@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from comove import Scene
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
+from comove.dmp.basis import motion_basis
 from comove.planning import solve
-from comove.primitives.basis import motion_basis
 from comove.scenes.resting import SLOPE, TOLERANCE, recession_sagittas, recessions
 from comove.verification import verify
 from comove.verification.record import RecordSamples, verify_execution

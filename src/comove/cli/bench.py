@@ -38,7 +38,7 @@ def draw(
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random numbers; the frozen sets have 0.")] = 0,
 ) -> int:
     """Draw scenes as those of SET are drawn."""
-    from comove.experiments.bench.sets import draw_set
+    from comove.lab.bench.sets import draw_set
 
     count = draw_set(name, out, count, seed)
     print(f"{out} holds {count} scene{'' if count == 1 else 's'}, and witnesses that each can be solved")
@@ -74,9 +74,9 @@ def run(
     ] = 1,
 ) -> int:
     """Run systems on the frozen sets, or on scenes of one's own; what is in the file already is not run again."""
-    from comove.experiments.bench.runner import jobs_of, run_all
-    from comove.experiments.bench.sets import own_scenes, scenes_of
-    from comove.experiments.registry import systems_named
+    from comove.lab.bench.runner import jobs_of, run_all
+    from comove.lab.bench.sets import own_scenes, scenes_of
+    from comove.lab.registry import systems_named
 
     named = names_of(sets if sets is not None else [] if own else SETS)
     chosen = [scene for name in named for scene in scenes_of(name, scenes)] + own_scenes(own or [])
@@ -92,9 +92,9 @@ def report(
     store: Store, out: Annotated[Path, typer.Option(help="Folder for report.md and its pictures.")]
 ) -> int:
     """Say what the runs of STORE show: success, times, costs, and what is missing."""
-    from comove.experiments.bench.report import CONTENTS, REPORT, write_report
-    from comove.experiments.bench.store import RunStore
     from comove.io.folders import check_target
+    from comove.lab.bench.report import CONTENTS, REPORT, write_report
+    from comove.lab.bench.store import RunStore
 
     check_target(out, CONTENTS)
     write_report(RunStore.open(store), out)
@@ -107,7 +107,7 @@ def export(
     store: Store, out: Annotated[Path, typer.Option(help="File for the table (Parquet); it is replaced.")]
 ) -> int:
     """Write the runs of STORE as a Parquet file, a row each."""
-    from comove.experiments.bench.store import RunStore, export_parquet
+    from comove.lab.bench.store import RunStore, export_parquet
 
     count = export_parquet(RunStore.open(store), out)
     print(f"{out} holds {count} run{'' if count == 1 else 's'}")
@@ -135,7 +135,7 @@ def scaling(
     os.environ.update(
         ONE_THREAD
     )  # for libraries that are loaded from now on, like the workers of `bench run`
-    from comove.experiments.bench.scaling import REPORT, write_scaling
+    from comove.lab.bench.scaling import REPORT, write_scaling
 
     write_scaling(out, names_of(of), repeats, solves=not no_solve)
     print(f"report: {out / REPORT}")
@@ -154,11 +154,11 @@ def ablation(
 ) -> int:
     """Leave out each repair of the paper's method by itself, and say what it is worth."""
     from comove.errors import ResultError
-    from comove.experiments.bench.runner import jobs_of, run_all
-    from comove.experiments.bench.store import RunStore
-    from comove.experiments.paper.ablation import page, systems
-    from comove.experiments.paper.ablation import scenes as scenes_of
     from comove.io.files import whole_file
+    from comove.lab.bench.runner import jobs_of, run_all
+    from comove.lab.bench.store import RunStore
+    from comove.lab.paper.ablation import page, systems
+    from comove.lab.paper.ablation import scenes as scenes_of
 
     jobs, store = jobs_of(scenes_of(scenes), systems(), seeds, budget), out / "runs.sqlite"
     out.mkdir(parents=True, exist_ok=True)

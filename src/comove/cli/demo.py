@@ -10,7 +10,7 @@ import typer
 from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, verb
 
 if TYPE_CHECKING:
-    from comove.demonstrations import Demonstration
+    from comove.dmp.demonstrations import Demonstration
 
 
 @verb
@@ -20,14 +20,14 @@ def demo(
 ) -> int:
     """Solve the examples from a person's recorded movement and draw the paper's Figures 3 to 5."""
     from comove.cli.progress import progress_bar, time_spent
-    from comove.experiments.examples import EXAMPLES, copy_examples, example
-    from comove.experiments.paper.figures import draw_demo
+    from comove.dmp import DMP
     from comove.io.folders import check_target, whole_folder
+    from comove.lab.examples import EXAMPLES, copy_examples, example
+    from comove.lab.paper.figures import draw_demo
     from comove.planning import LeastJerk, solve
-    from comove.primitives import DMP
     from comove.results import RESULT
     from comove.scenes import recording_of
-    from comove.views import save_result
+    from comove.view.figures import save_result
 
     jobs = [(name, name, LeastJerk()) for name in EXAMPLES]
     jobs.append(("narrow-free", "narrow", LeastJerk(resemblance=0.0)))

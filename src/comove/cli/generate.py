@@ -16,8 +16,8 @@ from comove.cli.options import require_one_of
 from comove.errors import SceneError, near_name
 
 if TYPE_CHECKING:
-    from comove.studies import Study, StudyReport
-    from comove.studies.variety import Variety
+    from comove.data import Study, StudyReport
+    from comove.data.variety import Variety
 
 SHEET = 24
 """Episodes on a contact sheet."""
@@ -55,13 +55,13 @@ def generate(
     json: Annotated[bool, typer.Option("--json", help="Print report.json and nothing else.")] = False,
 ) -> int:
     """Draw scenes as STUDY says, solve each, keep what is verified, and say how various it is."""
+    from comove.data import Study, report_of, write_report
+    from comove.data.datasets import FORMATS, export_episodes
+    from comove.data.datasets.export import check_export
+    from comove.data.datasets.samples import chosen_rate
+    from comove.data.runner import check_study_folder
     from comove.results.inputs import command_again, write_inputs
     from comove.stored import gripper_rows
-    from comove.studies import Study, report_of, write_report
-    from comove.studies.datasets import FORMATS, export_episodes
-    from comove.studies.datasets.export import check_export
-    from comove.studies.datasets.samples import chosen_rate
-    from comove.studies.runner import check_study_folder
 
     part, run = running.part, running.run
     check_study_folder(out)
@@ -112,9 +112,9 @@ def _contact_sheet(out: Path, scenes: Path) -> Path | None:
     ----------
     scenes : folder to which paths in the scenes are relative
     """
-    from comove.studies.episode import restored
-    from comove.studies.runs import RUNS, StudyStore
-    from comove.views import draw_episodes, save_picture
+    from comove.data.episode import restored
+    from comove.data.runs import RUNS, StudyStore
+    from comove.view.figures import draw_episodes, save_picture
 
     store = StudyStore.open(out / RUNS)
     drawn = [
@@ -129,7 +129,7 @@ def _contact_sheet(out: Path, scenes: Path) -> Path | None:
 
 def _formats(named: list[str], study: Study, shard: str) -> Sequence[str]:
     """Return the formats that are written: those of the command, else those of the study unless a part is run."""
-    from comove.studies.datasets import FORMATS
+    from comove.data.datasets import FORMATS
 
     for name in named:
         require_one_of(name, tuple(FORMATS), "format")

@@ -16,7 +16,7 @@ from comove.methods import OF_ROBOTS
 if TYPE_CHECKING:
     from comove.robots import Robot, RobotSolution
     from comove.scenes import Scene
-    from comove.simulators.pictures import Filmed
+    from comove.sim.pictures import Filmed
 
 RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
 LEAST_RATE, USUAL_RATE, LARGEST_RATE = 50.0, 250.0, 500.0  # Hz, of control steps
@@ -142,7 +142,7 @@ def solve_joints(
             at_fault = around.present if error.key == "present" else scene
             error.file = error.file or at_fault or scene
             raise
-    from comove.views import save_robot_result
+    from comove.view.figures import save_robot_result
 
     solution = found.solution
     with whole_folder(out, RESULT) as draft:
@@ -216,14 +216,14 @@ def run_joints(
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
     from comove.scenes.resting import require_no_rest
-    from comove.simulators import GRASPS, Perturbation
-    from comove.simulators.engine import engine
-    from comove.simulators.live import run_live, steps_of
-    from comove.simulators.live_record import judge_run
-    from comove.simulators.pictures import FilmedRun
-    from comove.simulators.robot_runs import write_robot_run
-    from comove.simulators.settings import PLAN
-    from comove.views import draw_joints, save
+    from comove.sim import GRASPS, Perturbation
+    from comove.sim.engine import engine
+    from comove.sim.live import run_live, steps_of
+    from comove.sim.live_record import judge_run
+    from comove.sim.pictures import FilmedRun
+    from comove.sim.robot_runs import write_robot_run
+    from comove.sim.settings import PLAN
+    from comove.view.figures import draw_joints, save
 
     o.require_one_of(how.grasp, tuple(GRASPS), "grasp")
     if not LEAST_RATE <= how.rate <= LARGEST_RATE:
@@ -273,7 +273,7 @@ def run_joints(
 
 def draw_robot_pictures(filmed: Filmed, folder: Path, name: str, pictures: bool, film: bool) -> None:
     """Draw a sheet of pictures, and a film, into a folder; warn where nothing can be drawn."""
-    from comove.simulators.pictures import draw_film, draw_sheet
+    from comove.sim.pictures import draw_film, draw_sheet
 
     try:
         if pictures:

@@ -40,9 +40,9 @@ def learn(
 ) -> int:
     """Fit a movement primitive to DEMO, or a distribution of movements to several; save and draw it."""
     from comove.cli.texts import learned_text
-    from comove.demonstrations import Demonstration
-    from comove.primitives import learn, learn_distribution, write_primitive
-    from comove.primitives.recordings import is_several, read_recording, read_several
+    from comove.dmp import learn, learn_distribution, write_primitive
+    from comove.dmp.demonstrations import Demonstration
+    from comove.dmp.recordings import is_several, read_recording, read_several
 
     r.check_target(out)
     drawn = r.picture_target(out, picture)
@@ -65,7 +65,7 @@ def learn(
         primitive = learn(movement, name=name, source=read.source, **learning.arguments)
     recording = movement if isinstance(movement, Demonstration) else None
     if drawn is not None:
-        from comove.views import draw_primitive, save_picture
+        from comove.view.figures import draw_primitive, save_picture
 
         save_picture(draw_primitive(primitive, recording), drawn)
     write_primitive(out, primitive)

@@ -16,7 +16,7 @@ from comove.cli.texts import say
 from comove.errors import LibraryError, OptionError
 
 if TYPE_CHECKING:
-    from comove.primitives import Primitive
+    from comove.dmp import Primitive
 
 group = sub_application("library", "A folder of movement primitives: add, list, show, find, combine, remove.")
 
@@ -43,9 +43,9 @@ def add(
 ) -> int:
     """Learn movements from recordings, or take primitives, and keep them in the library."""
     from comove.cli.texts import learned_text
-    from comove.primitives import Library, learn, read_primitive
-    from comove.primitives.files import renamed
-    from comove.primitives.recordings import read_recordings
+    from comove.dmp import Library, learn, read_primitive
+    from comove.dmp.files import renamed
+    from comove.dmp.recordings import read_recordings
 
     library, primitives = Library(folder), []
     library.require_room()
@@ -88,7 +88,7 @@ def list_primitives(
 ) -> int:
     """List the primitives of the library; damaged files are named, others left alone."""
     from comove.cli.texts import as_table
-    from comove.primitives import Library
+    from comove.dmp import Library
 
     o.check_picture(out)
     library = Library(folder)
@@ -104,7 +104,7 @@ def list_primitives(
     if library.foreign:
         say(f"left alone, no primitives: {', '.join(library.foreign)}", file=sys.stderr)
     if out is not None:
-        from comove.views import draw_library, save_picture
+        from comove.view.figures import draw_library, save_picture
 
         save_picture(draw_library(primitives, title=str(folder)), out)
     return BAD_INPUT if damaged else VERIFIED
@@ -154,8 +154,8 @@ def show(
 ) -> int:
     """Print what is known of a primitive, and draw it."""
     from comove.cli.texts import learned_text
-    from comove.primitives import Library
-    from comove.primitives.recordings import recording_of
+    from comove.dmp import Library
+    from comove.dmp.recordings import recording_of
 
     o.check_picture(out)
     library = Library(folder)
@@ -167,7 +167,7 @@ def show(
         print(f"  {what:13s}  {', '.join(f'{x:.4g}' for x in point)} {unit}")
     say(f"  file           {library.path(name)}")
     if out is not None:
-        from comove.views import draw_primitive, save_picture
+        from comove.view.figures import draw_primitive, save_picture
 
         save_picture(draw_primitive(primitive, demonstration=recording_of(primitive)), out)
         print(f"  picture        {out}")
@@ -188,8 +188,8 @@ def find(
 ) -> int:
     """Rank the primitives of the library by their distance from what is wanted."""
     from comove.cli.texts import as_table
-    from comove.primitives import Library
-    from comove.primitives.recordings import read_recording
+    from comove.dmp import Library
+    from comove.dmp.recordings import read_recording
 
     library = Library(folder)
     shape = None
@@ -247,9 +247,9 @@ def combine(
     """Combine primitives into one that gets through SCENE, and save it."""
     from comove._version import __version__
     from comove.cli.progress import progress_bar
+    from comove.dmp import Library, Primitive, write_primitive
     from comove.planning import combine
     from comove.planning.choice import suitable
-    from comove.primitives import Library, Primitive, write_primitive
     from comove.scenes import Scene
 
     r.check_target(out)
@@ -278,7 +278,7 @@ def combine(
         say(f"  - {reason}", file=sys.stderr)
     say(f"  saved as {out}")
     if picture is not None:
-        from comove.views import draw_motion, save_picture
+        from comove.view.figures import draw_motion, save_picture
 
         title = loaded.name if found.verified else f"{loaded.name} (not verified)"
         save_picture(draw_motion(found.attempt, title=title), picture)
@@ -294,7 +294,7 @@ def remove(
     folder: Folder = FOLDER,
 ) -> int:
     """Delete primitives from the library, damaged ones too."""
-    from comove.primitives import Library
+    from comove.dmp import Library
 
     library = Library(folder)
     for name in names:

@@ -16,9 +16,9 @@ from comove.errors import OptionError, near_name
 from comove.methods import METHODS
 
 if TYPE_CHECKING:
+    from comove.dmp import DMP, Library, PoseDMP, ProMP
     from comove.planning import LeastJerk, LeastTime, PaperCost
     from comove.planning.method import Method
-    from comove.primitives import DMP, Library, PoseDMP, ProMP
     from comove.robots import VerifiedJointMotion
     from comove.scenes import Scene
 
@@ -177,8 +177,8 @@ def movement_given(
 
     What a scene names is returned beside a library as well, for the method that combines both.
     """
+    from comove.dmp import Library
     from comove.planning.choice import suitable
-    from comove.primitives import Library
     from comove.scenes import demonstration_of
 
     if resemblance and scene.file.demonstration is None and demonstration is None and library is None:
@@ -212,12 +212,12 @@ def from_library(
     result to all hands; the paper's methods get this movement. Other methods get the single movement that suits best.
     To combine them takes up to a quarter of the budget besides.
     """
+    from comove.dmp import ProMP
     from comove.planning import Budget, Paper, Printed, best_movement, combine
-    from comove.primitives import ProMP
 
     plane = _plane_of(scene)
     if isinstance(method, (Paper, Printed)):
-        from comove.experiments.compared.single import alone
+        from comove.lab.compared.single import alone
 
         work = Budget(work=0.25 * budget)  # the same combination on every machine
         found = combine(library, alone(scene), seed=seed, budget=work, plane=plane)
@@ -232,8 +232,8 @@ def from_library(
 
 def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
     """Return the movement of a primitive's file or a recording, or the distribution of a folder of recordings."""
-    from comove.primitives import ProMP, read_primitive
-    from comove.primitives.recordings import is_several, read_recording, read_several
+    from comove.dmp import ProMP, read_primitive
+    from comove.dmp.recordings import is_several, read_recording, read_several
     from comove.scenes import fitted, followed_in
     from comove.scenes.demonstration import require_dimension
 

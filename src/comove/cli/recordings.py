@@ -13,7 +13,7 @@ from comove.errors import LibraryError, OptionError
 from comove.io.files import telling
 
 if TYPE_CHECKING:
-    from comove.demonstrations import Demonstration
+    from comove.dmp.demonstrations import Demonstration
 
 VARIANTS = ("closed-form", "classic", "pastor", "dmp++", "rhythmic")
 
@@ -76,7 +76,7 @@ class Learning:
 
     @property
     def _shared(self) -> dict[str, Any]:
-        from comove.primitives import ExponentialPhase, LinearPhase
+        from comove.dmp import ExponentialPhase, LinearPhase
 
         phases = {None: None, PhaseName.linear: LinearPhase(), PhaseName.exponential: ExponentialPhase()}
         return {"phase": phases[self.phase], "n_basis": self.n_basis, "poses": self.poses}
@@ -165,8 +165,8 @@ class Reading:
         DemonstrationError
             If its units look wrong, or it does not fit the robot.
         """
-        from comove.demonstrations.samples import advising
-        from comove.primitives.recordings import require_plausible
+        from comove.dmp.demonstrations.samples import advising
+        from comove.dmp.recordings import require_plausible
 
         with advising(named, self.arguments):
             require_plausible(recording, named)
@@ -200,8 +200,8 @@ def picture_target(out: Path, picture: Path | None) -> Path | None:
 
 def check_target(path: Path) -> None:
     """Check, before a long computation, that a primitive can be written to `path`."""
+    from comove.dmp.files import is_primitive
     from comove.io.files import require_target
-    from comove.primitives.files import is_primitive
 
     require_target(path, LibraryError)
     if path.exists() and not is_primitive(path):
@@ -212,6 +212,6 @@ def check_target(path: Path) -> None:
 
 def name_of_file(path: Path) -> str:
     """Return the name of the primitive that is written to `path`."""
-    from comove.primitives.recordings import name_from
+    from comove.dmp.recordings import name_from
 
     return name_from(path.name.removesuffix(".json").removesuffix(".dmp"))

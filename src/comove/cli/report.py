@@ -20,10 +20,10 @@ def report(
     """Write a result as one page to read and to send: numbers, what they mean, and the motion to play."""
     from comove.io.files import require_target
     from comove.io.folders import require_folder
-    from comove.workbench.recorded import write_page
-    from comove.workbench.report import report_page
-    from comove.workbench.server import viewer
-    from comove.workbench.shelf import shelf_of
+    from comove.view.workbench.recorded import write_page
+    from comove.view.workbench.report import report_page
+    from comove.view.workbench.server import viewer
+    from comove.view.workbench.shelf import shelf_of
 
     viewer()
     require_folder(folder, "comove solve SCENE --out DIR")

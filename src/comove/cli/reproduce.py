@@ -20,11 +20,11 @@ def reproduce(
     ] = None,
 ) -> int:
     """Run every experiment of the paper and of the systems it names; write one page with all figures."""
-    from comove.experiments.paper.claims import ClaimVerdict
-    from comove.experiments.paper.page import CONTENTS, PAGE
-    from comove.experiments.paper.page import reproduce as reproduce_all
+    from comove.dmp.arguments import require_count
     from comove.io.folders import whole_folder
-    from comove.primitives.arguments import require_count
+    from comove.lab.paper.claims import ClaimVerdict
+    from comove.lab.paper.page import CONTENTS, PAGE
+    from comove.lab.paper.page import reproduce as reproduce_all
     from comove.processes import n_processors
 
     processes = n_processors() if processes is None else processes

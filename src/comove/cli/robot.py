@@ -98,7 +98,7 @@ def simulate(
     from comove.cli.joints import draw_robot_pictures
     from comove.cli.texts import simulation_text
     from comove.io.files import require_target
-    from comove.simulators import GRASPS, Perturbation, simulate, write_simulation
+    from comove.sim import GRASPS, Perturbation, simulate, write_simulation
 
     o.require_one_of(grasp, tuple(GRASPS), "grasp")
     motion = trusted.verified(folder)
@@ -134,9 +134,9 @@ def export(
 ) -> int:
     """Verify the motion in DIR anew and write it there in a format that robots play."""
     from comove.cli.texts import in_rows
-    from comove.export import FORMATS as KINDS
-    from comove.export import check_export, export, usual_format
     from comove.robots.transfers import possible_transfers
+    from comove.ros import FORMATS as KINDS
+    from comove.ros import check_export, export, usual_format
     from comove.stored import gripper_rows
 
     if format is not None:
@@ -205,8 +205,8 @@ def send(
     trusted: o.Trusted,
 ) -> int:
     """Verify the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
-    from comove.export import Ros1Client, SendError, Tolerances, send
     from comove.robots import plan_transfers
+    from comove.ros import Ros1Client, SendError, Tolerances, send
 
     o.require_one_of(part, PARTS, "part")
     given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}

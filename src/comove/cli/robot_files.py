@@ -37,7 +37,7 @@ def convert(
     """Write a model of MuJoCo's as a URDF with its meshes, from which a robot can be described."""
     from comove.cli.texts import in_rows
     from comove.io.folders import Contents, whole_folder
-    from comove.simulators.mjcf import MESHES, urdf_of
+    from comove.sim.mjcf import MESHES, urdf_of
 
     found = urdf_of(model)
     with whole_folder(out, Contents("URDF with its meshes", error=RobotError)) as draft:
@@ -253,7 +253,7 @@ def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = N
     import numpy as np
 
     from comove.cli.texts import in_rows
-    from comove.views import draw_robot, save
+    from comove.view.figures import draw_robot, save
 
     say(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
     rows = [

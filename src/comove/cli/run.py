@@ -77,18 +77,18 @@ def run(
     from comove.cli.joints import SimulatedRun, names_robot, run_joints
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import comparison_text, run_text
-    from comove.execution import Executor, Pace, write_run
-    from comove.experiments.modulation.comparison import Compared, write_comparison
-    from comove.experiments.modulation.comparison import compare as compare_all
-    from comove.experiments.modulation.pictures import animate_comparison, draw_comparison
+    from comove.control import Executor, Pace, write_run
     from comove.io.folders import check_target, whole_folder
+    from comove.lab.modulation.comparison import Compared, write_comparison
+    from comove.lab.modulation.comparison import compare as compare_all
+    from comove.lab.modulation.pictures import animate_comparison, draw_comparison
     from comove.planning import Budget, SceneKind, load_kernels, solve
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.scenes import Scene, demonstration_of
     from comove.scenes.resting import require_no_rest
     from comove.verification.record import verify_execution
-    from comove.views import animate_run, draw_run, save
+    from comove.view.figures import animate_run, draw_run, save
 
     if period is not None:
         check_period(period)

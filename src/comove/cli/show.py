@@ -71,9 +71,9 @@ def _kind_of(part: Part) -> ResultKind:
     elif part is Part.JOINTS:
         from comove.robots.files import JOINTS as kind
     elif part is Part.ROBOT_RUN:
-        from comove.simulators.robot_runs import ROBOT_RUN as kind
+        from comove.sim.robot_runs import ROBOT_RUN as kind
     else:
-        from comove.simulators import SIMULATION as kind
+        from comove.sim import SIMULATION as kind
     return kind
 
 

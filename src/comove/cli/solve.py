@@ -98,9 +98,9 @@ def solve(
     from comove.cli.joints import Wanted, names_robot, solve_joints
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import in_rows, summary_text
+    from comove.dmp import ProMP
     from comove.io.folders import check_target, whole_folder
     from comove.planning import SceneKind, check_method, load_kernels, movements_of, solve
-    from comove.primitives import ProMP
     from comove.results import RESULT
     from comove.scenes import Scene
 
@@ -141,7 +141,7 @@ def solve(
         loaded.require_free_ends()
         load_kernels(SceneKind.of(loaded), beside=load_views)
         if known is not None and method == "single":
-            from comove.experiments.compared import Single
+            from comove.lab.compared import Single
 
             chosen = Single(movements=known)
         elif known is not None:
@@ -158,7 +158,7 @@ def solve(
             obstacles=obstacles.value,
             progress=progress,
         )
-    from comove.views import save_result
+    from comove.view.figures import save_result
 
     with whole_folder(out, RESULT) as draft:
         drawn = None if smooth and solution.followed is None else movements
@@ -196,7 +196,7 @@ def _require_joints(
 
 def load_views() -> None:
     """Load what pictures of a result need, so that a search does not wait for it."""
-    from comove.views import draw_joints, draw_motion  # noqa: F401
+    from comove.view.figures import draw_joints, draw_motion  # noqa: F401
 
 
 def exit_code(solution: Solution) -> int:

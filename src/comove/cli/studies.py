@@ -16,8 +16,8 @@ from comove.cli.streams import terminal
 from comove.errors import OptionError, printable
 
 if TYPE_CHECKING:
-    from comove.studies import StudyProgress, StudyReport
-    from comove.studies.runner import Run, RunSource, Shard
+    from comove.data import StudyProgress, StudyReport
+    from comove.data.runner import Run, RunSource, Shard
 
 StudyPath = Annotated[Path, typer.Argument(metavar="STUDY", help="Study file (YAML).")]
 OutFolder = Annotated[
@@ -57,7 +57,7 @@ class Running:
         OptionError
             If there is no such part, or a script for all parts is wanted as well.
         """
-        from comove.studies import Shard
+        from comove.data import Shard
 
         if self.slurm is not None and self.shard != WHOLE:
             raise OptionError(
@@ -68,20 +68,20 @@ class Running:
     @property
     def run(self) -> Run:
         """Return what does the runs: processes of this machine, or the workers of a Dask scheduler."""
-        from comove.studies import on_processes
+        from comove.data import on_processes
 
         on_this = on_processes(self.workers)
         if self.dask is None:
             return on_this
-        from comove.studies.on_dask import on_dask
+        from comove.data.on_dask import on_dask
 
         return on_dask(self.dask, self.workers)
 
     def write_slurm(self, command: Sequence[str], file: Path, study: Path, out: Path, name: str) -> None:
         """Write the script for Slurm, which runs a verb with its options."""
+        from comove.data.merging import slurm_script
         from comove.errors import ResultError
         from comove.io.files import whole_file
-        from comove.studies.merging import slurm_script
 
         script = slurm_script(command, study, out, self.shards, self.workers, name)
         with whole_file(file, ResultError) as draft:
@@ -91,7 +91,7 @@ class Running:
 
 def run_with_progress(study: RunSource, out: Path, run: Run, shard: Shard) -> StudyProgress:
     """Do the runs that are missing, and show how far they are; after Ctrl-C, say how to go on, and end."""
-    from comove.studies import run_study
+    from comove.data import run_study
 
     with telling_progress(out, len(shard.numbers(study.total))) as tell:
         return run_study(study, out, run, shard=shard, tell=tell)

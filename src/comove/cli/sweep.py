@@ -39,9 +39,9 @@ def run(
     from json import loads
 
     from comove.cli.texts import as_table
+    from comove.data import Sweep, groups_of, report_of, write_report
+    from comove.data.runner import check_study_folder
     from comove.results.inputs import command_again, write_inputs
-    from comove.studies import Sweep, groups_of, report_of, write_report
-    from comove.studies.runner import check_study_folder
 
     part, run = running.part, running.run
     check_study_folder(out)
@@ -80,7 +80,7 @@ def merge(
     out: Annotated[Path, typer.Option(help="Folder for all runs; its own stay.")],
 ) -> int:
     """Put the parts of a study, of generate or of sweep, together."""
-    from comove.studies.merging import merge as merged
+    from comove.data.merging import merge as merged
 
     found = merged(parts, out)
     print(f"{out} holds {found.ended} of {found.total} runs")

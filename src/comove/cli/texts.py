@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 from comove.errors import printable
 
 if TYPE_CHECKING:
-    from comove.primitives import Primitive
+    from comove.dmp import Primitive
     from comove.scenes import Scene
 
 HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
@@ -206,7 +206,7 @@ def comparison_text(table: Mapping[str, Any], folder: Path) -> str:
 
 def learned_text(primitive: Primitive) -> str:
     """Return a few readable lines about a learned primitive and how well it fits."""
-    from comove.primitives import ProMP
+    from comove.dmp import ProMP
 
     dmp, learned, unit = primitive.positions, primitive.provenance, primitive.unit
     what = f"{dmp.variant} of {dmp.weights.shape[1]} weights in {dmp.n_dims} dimensions"

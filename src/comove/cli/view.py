@@ -13,7 +13,7 @@ from comove.cli.texts import say
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
-    from comove.workbench.shelf import Shelf
+    from comove.view.workbench.shelf import Shelf
 
 
 @verb
@@ -40,7 +40,7 @@ def view(
     budget: o.Budget = 30.0,
 ) -> int:
     """Show a scene and its motion in the browser, and steer it: drag obstacles, starts and goals."""
-    from comove.workbench.shelf import shelf_of
+    from comove.view.workbench.shelf import shelf_of
 
     o.check_budget(budget)
     shelf = shelf_of(things or (), Path.cwd())
@@ -59,7 +59,7 @@ def _serve(shelf: Shelf, host: str, port: int | None, open_page: bool) -> int:
     """Serve pages until Ctrl-C."""
     import threading
 
-    from comove.workbench.server import serve
+    from comove.view.workbench.server import serve
 
     guarded = serve(shelf, host, port)
     try:
@@ -78,8 +78,8 @@ def _write(shelf: Shelf, path: Path, seed: int, budget: float) -> int:
     """Write what folders hold, or the motions of scenes that are solved now, as one page."""
     from comove.cli.progress import progress_bar
     from comove.io.files import require_target
-    from comove.workbench.recorded import page_of, played, write_page
-    from comove.workbench.server import viewer
+    from comove.view.workbench.recorded import page_of, played, write_page
+    from comove.view.workbench.server import viewer
 
     viewer()
     require_target(path, OptionError)

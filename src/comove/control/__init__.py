@@ -1,11 +1,11 @@
 """Online execution among moving obstacles."""
 
-from comove.execution.clouds import Clouds, Scanned
-from comove.execution.executor import Event, ExecutionLog, Executor, Pace, Plan
-from comove.execution.files import write_run
-from comove.execution.measured import Measured, Observed, Sensor
-from comove.execution.observers import Functions, Known, Observer
-from comove.execution.tracks import Scanner
+from comove.control.clouds import Clouds, Scanned
+from comove.control.executor import Event, ExecutionLog, Executor, Pace, Plan
+from comove.control.files import write_run
+from comove.control.measured import Measured, Observed, Sensor
+from comove.control.observers import Functions, Known, Observer
+from comove.control.tracks import Scanner
 from comove.results.runs import StoredRun, read_run
 
 __all__ = [

@@ -1,7 +1,7 @@
 """Obstacles that are known only from point clouds, as a depth camera or a laser scanner measures them.
 
 Every cloud is covered by spheres (`comove.geometry.sphere_cover`), which are tracked over time
-(`comove.execution.tracks`): at any time there are as many obstacles as spheres. Obstacles that stand still in the
+(`comove.control.tracks`): at any time there are as many obstacles as spheres. Obstacles that stand still in the
 scene's file are kept as they are.
 """
 
@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
 from comove.compiled import kernel
+from comove.control.observers import Observer
+from comove.control.safety.twist_qp import Sighting
+from comove.control.tracks import Memory, Scanner, blank, margins, moved, updated
+from comove.dmp.arguments import is_number, numbers
 from comove.errors import OptionError
-from comove.execution.observers import Observer
-from comove.execution.tracks import Memory, Scanner, blank, margins, moved, updated
 from comove.geometry import distances as sd
 from comove.geometry.rotations import evenly_spread, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
-from comove.primitives.arguments import is_number, numbers
-from comove.reaction.twist_qp import Sighting
 from comove.scenes.scene import FAR, MovingBody, Scene
 from comove.scenes.shapes import inside_polygon
 from comove.verification.bounds import lengths

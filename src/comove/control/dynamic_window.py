@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control.safety.twists import hand_velocities, twists_between
 from comove.coordination.coordinates import HandPoses
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.planning.objective import Objective
-from comove.reaction.twists import hand_velocities, twists_between
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -16,12 +16,18 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control.dynamic_window import DynamicWindow, WindowStart
+from comove.control.observers import Known, Observer, going_on
+from comove.control.safety.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
+from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.coordination.coordinates import HandPoses, load_coordinates, poses_at
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations import Demonstration
+from comove.dmp.arguments import require_positive
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.dmp import DMP
+from comove.dmp.poses import PoseDMP
+from comove.dmp.probabilistic import ProMP
 from comove.errors import ComoveWarning, OptionError
-from comove.execution.dynamic_window import DynamicWindow, WindowStart
-from comove.execution.observers import Known, Observer, going_on
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import matrices
 from comove.planning.arguments import movements_of, warn_of_adaptation
@@ -30,13 +36,7 @@ from comove.planning.methods import Guide, Quick
 from comove.planning.objective import Objective
 from comove.planning.search import Interruption
 from comove.planning.solver import solve
-from comove.primitives.arguments import require_positive
-from comove.primitives.dmp import DMP
-from comove.primitives.poses import PoseDMP
-from comove.primitives.probabilistic import ProMP
 from comove.processes import one_blas_thread
-from comove.reaction.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
-from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.scenes.groups import GroupPose
 from comove.scenes.resting import require_no_rest
 from comove.scenes.scene import Scene

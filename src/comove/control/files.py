@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from comove._version import __version__
+from comove.control.executor import ExecutionLog
 from comove.coordination.coordinates import load_coordinates
-from comove.execution.executor import ExecutionLog
 from comove.planning.objective import Objective
 from comove.results.reference import SCENE
 from comove.results.runs import RUN

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.control.filters import Belief, Expectations, informed, later, unknown
+from comove.control.observers import Observer, sighting
+from comove.control.safety.twist_qp import Sighting
+from comove.dmp.arguments import is_number, numbers, require_positive
 from comove.errors import OptionError
-from comove.execution.filters import Belief, Expectations, informed, later, unknown
-from comove.execution.observers import Observer, sighting
-from comove.primitives.arguments import is_number, numbers, require_positive
-from comove.reaction.twist_qp import Sighting
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -15,9 +15,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.control.safety.twist_qp import Sighting
 from comove.errors import OptionError
 from comove.geometry.distances import CENTER
-from comove.reaction.twist_qp import Sighting
 from comove.scenes.moving import ObstacleMotion
 from comove.scenes.scene import Scene
 

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.dmp.arguments import require_count, require_positive
 from comove.errors import OptionError
 from comove.geometry.distances import points_apart
 from comove.geometry.sphere_cover import Cells, covered, thinned
-from comove.primitives.arguments import require_count, require_positive
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]

@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from comove.coordination.motion import CoordinatedMotion as CoordinatedMotion
     from comove.coordination.online import OnlineMotion as OnlineMotion
     from comove.errors import ConstraintError as ConstraintError
-    from comove.primitives.basis import rollouts as rollouts
-    from comove.primitives.cooperative import (
+    from comove.dmp.basis import rollouts as rollouts
+    from comove.dmp.cooperative import (
         CooperativeDMP as CooperativeDMP,
         CooperativeState as CooperativeState,
     )
-    from comove.primitives.projection import (
+    from comove.dmp.projection import (
         Constraint as Constraint,
         HandDistance as HandDistance,
         Poses as Poses,
@@ -47,9 +47,9 @@ __all__, __getattr__, __dir__ = lazily(
         "coordination.motion": ["CoordinatedMotion"],
         "coordination.online": ["OnlineMotion"],
         "errors": ["ConstraintError"],
-        "primitives.basis": ["rollouts"],
-        "primitives.cooperative": ["CooperativeDMP", "CooperativeState"],
-        "primitives.projection": [
+        "dmp.basis": ["rollouts"],
+        "dmp.cooperative": ["CooperativeDMP", "CooperativeState"],
+        "dmp.projection": [
             "Constraint",
             "HandDistance",
             "Poses",

@@ -9,7 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.demonstration import Demonstration
+from comove.dmp.basis import MAX_BASIS
+from comove.dmp.demonstrations.demonstration import Demonstration
+from comove.dmp.dmp import DMP
+from comove.dmp.operations import settled
+from comove.dmp.poses import Pose, PoseDMP
+from comove.dmp.probabilistic import ProMP
+from comove.dmp.variants import LARGE, Variant, adaptation, scaled_share
 from comove.errors import ComoveWarning, OptionError
 from comove.geometry.rotations import (
     conjugate,
@@ -18,12 +24,6 @@ from comove.geometry.rotations import (
     quaternion_product,
     similarity,
 )
-from comove.primitives.basis import MAX_BASIS
-from comove.primitives.dmp import DMP
-from comove.primitives.operations import settled
-from comove.primitives.poses import Pose, PoseDMP
-from comove.primitives.probabilistic import ProMP
-from comove.primitives.variants import LARGE, Variant, adaptation, scaled_share
 from comove.scenes.groups import RigidGroup
 from comove.scenes.scene import Scene
 
@@ -116,7 +116,7 @@ def modulate(dmp: DMP, start: Array, goal: Array) -> DMP:
     """Carry a movement to another start and goal, by the similarity that maps its own ends to these.
 
     The similarity is a rotation and a scale. The nearer a movement's own ends are, as a share of its extent, the less
-    it is scaled and turned (`comove.primitives.variants`); where they nearly coincide, it is only shifted. The result
+    it is scaled and turned (`comove.dmp.variants`); where they nearly coincide, it is only shifted. The result
     starts at rest, and meets both ends exactly.
 
     Parameters

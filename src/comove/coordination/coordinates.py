@@ -42,6 +42,7 @@ from comove.coordination.blocks import (
     write_pose,
     write_twist,
 )
+from comove.dmp.arguments import numbers
 from comove.errors import OptionError
 from comove.geometry.rotations import (
     fit_angle,
@@ -50,7 +51,6 @@ from comove.geometry.rotations import (
     quaternion_of_rotation,
     quaternion_product,
 )
-from comove.primitives.arguments import numbers
 from comove.scenes.groups import GroupPose, RigidGroup, orientation_of
 from comove.scenes.scene import Scene
 

@@ -12,8 +12,8 @@ from comove.brief import brief
 from comove.coordination.adaptation import carried_to_hands
 from comove.coordination.coordinates import ANGLE, QUATERNION, Coordinates
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.basis import MotionBasis, rollouts
-from comove.primitives.dmp import DMP
+from comove.dmp.basis import MotionBasis, rollouts
+from comove.dmp.dmp import DMP
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

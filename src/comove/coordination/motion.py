@@ -16,8 +16,8 @@ from comove.coordination.coordinates import (
     coordinates_for,
     load_coordinates,
 )
-from comove.primitives.arguments import require_steps
-from comove.primitives.basis import MotionBasis, motion_basis
+from comove.dmp.arguments import require_steps
+from comove.dmp.basis import MotionBasis, motion_basis
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 

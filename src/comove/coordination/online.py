@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.coordination.coordinates import ANGLE, QUATERNION
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.arguments import numbers
+from comove.dmp.online import Curve, DMPState, advance, begin
 from comove.errors import OptionError
 from comove.geometry.rotations import quaternion_of_rotation, quaternion_product, similarity
-from comove.primitives.arguments import numbers
-from comove.primitives.online import Curve, DMPState, advance, begin
 from comove.scenes.groups import orientation_of
 
 Array = NDArray[np.float64]

@@ -1,12 +1,12 @@
 """Many runs: `solve_many`, generated episodes, sweeps, their store and their report."""
 
-from comove.studies.generation import Study
-from comove.studies.many import Solved, solve_many
-from comove.studies.report import StudyReport, groups_of, report_of, write_report
-from comove.studies.runner import Shard, StudyProgress, on_processes, run_study
-from comove.studies.runs import StudyRun, StudyStore
-from comove.studies.sweep import Sweep
-from comove.studies.table import StudyTable, study
+from comove.data.generation import Study
+from comove.data.many import Solved, solve_many
+from comove.data.report import StudyReport, groups_of, report_of, write_report
+from comove.data.runner import Shard, StudyProgress, on_processes, run_study
+from comove.data.runs import StudyRun, StudyStore
+from comove.data.sweep import Sweep
+from comove.data.table import StudyTable, study
 
 __all__ = [
     "Shard",

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from comove.data.videos import encoded
 from comove.io.keys import Number, Part, Wrong, as_tuple, show
 from comove.io.videos import require_videos
-from comove.studies.videos import encoded
 
 if TYPE_CHECKING:
-    from comove.simulators import Execution, View
-    from comove.simulators.cameras import CameraPose
+    from comove.sim import Execution, View
+    from comove.sim.cameras import CameraPose
 
 MOST_VIEWS = 16
 LARGEST = (960, 540)
@@ -85,8 +85,8 @@ class ViewPart(Part):
     @property
     def camera(self) -> CameraPose | View:
         """Return the camera of the simulator."""
-        from comove.simulators import View
-        from comove.simulators.cameras import CameraPose
+        from comove.sim import View
+        from comove.sim.cameras import CameraPose
 
         field = self.field_deg or (40.0 if self.hand is None else 60.0)
         if self.hand is not None or self.position is not None:
@@ -130,7 +130,7 @@ def require_cameras() -> None:
     OptionError
         If nothing can be drawn.
     """
-    from comove.simulators.cameras import require_cameras
+    from comove.sim.cameras import require_cameras
 
     require_videos()
     require_cameras()
@@ -143,7 +143,7 @@ def videos_of(execution: Execution, cameras: CamerasPart, time: Any) -> tuple[tu
     ----------
     time : array, shape (n_steps,), times of the pictures, at the cameras' rate [s]
     """
-    from comove.simulators.cameras import pictures_of
+    from comove.sim.cameras import pictures_of
 
     views = [view.camera for view in cameras.views.values()]
     drawn = pictures_of(execution, views, (cameras.size[0], cameras.size[1]), time)

@@ -15,6 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.data.cameras import CamerasPart, videos_of
+from comove.data.episode import (
+    DAMAGED,
+    OPTION,
+    Made,
+    measured,
+    packed,
+    sample_times,
+    stored,
+    timed_run,
+    unpacked,
+)
+from comove.data.many import movement_of
+from comove.data.runs import LONGEST, StoredCarry, StoredMotion, StudyRun
+from comove.data.study_file import SimulationPart
 from comove.errors import ResultError, SceneError
 from comove.planning import Budget, movements_of
 from comove.planning.clock import now
@@ -31,22 +46,7 @@ from comove.robots import (
 )
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
-from comove.simulators import GRASPS, Execution, Perturbation, simulate
-from comove.studies.cameras import CamerasPart, videos_of
-from comove.studies.episode import (
-    DAMAGED,
-    OPTION,
-    Made,
-    measured,
-    packed,
-    sample_times,
-    stored,
-    timed_run,
-    unpacked,
-)
-from comove.studies.many import movement_of
-from comove.studies.runs import LONGEST, StoredCarry, StoredMotion, StudyRun
-from comove.studies.study_file import SimulationPart
+from comove.sim import GRASPS, Execution, Perturbation, simulate
 from comove.verification.verify import VerifiedMotion
 
 Array = NDArray[np.float64]

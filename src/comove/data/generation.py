@@ -15,7 +15,14 @@ import numpy as np
 from pydantic import ValidationError
 
 from comove._version import __version__
-from comove.demonstrations.formats import format_of, is_format
+from comove.data.cameras import require_cameras
+from comove.data.distributions import Distribution, OneOf, TruncatedNormal, Uniform
+from comove.data.episode import Made, solved_run
+from comove.data.keys import LENGTH, change, fit_hands, hand_names
+from comove.data.runs import StudyRun, digest
+from comove.data.study_file import GENERATE, MAX_EPISODES, DrawPart, StudyFile
+from comove.dmp import Library
+from comove.dmp.demonstrations.formats import format_of, is_format
 from comove.errors import (
     ComoveWarning,
     DemonstrationError,
@@ -29,16 +36,9 @@ from comove.io.files import telling
 from comove.io.keys import Contract, Flaw, Part, Wrong, explained, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.planning import Comove
-from comove.primitives import Library
 from comove.scenes.demonstration import LIBRARY
 from comove.scenes.model import READING
 from comove.scenes.scene import Scene
-from comove.studies.cameras import require_cameras
-from comove.studies.distributions import Distribution, OneOf, TruncatedNormal, Uniform
-from comove.studies.episode import Made, solved_run
-from comove.studies.keys import LENGTH, change, fit_hands, hand_names
-from comove.studies.runs import StudyRun, digest
-from comove.studies.study_file import GENERATE, MAX_EPISODES, DrawPart, StudyFile
 
 Model = TypeVar("Model", bound=Part)
 
@@ -187,7 +187,7 @@ class Study:
             raise scene_error([flaw], self.path, lines)
         if not self.on_robot:
             return
-        from comove.studies.carried import robot_named
+        from comove.data.carried import robot_named
 
         for name in self._robots:
             try:
@@ -196,7 +196,7 @@ class Study:
                 error.file = error.file or self.path
                 raise
         if self.file.simulate is not None:
-            from comove.simulators.engine import engine
+            from comove.sim.engine import engine
 
             engine()
 
@@ -210,8 +210,8 @@ class Study:
         """Return the arms whose description has no gripper, by robot; as of `comove.robots.JointReport`."""
         if not self.on_robot:
             return {}
+        from comove.data.carried import robot_named
         from comove.robots.grippers import without_gripper
-        from comove.studies.carried import robot_named
 
         return {name: without_gripper(robot_named(name, self.folder)) for name in self._robots}
 
@@ -264,7 +264,7 @@ class Study:
 
     def _described_robot(self) -> dict[str, Any]:
         """Return what else the episodes of robots follow from: the checksums of these, and the simulation."""
-        from comove.studies.carried import robot_named
+        from comove.data.carried import robot_named
 
         simulate, cameras = self.file.simulate, self.file.cameras
         return {
@@ -296,7 +296,7 @@ class Study:
         parts = [*(self.template.get("obstacles") or []), self.template.get("load")]
         found += [self.folder / part["file"] for part in parts if isinstance(part, dict) and part.get("file")]
         if self.on_robot:
-            from comove.studies.carried import robot_named
+            from comove.data.carried import robot_named
 
             found += [path for name in self._robots for path in robot_named(name, self.folder).files]
         return found
@@ -326,7 +326,7 @@ class Study:
     def _require_hold(self, scene: Scene) -> None:
         """Refuse a scene at whose start or goal the robot cannot hold the load."""
         if self.on_robot:
-            from comove.studies.carried import require_hold
+            from comove.data.carried import require_hold
 
             require_hold(scene)
 
@@ -342,7 +342,7 @@ class Study:
             return replace(run, status="invalid", reason=drawn.reason), None
         if not self.on_robot:
             return solved_run(run, drawn.scene, Comove(), self.budget)
-        from comove.studies.carried import Carrying, carried_run
+        from comove.data.carried import Carrying, carried_run
 
         how = Carrying(self.budget, None, self.file.simulate, self.file.cameras)
         return carried_run(run, drawn.scene, how)
@@ -358,7 +358,7 @@ class Study:
             If no pictures can be drawn.
         """
         if self.file.simulate is not None:
-            from comove.simulators.engine import engine
+            from comove.sim.engine import engine
 
             engine()
         if self.file.cameras is not None:

@@ -9,12 +9,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Literal
 
+from comove.dmp.dmp import DMP
+from comove.dmp.poses import PoseDMP
+from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError
 from comove.planning import Comove, LeastJerk, LeastTime, PaperCost, Solution, solve
 from comove.planning.method import Method
-from comove.primitives.dmp import DMP
-from comove.primitives.poses import PoseDMP
-from comove.primitives.probabilistic import ProMP
 from comove.processes import TaskResult, run_tasks
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene

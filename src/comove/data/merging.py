@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from comove.data.runs import RUNS, StudyStore, differences
 from comove.errors import OptionError, ResultError
-from comove.studies.runs import RUNS, StudyStore, differences
 
 
 @dataclass(frozen=True)

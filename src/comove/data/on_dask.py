@@ -8,11 +8,11 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from comove._version import __version__
+from comove.data.episode import Made
+from comove.data.runner import Run, RunSource
 from comove.errors import ComoveError, ExtraError, InputError, OptionError
 from comove.processes import ONE_THREAD, TaskResult
 from comove.processes.worker import told
-from comove.studies.episode import Made
-from comove.studies.runner import Run, RunSource
 
 LOCAL = "local"
 """Address that stands for a scheduler and workers on this machine."""

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from comove.data.runs import MEASURES, RUNS, StudyStore
+from comove.data.variety import N_PATH, Variety, variety
 from comove.errors import ResultError
 from comove.io.files import whole_file
-from comove.studies.runs import MEASURES, RUNS, StudyStore
-from comove.studies.variety import N_PATH, Variety, variety
 
 REPORT = "report.json"
 COMPARED = ("first", "duration", "cost", "jerk_max", "seconds")

@@ -15,12 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from comove.data.episode import Made
+from comove.data.many import KILLS, MORE, TIMES, lost
+from comove.data.runs import LONGEST, RUNS, StudyRun, StudyStore
 from comove.errors import OptionError, ResultError
 from comove.io.files import require_room, telling
 from comove.processes import TaskResult, run_tasks
-from comove.studies.episode import Made
-from comove.studies.many import KILLS, MORE, TIMES, lost
-from comove.studies.runs import LONGEST, RUNS, StudyRun, StudyStore
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")

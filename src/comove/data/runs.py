@@ -13,8 +13,8 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from comove.data.store import KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
 from comove.errors import ResultError, shortened
-from comove.studies.store import KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
 
 STATUSES = ("verified", "not delivered", "not verified", "invalid", "refused", "error", "killed", "late")
 LONGEST = 500

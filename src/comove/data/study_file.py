@@ -10,8 +10,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from comove.data.cameras import CamerasPart
 from comove.io.keys import Contract, Part, Positive, Wrong, as_tuple, at_least, safe_name, show
-from comove.studies.cameras import CamerasPart
 
 MAX_EPISODES = 10_000_000
 SOURCES = ("uniform", "normal", "choice", "library", "recordings")

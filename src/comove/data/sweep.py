@@ -14,6 +14,11 @@ from pathlib import Path
 from typing import Any
 
 from comove._version import __version__
+from comove.data.episode import solved_run
+from comove.data.generation import read_study
+from comove.data.keys import change
+from comove.data.runs import LONGEST, StoredMotion, StudyRun, digest
+from comove.data.study_file import SWEEP, SimulationPart, SweepFile
 from comove.errors import ComoveWarning, RobotError, SceneError, near_name
 from comove.io.keys import Flaw, Wrong, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
@@ -23,11 +28,6 @@ from comove.planning import Comove
 from comove.planning.method import Method
 from comove.results.inputs import files_of_scene
 from comove.scenes.scene import Scene
-from comove.studies.episode import solved_run
-from comove.studies.generation import read_study
-from comove.studies.keys import change
-from comove.studies.runs import LONGEST, StoredMotion, StudyRun, digest
-from comove.studies.study_file import SWEEP, SimulationPart, SweepFile
 
 METHODS: dict[str, Method] = {name: KNOWN[name].kind() for name in OWN}
 """Methods that solve whole scenes, by their names in a study file."""
@@ -140,7 +140,7 @@ class Sweep:
         used = [(scene, name) for scene, name in named if name is not None]
         if not used:
             return {}
-        from comove.studies.carried import robot_named
+        from comove.data.carried import robot_named
 
         return {
             "robots": {f"{s.name}: {name}": robot_named(name, s.folder).sha256 for s, name in used},
@@ -154,7 +154,7 @@ class Sweep:
             with suppress(SceneError):  # a setting that makes no scene has no files
                 found += files_of_scene(_changed(swept, settings))
             if (name := swept.robot(settings)) is not None:
-                from comove.studies.carried import robot_named
+                from comove.data.carried import robot_named
 
                 found += robot_named(name, swept.folder).files
         return found
@@ -168,7 +168,7 @@ class Sweep:
             If a package is not installed.
         """
         if self.simulate is not None:
-            from comove.simulators.engine import engine
+            from comove.sim.engine import engine
 
             engine()
 
@@ -206,7 +206,7 @@ class Sweep:
             return StudyRun(**(vars(run) | {"status": "invalid", "reason": str(error)[:LONGEST]})), None
         if scene.file.robot is None:
             return solved_run(run, scene, METHODS[method], self.budget)
-        from comove.studies.carried import Carrying, carried_run
+        from comove.data.carried import Carrying, carried_run
 
         return carried_run(run, scene, Carrying(self.budget, ROBOT_METHODS[method], self.simulate))
 

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from comove.data.runner import on_processes, run_study
+from comove.data.runs import COLUMNS, PARQUET_KINDS, RUNS, StudyRun, StudyStore
+from comove.data.sweep import METHODS, ROBOT_METHODS, Sweep, SweptScene
 from comove.errors import OptionError, near_name
 from comove.io.parquet import write_parquet
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
-from comove.studies.runner import on_processes, run_study
-from comove.studies.runs import COLUMNS, PARQUET_KINDS, RUNS, StudyRun, StudyStore
-from comove.studies.sweep import METHODS, ROBOT_METHODS, Sweep, SweptScene
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 from comove._doors import lazily
 
 if TYPE_CHECKING:
-    from comove.primitives.alignment import Alignment as Alignment
-    from comove.primitives.averaging import AveragedDMP as AveragedDMP, average as average
-    from comove.primitives.basis import MotionBasis as MotionBasis, motion_basis as motion_basis
-    from comove.primitives.coactivation import coactivated as coactivated
-    from comove.primitives.dmp import DMP as DMP, FitError as FitError
-    from comove.primitives.estimation import EstimationSettings as EstimationSettings
-    from comove.primitives.files import (
+    from comove.dmp.alignment import Alignment as Alignment
+    from comove.dmp.averaging import AveragedDMP as AveragedDMP, average as average
+    from comove.dmp.basis import MotionBasis as MotionBasis, motion_basis as motion_basis
+    from comove.dmp.coactivation import coactivated as coactivated
+    from comove.dmp.dmp import DMP as DMP, FitError as FitError
+    from comove.dmp.estimation import EstimationSettings as EstimationSettings
+    from comove.dmp.files import (
         Primitive as Primitive,
         Provenance as Provenance,
         learn as learn,
@@ -19,39 +19,39 @@ if TYPE_CHECKING:
         read_primitive as read_primitive,
         write_primitive as write_primitive,
     )
-    from comove.primitives.library import Library as Library, Match as Match
-    from comove.primitives.limits import ViaPoint as ViaPoint, constrained as constrained, largest as largest
-    from comove.primitives.online import DMPState as DMPState, rate_for_lag as rate_for_lag
-    from comove.primitives.pacing import (
+    from comove.dmp.library import Library as Library, Match as Match
+    from comove.dmp.limits import ViaPoint as ViaPoint, constrained as constrained, largest as largest
+    from comove.dmp.online import DMPState as DMPState, rate_for_lag as rate_for_lag
+    from comove.dmp.pacing import (
         PacedDMP as PacedDMP,
         PacingSettings as PacingSettings,
         slowed as slowed,
     )
-    from comove.primitives.system import (
+    from comove.dmp.system import (
         ExponentialPhase as ExponentialPhase,
         LinearPhase as LinearPhase,
         Phase as Phase,
     )
-    from comove.primitives.pose_distributions import PoseProMP as PoseProMP
-    from comove.primitives.poses import (
+    from comove.dmp.pose_distributions import PoseProMP as PoseProMP
+    from comove.dmp.poses import (
         VERTICAL as VERTICAL,
         Pose as Pose,
         PoseDMP as PoseDMP,
         PoseState as PoseState,
     )
-    from comove.primitives.probabilistic import ProMP as ProMP
-    from comove.primitives.variants import Variant as Variant
+    from comove.dmp.probabilistic import ProMP as ProMP
+    from comove.dmp.variants import Variant as Variant
 
 __all__, __getattr__, __dir__ = lazily(
     __name__,
     {
-        "primitives.alignment": ["Alignment"],
-        "primitives.averaging": ["AveragedDMP", "average"],
-        "primitives.basis": ["MotionBasis", "motion_basis"],
-        "primitives.coactivation": ["coactivated"],
-        "primitives.dmp": ["DMP", "FitError"],
-        "primitives.estimation": ["EstimationSettings"],
-        "primitives.files": [
+        "dmp.alignment": ["Alignment"],
+        "dmp.averaging": ["AveragedDMP", "average"],
+        "dmp.basis": ["MotionBasis", "motion_basis"],
+        "dmp.coactivation": ["coactivated"],
+        "dmp.dmp": ["DMP", "FitError"],
+        "dmp.estimation": ["EstimationSettings"],
+        "dmp.files": [
             "Primitive",
             "Provenance",
             "learn",
@@ -59,14 +59,14 @@ __all__, __getattr__, __dir__ = lazily(
             "read_primitive",
             "write_primitive",
         ],
-        "primitives.library": ["Library", "Match"],
-        "primitives.limits": ["ViaPoint", "constrained", "largest"],
-        "primitives.online": ["DMPState", "rate_for_lag"],
-        "primitives.pacing": ["PacedDMP", "PacingSettings", "slowed"],
-        "primitives.system": ["ExponentialPhase", "LinearPhase", "Phase"],
-        "primitives.pose_distributions": ["PoseProMP"],
-        "primitives.poses": ["VERTICAL", "Pose", "PoseDMP", "PoseState"],
-        "primitives.probabilistic": ["ProMP"],
-        "primitives.variants": ["Variant"],
+        "dmp.library": ["Library", "Match"],
+        "dmp.limits": ["ViaPoint", "constrained", "largest"],
+        "dmp.online": ["DMPState", "rate_for_lag"],
+        "dmp.pacing": ["PacedDMP", "PacingSettings", "slowed"],
+        "dmp.system": ["ExponentialPhase", "LinearPhase", "Phase"],
+        "dmp.pose_distributions": ["PoseProMP"],
+        "dmp.poses": ["VERTICAL", "Pose", "PoseDMP", "PoseState"],
+        "dmp.probabilistic": ["ProMP"],
+        "dmp.variants": ["Variant"],
     },
 )

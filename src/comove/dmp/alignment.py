@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.dmp.arguments import NamedOption, numbers, require_numbers
 from comove.errors import DemonstrationError, OptionError
-from comove.primitives.arguments import NamedOption, numbers, require_numbers
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.dmp.dmp import DMP, Recording
+from comove.dmp.system import Phase
+from comove.dmp.variants import Variant
 from comove.errors import DemonstrationError, OptionError
-from comove.primitives.dmp import DMP, Recording
-from comove.primitives.system import Phase
-from comove.primitives.variants import Variant
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 from numpy.typing import ArrayLike, NDArray
 
-from comove.primitives.system import (
+from comove.dmp.system import (
     INTERVAL,
     N_INTERVALS,
     OMEGA,

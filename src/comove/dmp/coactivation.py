@@ -13,10 +13,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.dmp.arguments import numbers
+from comove.dmp.estimation import USUAL, solver, taper
+from comove.dmp.probabilistic import N_SEEN, ProMP
 from comove.errors import OptionError
-from comove.primitives.arguments import numbers
-from comove.primitives.estimation import USUAL, solver, taper
-from comove.primitives.probabilistic import N_SEEN, ProMP
 
 Array = NDArray[np.float64]
 

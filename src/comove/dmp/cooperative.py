@@ -20,12 +20,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.demonstrations import Demonstration
+from comove.dmp.arguments import instants, is_number, require_steps
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.poses import Pose, PoseDMP, PoseRecording, PoseState
+from comove.dmp.projection import Constraint, Poses, ProjectionSettings, project
 from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
 from comove.geometry import rotations
-from comove.primitives.arguments import instants, is_number, require_steps
-from comove.primitives.poses import Pose, PoseDMP, PoseRecording, PoseState
-from comove.primitives.projection import Constraint, Poses, ProjectionSettings, project
 from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]

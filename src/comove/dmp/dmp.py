@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.brief import brief
-from comove.errors import ComoveWarning, DemonstrationError, OptionError
-from comove.primitives.arguments import (
+from comove.dmp.arguments import (
     instants,
     is_number,
     numbers,
@@ -22,11 +21,12 @@ from comove.primitives.arguments import (
     require_steps,
     vector,
 )
-from comove.primitives.basis import MAX_BASIS, MotionBasis, released, rollouts
-from comove.primitives.online import Curve, DMPState, advance, begin
-from comove.primitives.rhythm import RhythmicBasis, estimated_period, rhythmic_basis
-from comove.primitives.system import ExponentialPhase, Phase, values_at
-from comove.primitives.variants import APART, LARGE, NO_WAY, Variant, extent_of
+from comove.dmp.basis import MAX_BASIS, MotionBasis, released, rollouts
+from comove.dmp.online import Curve, DMPState, advance, begin
+from comove.dmp.rhythm import RhythmicBasis, estimated_period, rhythmic_basis
+from comove.dmp.system import ExponentialPhase, Phase, values_at
+from comove.dmp.variants import APART, LARGE, NO_WAY, Variant, extent_of
+from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]

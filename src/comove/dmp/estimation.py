@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.dmp.alignment import Alignment, WarpingSettings
+from comove.dmp.arguments import numbers, require_numbers, require_positive
+from comove.dmp.basis import MotionBasis
 from comove.errors import OptionError
-from comove.primitives.alignment import Alignment, WarpingSettings
-from comove.primitives.arguments import numbers, require_numbers, require_positive
-from comove.primitives.basis import MotionBasis
 
 Array = NDArray[np.float64]
 

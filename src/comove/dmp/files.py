@@ -19,19 +19,19 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.brief import brief
-from comove.demonstrations import Demonstration
-from comove.demonstrations.units import is_of_joints
+from comove.dmp.averaging import AveragedDMP
+from comove.dmp.cooperative import CooperativeDMP
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.demonstrations.units import is_of_joints
+from comove.dmp.dmp import DMP
+from comove.dmp.kinds import KINDS, Movement, kind_of, traced
+from comove.dmp.pose_distributions import PoseProMP, PoseRecordings
+from comove.dmp.poses import PoseDMP
+from comove.dmp.probabilistic import ProMP, Recordings
+from comove.dmp.system import Phase
+from comove.dmp.variants import Variant
 from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.io.files import existing_file, telling, whole_file
-from comove.primitives.averaging import AveragedDMP
-from comove.primitives.cooperative import CooperativeDMP
-from comove.primitives.dmp import DMP
-from comove.primitives.kinds import KINDS, Movement, kind_of, traced
-from comove.primitives.pose_distributions import PoseProMP, PoseRecordings
-from comove.primitives.poses import PoseDMP
-from comove.primitives.probabilistic import ProMP, Recordings
-from comove.primitives.system import Phase
-from comove.primitives.variants import Variant
 
 Array = NDArray[np.float64]
 

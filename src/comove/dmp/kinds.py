@@ -13,14 +13,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import OptionError
-from comove.primitives.averaging import AveragedDMP
-from comove.primitives.cooperative import CooperativeDMP
-from comove.primitives.dmp import DMP, VECTORS
-from comove.primitives.pose_distributions import PoseProMP
-from comove.primitives.poses import Pose, PoseDMP
-from comove.primitives.probabilistic import ProMP
-from comove.primitives.projection import (
+from comove.dmp.averaging import AveragedDMP
+from comove.dmp.cooperative import CooperativeDMP
+from comove.dmp.dmp import DMP, VECTORS
+from comove.dmp.pose_distributions import PoseProMP
+from comove.dmp.poses import Pose, PoseDMP
+from comove.dmp.probabilistic import ProMP
+from comove.dmp.projection import (
     Constraint,
     HandDistance,
     ProjectionSettings,
@@ -29,7 +28,8 @@ from comove.primitives.projection import (
     Separation,
     Upright,
 )
-from comove.primitives.system import ExponentialPhase, LinearPhase, Phase
+from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
+from comove.errors import OptionError
 
 Array = NDArray[np.float64]
 Movement = DMP | PoseDMP | ProMP | PoseProMP | AveragedDMP | CooperativeDMP

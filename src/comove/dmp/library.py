@@ -24,16 +24,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.demonstrations import Demonstration
-from comove.demonstrations.units import in_base_unit, is_of_joints
+from comove.dmp.arguments import numbers, require_count, require_positive
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.demonstrations.units import in_base_unit, is_of_joints
+from comove.dmp.dmp import DMP
+from comove.dmp.files import Primitive, read_primitive, renamed, require_name, write_primitive
+from comove.dmp.poses import PoseDMP
+from comove.dmp.probabilistic import ProMP
+from comove.dmp.variants import APART
 from comove.errors import LibraryError, OptionError, near_name
 from comove.io.files import require_room, telling
-from comove.primitives.arguments import numbers, require_count, require_positive
-from comove.primitives.dmp import DMP
-from comove.primitives.files import Primitive, read_primitive, renamed, require_name, write_primitive
-from comove.primitives.poses import PoseDMP
-from comove.primitives.probabilistic import ProMP
-from comove.primitives.variants import APART
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

@@ -16,11 +16,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.dmp.arguments import is_number, numbers, vector
+from comove.dmp.basis import MotionBasis
+from comove.dmp.dmp import DMP, require_positions
+from comove.dmp.system import INTERVAL, OMEGA
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number, numbers, vector
-from comove.primitives.basis import MotionBasis
-from comove.primitives.dmp import DMP, require_positions
-from comove.primitives.system import INTERVAL, OMEGA
 
 Array = NDArray[np.float64]
 

@@ -21,9 +21,9 @@ from math import floor
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.dmp.arguments import is_number, require_positive, vector
+from comove.dmp.system import ALPHA_Y, LONG_AFTER, flow, responses, values_at
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number, require_positive, vector
-from comove.primitives.system import ALPHA_Y, LONG_AFTER, flow, responses, values_at
 
 Array = NDArray[np.float64]
 

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.dmp.arguments import is_number, numbers, require_positive, require_steps, vector
+from comove.dmp.averaging import mixed
+from comove.dmp.basis import MAX_BASIS
+from comove.dmp.dmp import DMP, VECTORS, require_positions
+from comove.dmp.system import N_INTERVALS, Phase
+from comove.dmp.variants import Variant
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number, numbers, require_positive, require_steps, vector
-from comove.primitives.averaging import mixed
-from comove.primitives.basis import MAX_BASIS
-from comove.primitives.dmp import DMP, VECTORS, require_positions
-from comove.primitives.system import N_INTERVALS, Phase
-from comove.primitives.variants import Variant
 from comove.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.compiled import kernel
+from comove.dmp.arguments import instants, require_numbers, require_positive, require_steps
+from comove.dmp.dmp import DMP
+from comove.dmp.limits import ending_basis, limits_of
+from comove.dmp.system import INTERVAL, N_INTERVALS, values_at
 from comove.errors import OptionError
-from comove.primitives.arguments import instants, require_numbers, require_positive, require_steps
-from comove.primitives.dmp import DMP
-from comove.primitives.limits import ending_basis, limits_of
-from comove.primitives.system import INTERVAL, N_INTERVALS, values_at
 from comove.trajectory import Trajectory
 
 Array = NDArray[np.float64]

@@ -17,17 +17,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.demonstrations.samples import RecordedSamples
+from comove.dmp.alignment import Alignment
+from comove.dmp.arguments import numbers
+from comove.dmp.demonstrations.samples import RecordedSamples
+from comove.dmp.dmp import DMP
+from comove.dmp.estimation import USUAL, EstimationSettings
+from comove.dmp.limits import ViaPoint
+from comove.dmp.poses import UNIT, Pose, PoseDMP, PoseRecording
+from comove.dmp.probabilistic import ProMP, covariance_of
+from comove.dmp.system import Phase
 from comove.errors import DemonstrationError, OptionError
 from comove.geometry import rotations
-from comove.primitives.alignment import Alignment
-from comove.primitives.arguments import numbers
-from comove.primitives.dmp import DMP
-from comove.primitives.estimation import USUAL, EstimationSettings
-from comove.primitives.limits import ViaPoint
-from comove.primitives.poses import UNIT, Pose, PoseDMP, PoseRecording
-from comove.primitives.probabilistic import ProMP, covariance_of
-from comove.primitives.system import Phase
 from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]

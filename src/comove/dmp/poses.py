@@ -26,14 +26,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.brief import brief
-from comove.demonstrations.demonstration import Demonstration
+from comove.dmp.arguments import numbers, require_steps, vector
+from comove.dmp.demonstrations.demonstration import Demonstration
+from comove.dmp.dmp import DMP, ROTATION_VECTOR, FitError, Recording
+from comove.dmp.online import Curve, DMPState, advance, begin
+from comove.dmp.system import N_INTERVALS, Phase
+from comove.dmp.variants import Variant
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.geometry import rotations
-from comove.primitives.arguments import numbers, require_steps, vector
-from comove.primitives.dmp import DMP, ROTATION_VECTOR, FitError, Recording
-from comove.primitives.online import Curve, DMPState, advance, begin
-from comove.primitives.system import N_INTERVALS, Phase
-from comove.primitives.variants import Variant
 from comove.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:

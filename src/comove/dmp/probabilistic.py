@@ -21,9 +21,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.brief import brief
-from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
-from comove.primitives.alignment import NEVER, Alignment, aligned, one_recording, together
-from comove.primitives.arguments import (
+from comove.dmp.alignment import NEVER, Alignment, aligned, one_recording, together
+from comove.dmp.arguments import (
     instants,
     is_number,
     numbers,
@@ -32,9 +31,9 @@ from comove.primitives.arguments import (
     require_steps,
     vector,
 )
-from comove.primitives.basis import MAX_BASIS, MotionBasis, motion_basis
-from comove.primitives.dmp import DMP, FAR, Recording
-from comove.primitives.estimation import (
+from comove.dmp.basis import MAX_BASIS, MotionBasis, motion_basis
+from comove.dmp.dmp import DMP, FAR, Recording
+from comove.dmp.estimation import (
     N_ENDS,
     USUAL,
     EstimationSettings,
@@ -47,8 +46,9 @@ from comove.primitives.estimation import (
     widening,
     without_noise,
 )
-from comove.primitives.limits import ViaPoint
-from comove.primitives.system import ExponentialPhase, Phase
+from comove.dmp.limits import ViaPoint
+from comove.dmp.system import ExponentialPhase, Phase
+from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
 
 Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]

@@ -20,10 +20,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.dmp.arguments import is_number, numbers, require_numbers
+from comove.dmp.poses import VERTICAL, Pose
 from comove.errors import ConstraintError, OptionError, near_name
 from comove.geometry.rotations import conjugate, exponential, matrices, quaternion_product
-from comove.primitives.arguments import is_number, numbers, require_numbers
-from comove.primitives.poses import VERTICAL, Pose
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]

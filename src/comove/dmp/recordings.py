@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from comove.demonstrations import Demonstration
-from comove.demonstrations.formats import is_format, lasa
-from comove.demonstrations.plausibility import doubts
-from comove.demonstrations.samples import fault
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.demonstrations.formats import is_format, lasa
+from comove.dmp.demonstrations.plausibility import doubts
+from comove.dmp.demonstrations.samples import fault
+from comove.dmp.files import Primitive, checksum
 from comove.errors import ComoveError, DemonstrationError
-from comove.primitives.files import Primitive, checksum
 
 LASA = "lasa:"
 ALL = ":all"  # of the recordings of a shape

@@ -14,8 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.primitives.basis import released
-from comove.primitives.system import N_INTERVALS, from_rest, values_at, von_mises
+from comove.dmp.basis import released
+from comove.dmp.system import N_INTERVALS, from_rest, values_at, von_mises
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

@@ -36,11 +36,11 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.dmp.arguments import NamedOption
+from comove.dmp.basis import MotionBasis, motion_basis
+from comove.dmp.rhythm import RhythmicBasis, rhythmic_basis
+from comove.dmp.system import ExponentialPhase, Phase, mollifiers
 from comove.geometry.rotations import similarity
-from comove.primitives.arguments import NamedOption
-from comove.primitives.basis import MotionBasis, motion_basis
-from comove.primitives.rhythm import RhythmicBasis, rhythmic_basis
-from comove.primitives.system import ExponentialPhase, Phase, mollifiers
 
 Array = NDArray[np.float64]
 

@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 KIND, CENTER, ROTATION, SIZE, REACH, N_COLUMNS = 0, 1, 4, 13, 16, 17
 N_PLANES, N_VERTICES, MIDDLE, BALL, PLANES = 17, 18, 19, 22, 23
 BOX, SPHERE, CAPSULE, CYLINDER, ELLIPSOID = range(5)
-POLYTOPE = 6  # 5 is the superquadric of `comove.experiments.modulation.levels`
+POLYTOPE = 6  # 5 is the superquadric of `comove.lab.modulation.levels`
 TINY = 1e-12
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.experiments.systems import SystemOutcome, SystemProblem, with_figures
+from comove.data.carried import robot_of
+from comove.lab.systems import SystemOutcome, SystemProblem, with_figures
 from comove.planning import SceneKind
 from comove.planning.clock import now
 from comove.robots import RobotCarrier, VerifiedJointMotion, carry
 from comove.robots.kernels import load_robot_kernels
-from comove.simulators import Execution, Friction, Perturbation, Weld, simulate
-from comove.studies.carried import robot_of
+from comove.sim import Execution, Friction, Perturbation, Weld, simulate
 
 Array = NDArray[np.float64]
 

@@ -7,12 +7,12 @@ it is to run.
 from __future__ import annotations
 
 from comove.errors import OptionError, near_name
-from comove.experiments.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
-from comove.experiments.peers.drake import Drake
-from comove.experiments.peers.ompl import OMPL, ProjectedOMPL
-from comove.experiments.peers.shapes import Coupled, PycmaAL, Scipy
-from comove.experiments.peers.transcription import Transcription
-from comove.experiments.systems import OwnSystem, System
+from comove.lab.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
+from comove.lab.peers.drake import Drake
+from comove.lab.peers.ompl import OMPL, ProjectedOMPL
+from comove.lab.peers.shapes import Coupled, PycmaAL, Scipy
+from comove.lab.peers.transcription import Transcription
+from comove.lab.systems import OwnSystem, System
 from comove.planning.methods import Comove, Projection
 from comove.planning.paper import Paper
 from comove.planning.printed import Printed

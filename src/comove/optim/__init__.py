@@ -1,7 +1,7 @@
 """Black-box optimisers, independent of robots."""
 
-from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
-from comove.optimisers.ccmaes import (
+from comove.optim.augmented_lagrangian import AugmentedLagrangian
+from comove.optim.ccmaes import (
     CCMAES,
     FactorForm,
     MatrixForm,
@@ -10,19 +10,19 @@ from comove.optimisers.ccmaes import (
     Reduction,
     StaleForm,
 )
-from comove.optimisers.cmaes import (
+from comove.optim.cmaes import (
     CMAES,
     DiagonalCovariance,
     FullCovariance,
     Parameters,
     TransformationMatrix,
 )
-from comove.optimisers.epsilon_level import EpsilonLevel
-from comove.optimisers.method import Reason
-from comove.optimisers.minimiser import Minimiser, Result, minimise
-from comove.optimisers.printed import PrintedCCMAES
-from comove.optimisers.restarts import BIPOP, IPOP, NoRestarts
-from comove.optimisers.simple import Affine, Penalty, Plain, ProjectionRepair
+from comove.optim.epsilon_level import EpsilonLevel
+from comove.optim.method import Reason
+from comove.optim.minimiser import Minimiser, Result, minimise
+from comove.optim.printed import PrintedCCMAES
+from comove.optim.restarts import BIPOP, IPOP, NoRestarts
+from comove.optim.simple import Affine, Penalty, Plain, ProjectionRepair
 
 __all__ = [
     "BIPOP",

@@ -22,9 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import check_number, check_positive, check_whole
-from comove.optimisers.method import OptimiserRun, Reason, Request, Start
-from comove.optimisers.models import UNKNOWN, LinearModel, Local, bound_rows, nearest_feasible
+from comove.optim.cmaes import check_number, check_positive, check_whole
+from comove.optim.method import OptimiserRun, Reason, Request, Start
+from comove.optim.models import UNKNOWN, LinearModel, Local, bound_rows, nearest_feasible
 
 Array = NDArray[np.float64]
 

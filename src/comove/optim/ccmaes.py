@@ -34,7 +34,7 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import (
+from comove.optim.cmaes import (
     CMAES,
     Covariance,
     FullCovariance,
@@ -44,7 +44,7 @@ from comove.optimisers.cmaes import (
     check_positive,
     check_whole,
 )
-from comove.optimisers.method import OptimiserRun, Reason, Request, Start
+from comove.optim.method import OptimiserRun, Reason, Request, Start
 
 Array = NDArray[np.float64]
 

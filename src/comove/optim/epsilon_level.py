@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import check_number, check_whole
-from comove.optimisers.method import OptimiserRun, Request, Start
-from comove.optimisers.models import LinearModel
+from comove.optim.cmaes import check_number, check_whole
+from comove.optim.method import OptimiserRun, Request, Start
+from comove.optim.models import LinearModel
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import CMAES, Covariance, FullCovariance, Parameters
+from comove.optim.cmaes import CMAES, Covariance, FullCovariance, Parameters
 
 Array = NDArray[np.float64]
 

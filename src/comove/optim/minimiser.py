@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ComoveWarning, OptionError
-from comove.optimisers.augmented_lagrangian import AugmentedLagrangian
-from comove.optimisers.cmaes import check_start, check_whole, default_population, numbers
-from comove.optimisers.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
-from comove.optimisers.restarts import BIPOP, Ended, Restarts, Setting
-from comove.optimisers.restoration import Restoration
-from comove.optimisers.simple import Plain, ProjectionRepair
+from comove.optim.augmented_lagrangian import AugmentedLagrangian
+from comove.optim.cmaes import check_start, check_whole, default_population, numbers
+from comove.optim.method import ConstrainedMethod, OptimiserRun, Reason, Request, Start
+from comove.optim.restarts import BIPOP, Ended, Restarts, Setting
+from comove.optim.restoration import Restoration
+from comove.optim.simple import Plain, ProjectionRepair
 
 Array = NDArray[np.float64]
 

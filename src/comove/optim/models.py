@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.optimisers.cmaes import CMAES, FullCovariance
+from comove.optim.cmaes import CMAES, FullCovariance
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.cmaes import Parameters
+from comove.optim.cmaes import Parameters
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from comove.optimisers.cmaes import check_number, check_whole
+from comove.optim.cmaes import check_number, check_whole
 
 LARGEST = 10_000  # samples a generation
 

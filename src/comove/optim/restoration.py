@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.optimisers.method import AskAndTell, Request, Start
-from comove.optimisers.models import UNKNOWN, bound_rows, nearest_feasible
+from comove.optim.method import AskAndTell, Request, Start
+from comove.optim.models import UNKNOWN, bound_rows, nearest_feasible
 
 Array = NDArray[np.float64]
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError
-from comove.optimisers.cmaes import DiagonalCovariance, Parameters, check_positive, numbers
-from comove.optimisers.method import OptimiserRun, Request, Start, spread
+from comove.optim.cmaes import DiagonalCovariance, Parameters, check_positive, numbers
+from comove.optim.method import OptimiserRun, Request, Start, spread
 
 Array = NDArray[np.float64]
 

@@ -17,18 +17,18 @@ from comove.coordination.adaptation import (
     movements_of_hands,
     rounded_up,
 )
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.dmp import DMP
+from comove.dmp.operations import scale
+from comove.dmp.poses import PoseDMP
+from comove.dmp.probabilistic import ProMP
+from comove.dmp.variants import scaled_share
 from comove.errors import ComoveWarning, OptionError, near_name
 from comove.methods import METHODS
 from comove.planning.clock import Budget
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import OBJECTIVES, LeastJerk, LeastTime, PaperCost
-from comove.primitives.dmp import DMP
-from comove.primitives.operations import scale
-from comove.primitives.poses import PoseDMP
-from comove.primitives.probabilistic import ProMP
-from comove.primitives.variants import scaled_share
 from comove.scenes.demonstration import fitted, require_dimension
 from comove.scenes.scene import Scene
 

@@ -23,7 +23,10 @@ from comove.coordination.adaptation import modulate
 from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
-from comove.optimisers import CMAES, Parameters
+from comove.dmp import DMP, LinearPhase, Variant, motion_basis
+from comove.dmp.operations import refitted
+from comove.dmp.variants import adaptation
+from comove.optim import CMAES, Parameters
 from comove.planning.arguments import check_options
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
 from comove.planning.clock import Budget
@@ -34,9 +37,6 @@ from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.objectives.paper import PaperCost
 from comove.planning.search import OutOfTime, Schedule, Search, stricter
 from comove.planning.solution import ProgressCallback
-from comove.primitives import DMP, LinearPhase, Variant, motion_basis
-from comove.primitives.operations import refitted
-from comove.primitives.variants import adaptation
 from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
 from comove.ties import first_largest

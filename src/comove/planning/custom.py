@@ -14,12 +14,12 @@ from comove.constraints import Constraint
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
-from comove.optimisers import Minimiser, minimise
+from comove.dmp.basis import motion_basis, rollouts
+from comove.optim import Minimiser, minimise
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives.own import OwnFunctions, Samples
 from comove.planning.search import Search
-from comove.primitives.basis import motion_basis, rollouts
 
 Array = NDArray[np.float64]
 

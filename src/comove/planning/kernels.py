@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
-from comove.demonstrations.demonstration import Demonstration
+from comove.dmp.demonstrations.demonstration import Demonstration
+from comove.dmp.dmp import DMP
 from comove.planning.clock import STRIDE, clock_until, worked
 from comove.planning.compiling import meanwhile
 from comove.planning.configurations import configuration_space
@@ -28,7 +29,6 @@ from comove.planning.planner import FOREST, flat_direction, forest
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.planning.smooth import smooth_way
-from comove.primitives.dmp import DMP
 from comove.scenes.scene import Scene
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"

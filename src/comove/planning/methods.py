@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
 from comove.coordination.dmp import CoordinatedDMP
+from comove.dmp.basis import MotionBasis
 from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import (
@@ -51,7 +52,6 @@ from comove.planning.spacetime import (
     spacetime,
     targets_in_time,
 )
-from comove.primitives.basis import MotionBasis
 from comove.scenes.scene import Scene
 from comove.ties import first_least
 from comove.verification.verify import Report

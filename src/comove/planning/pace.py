@@ -11,9 +11,9 @@ import numpy as np
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.basis import motion_basis
+from comove.dmp.dmp import DMP
 from comove.planning.solution import Solution
-from comove.primitives.basis import motion_basis
-from comove.primitives.dmp import DMP
 from comove.scenes.model import DEFAULT_LIMITS, MAX_DURATION, MIN_DURATION
 from comove.scenes.scene import Scene
 from comove.verification.bounds import largest_rates

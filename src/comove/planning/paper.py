@@ -5,7 +5,7 @@ interior, so that resampling until nothing is violated, as the paper describes, 
 used a band. As printed (`Printed`), the method does not progress. The following is added here, each as a field that
 can be switched off, so that its effect can be measured (docs/ablation.md):
 
-- the form of the reduction (6), which stays positive definite (`optimisers.ccmaes`);
+- the form of the reduction (6), which stays positive definite (`optim.ccmaes`);
 - a limited number of resampling passes: samples that are still infeasible then rank last;
 - a band that narrows geometrically (`narrowing`), and a load that grows (`growing`), while enough of the samples meet
   the constraints;
@@ -28,13 +28,13 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
-from comove.optimisers.ccmaes import CCMAES, CCMAESRun, Reduction
-from comove.optimisers.method import Start
+from comove.dmp.system import Phase
+from comove.optim.ccmaes import CCMAES, CCMAESRun, Reduction
+from comove.optim.method import Start
 from comove.planning.method import Method, require_distances
 from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
-from comove.primitives.system import Phase
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

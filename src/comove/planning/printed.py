@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, arms_coordinates
 from comove.coordination.dmp import CoordinatedDMP
-from comove.optimisers.printed import PrintedCCMAES as Algorithm
+from comove.dmp.basis import motion_basis
+from comove.dmp.system import ExponentialPhase, Phase
+from comove.optim.printed import PrintedCCMAES as Algorithm
 from comove.planning.method import Method, require_distances
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.search import Search
-from comove.primitives.basis import motion_basis
-from comove.primitives.system import ExponentialPhase, Phase
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.adaptation import covariance_of_hands
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.probabilistic import ProMP
 from comove.planning.objective import N_STEPS
-from comove.primitives.probabilistic import ProMP
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
-from comove.optimisers import CMAES, DiagonalCovariance, Parameters
+from comove.dmp.basis import Metric, MotionBasis, motion_basis
+from comove.dmp.dmp import DMP
+from comove.dmp.system import LinearPhase, Phase
+from comove.optim import CMAES, DiagonalCovariance, Parameters
 from comove.planning.clock import A_SECOND, MOST, WORK, Budget, clock_until, now, wind
 from comove.planning.compiling import Compiled
 from comove.planning.configurations import MESH_WORK, SOLID_WORK, Space
@@ -26,9 +29,6 @@ from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
-from comove.primitives.basis import Metric, MotionBasis, motion_basis
-from comove.primitives.dmp import DMP
-from comove.primitives.system import LinearPhase, Phase
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 

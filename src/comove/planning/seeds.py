@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
+from comove.dmp.basis import MotionBasis
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS
 from comove.planning.planner import along
-from comove.primitives.basis import MotionBasis
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.basis import motion_basis
+from comove.dmp.dmp import DMP
 from comove.planning.convex.costs import Anchored, JerkCost, PaperSquares, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
@@ -19,8 +21,6 @@ from comove.planning.objective import N_STEPS
 from comove.planning.objectives import LeastJerk, LeastTime
 from comove.planning.pace import in_least_time
 from comove.planning.search import Carrier, Search
-from comove.primitives.basis import motion_basis
-from comove.primitives.dmp import DMP
 from comove.trajectory import interpolated
 from comove.verification.verify import verify
 

@@ -12,7 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.dmp import DMP
+from comove.dmp.operations import scale
+from comove.dmp.poses import PoseDMP
+from comove.dmp.probabilistic import ProMP
 from comove.errors import ComoveWarning, OptionError
 from comove.planning.arguments import (
     carried_demonstration,
@@ -44,10 +48,6 @@ from comove.planning.pace import SETTINGS as DURATIONS
 from comove.planning.resemblance import Followed, followed, precision_root
 from comove.planning.search import Carrier, Interruption, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
-from comove.primitives.dmp import DMP
-from comove.primitives.operations import scale
-from comove.primitives.poses import PoseDMP
-from comove.primitives.probabilistic import ProMP
 from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify

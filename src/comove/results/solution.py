@@ -14,10 +14,10 @@ import comove
 from comove.brief import brief
 from comove.coordination.coordinates import COORDINATES, coordinates_for, poses_at
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.basis import Metric, MotionBasis, motion_basis
+from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
 from comove.errors import OptionError, ResultError, shortened
 from comove.io.folders import Contents
-from comove.primitives.basis import Metric, MotionBasis, motion_basis
-from comove.primitives.system import ExponentialPhase, LinearPhase, Phase
 from comove.results.reference import SCENE
 from comove.results.sealed import (
     AGAIN,

@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
 from comove.brief import brief
+from comove.dmp.arguments import is_number
 from comove.errors import OptionError
-from comove.primitives.arguments import is_number
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
-from comove.demonstrations.samples import fault
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.demonstrations.samples import fault
 from comove.errors import ComoveWarning, listed
 from comove.robots.model import Arm, Robot
 from comove.robots.urdf import OF_JOINT

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import comove
+from comove.dmp.dmp import DMP
 from comove.errors import OptionError, RobotError, SceneError
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
@@ -23,7 +24,6 @@ from comove.planning.pace import NONE, least_possible, too_short, with_limits, w
 from comove.planning.search import Schedule
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import solve
-from comove.primitives.dmp import DMP
 from comove.processes import one_blas_thread
 from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels

@@ -1,10 +1,10 @@
 """Export of verified joint motions, as files and messages that robots play."""
 
 from comove.errors import ExportError, SendError
-from comove.export.formats import FORMATS, ExportFormat, check_export, export, usual_format
-from comove.export.parts import JointSamples, MotionPart, MotionProvenance, parts_of
-from comove.export.ros1 import Ros1Client
-from comove.export.send import SendOutcome, Tolerances, TrajectoryClient, send
+from comove.ros.formats import FORMATS, ExportFormat, check_export, export, usual_format
+from comove.ros.parts import JointSamples, MotionPart, MotionProvenance, parts_of
+from comove.ros.ros1 import Ros1Client
+from comove.ros.send import SendOutcome, Tolerances, TrajectoryClient, send
 
 __all__ = [
     "FORMATS",

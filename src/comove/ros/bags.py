@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from comove.export.parts import NANO, JointSamples, MotionPart
 from comove.io.files import installed
+from comove.ros.parts import NANO, JointSamples, MotionPart
 
 START = NANO  # ns, stamp of time zero
 CALLER = "/comove"

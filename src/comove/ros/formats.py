@@ -11,19 +11,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from comove.errors import ExportError
-from comove.export.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
-from comove.export.parts import (
+from comove.io.files import whole_file, whole_path
+from comove.io.folders import Contents, whole_folder
+from comove.robots.transfers import Transfers
+from comove.robots.verification.verify import VerifiedJointMotion
+from comove.ros.bags import require_rosbags, write_mcap, write_rosbag1, write_rosbag2
+from comove.ros.parts import (
     CARRY,
     SAMPLE_RATE,
     MotionPart,
     parts_of,
     require_rate,
 )
-from comove.export.tables import require_baxter, write_baxter, write_csv, write_npz
-from comove.io.files import whole_file, whole_path
-from comove.io.folders import Contents, whole_folder
-from comove.robots.transfers import Transfers
-from comove.robots.verification.verify import VerifiedJointMotion
+from comove.ros.tables import require_baxter, write_baxter, write_csv, write_npz
 
 
 def _nothing(part: MotionPart) -> None:

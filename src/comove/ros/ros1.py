@@ -22,8 +22,8 @@ from pathlib import Path
 from typing import IO, Any
 
 from comove.errors import SendError
-from comove.export.parts import JointSamples
-from comove.export.send import ArmState, RobotState, Status
+from comove.ros.parts import JointSamples
+from comove.ros.send import ArmState, RobotState, Status
 
 BRIDGE = Path(__file__).with_name("ros1_bridge.py")
 PYTHON = "COMOVE_ROS_PYTHON"

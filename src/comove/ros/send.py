@@ -1,6 +1,6 @@
 """Sending of a motion to a robot with one controller for each arm; all arms are stopped when one does not follow.
 
-The coordination is independent of the middleware, to which a `TrajectoryClient` speaks (ROS 1: `comove.export.ros1`).
+The coordination is independent of the middleware, to which a `TrajectoryClient` speaks (ROS 1: `comove.ros.ros1`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Protocol
 import numpy as np
 
 from comove.errors import OptionError, SendError, near_name
-from comove.export.parts import CARRY, PARTS, SAMPLE_RATE, JointSamples, MotionPart, parts_of, require_rate
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
+from comove.ros.parts import CARRY, PARTS, SAMPLE_RATE, JointSamples, MotionPart, parts_of, require_rate
 from comove.ties import first_largest
 
 Clock = Callable[[], float]

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from comove.errors import ExportError, near_name
-from comove.export.parts import MotionPart
+from comove.ros.parts import MotionPart
 
 SIDES = ("left", "right")
 JOINTS = ("s0", "s1", "e0", "e1", "w0", "w1", "w2")

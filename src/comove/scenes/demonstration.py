@@ -8,14 +8,14 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from comove.demonstrations import Demonstration
-from comove.demonstrations.samples import AXES
+from comove.dmp import DMP, Library, PoseDMP, Primitive, ProMP, Variant, read_primitive
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.demonstrations.samples import AXES
+from comove.dmp.files import is_primitive
+from comove.dmp.library import SUFFIX
+from comove.dmp.operations import PLANES, in_space, scale
+from comove.dmp.recordings import is_several, read_several
 from comove.errors import DemonstrationError, LibraryError, OptionError, SceneError
-from comove.primitives import DMP, Library, PoseDMP, Primitive, ProMP, Variant, read_primitive
-from comove.primitives.files import is_primitive
-from comove.primitives.library import SUFFIX
-from comove.primitives.operations import PLANES, in_space, scale
-from comove.primitives.recordings import is_several, read_several
 from comove.scenes.model import DemonstrationSource
 from comove.scenes.scene import Scene
 

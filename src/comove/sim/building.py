@@ -13,19 +13,19 @@ from comove.errors import RobotError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
 from comove.scenes.scene import Scene
-from comove.simulators.engine import THE_LOAD, below, engine, hangs_on
-from comove.simulators.grasps import GraspModel
-from comove.simulators.loads import Load
-from comove.simulators.servos import add_servos
-from comove.simulators.settings import PLAN, Perturbation
-from comove.simulators.urdf import for_mujoco
-from comove.simulators.world import ROBOT, World, add_load, add_obstacles
+from comove.sim.engine import THE_LOAD, below, engine, hangs_on
+from comove.sim.grasps import GraspModel
+from comove.sim.loads import Load
+from comove.sim.servos import add_servos
+from comove.sim.settings import PLAN, Perturbation
+from comove.sim.urdf import for_mujoco
+from comove.sim.world import ROBOT, World, add_load, add_obstacles
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TIMESTEP = 0.002  # s
-LIGHTEST = 1e-6  # kg, that a joint moves: what has no mass is given a thousandth of it (`simulators.urdf`)
+LIGHTEST = 1e-6  # kg, that a joint moves: what has no mass is given a thousandth of it (`sim.urdf`)
 
 
 def build_world(

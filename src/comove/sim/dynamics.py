@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
-from comove.simulators.building import TIMESTEP, build_world
-from comove.simulators.engine import engine, without_log
-from comove.simulators.execution import Contact, Execution
-from comove.simulators.grasps import GraspModel, Weld
-from comove.simulators.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
-from comove.simulators.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
-from comove.simulators.settings import PLAN, USUAL, Perturbation, Settings
-from comove.simulators.world import THE_LOAD, World, lower_floor
+from comove.sim.building import TIMESTEP, build_world
+from comove.sim.engine import engine, without_log
+from comove.sim.execution import Contact, Execution
+from comove.sim.grasps import GraspModel, Weld
+from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
+from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
+from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
+from comove.sim.world import THE_LOAD, World, lower_floor
 
 Array = NDArray[np.float64]
 

@@ -31,11 +31,11 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_object
 from comove.scenes.scene import Scene
-from comove.simulators.loads import SETTLED, Load, carried, points_of, supports_under
-from comove.simulators.settings import PLAN, Perturbation, Settings
+from comove.sim.loads import SETTLED, Load, carried, points_of, supports_under
+from comove.sim.settings import PLAN, Perturbation, Settings
 
 if TYPE_CHECKING:
-    from comove.simulators.grasps import GraspModel
+    from comove.sim.grasps import GraspModel
 
 Array = NDArray[np.float64]
 

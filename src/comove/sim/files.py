@@ -28,10 +28,10 @@ from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
-from comove.simulators.execution import Contact, Execution, contacts_at
-from comove.simulators.grasps import GRASPS
-from comove.simulators.loads import hand_poses, load_of
-from comove.simulators.settings import USUAL, Perturbation
+from comove.sim.execution import Contact, Execution, contacts_at
+from comove.sim.grasps import GRASPS
+from comove.sim.loads import hand_poses, load_of
+from comove.sim.settings import USUAL, Perturbation
 
 TOOLS = ("mujoco", "pin", "numpy")
 FITS = 1e-9  # s

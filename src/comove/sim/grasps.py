@@ -16,12 +16,12 @@ import numpy as np
 
 from comove.errors import RobotError
 from comove.robots.model import Arm
-from comove.simulators.engine import STIFF, THE_LOAD, add_servo, below, engine, hangs_on
-from comove.simulators.loads import THINNEST
-from comove.simulators.settings import require_finite
+from comove.sim.engine import STIFF, THE_LOAD, add_servo, below, engine, hangs_on
+from comove.sim.loads import THINNEST
+from comove.sim.settings import require_finite
 
 if TYPE_CHECKING:
-    from comove.simulators.world import World
+    from comove.sim.world import World
 
 
 def add_constraint(spec: Any, name: str, kind: str, of: str, first: str, second: str) -> None:

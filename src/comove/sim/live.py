@@ -11,15 +11,15 @@ from comove.errors import OptionError, RobotError
 from comove.planning.search import Interruption
 from comove.processes import one_blas_thread
 from comove.robots.online.executor import JointExecutor
-from comove.simulators.building import TIMESTEP, build_world
-from comove.simulators.dynamics import at_start, broken, contacts_of, note_contacts
-from comove.simulators.engine import engine, without_log
-from comove.simulators.grasps import GraspModel, Weld
-from comove.simulators.live_record import OnlineRecord
-from comove.simulators.loads import hand_poses, load_of
-from comove.simulators.servos import PayloadTorques, carry_payload, limit_servos
-from comove.simulators.settings import PLAN, USUAL, Perturbation
-from comove.simulators.world import World, moving_body
+from comove.sim.building import TIMESTEP, build_world
+from comove.sim.dynamics import at_start, broken, contacts_of, note_contacts
+from comove.sim.engine import engine, without_log
+from comove.sim.grasps import GraspModel, Weld
+from comove.sim.live_record import OnlineRecord
+from comove.sim.loads import hand_poses, load_of
+from comove.sim.servos import PayloadTorques, carry_payload, limit_servos
+from comove.sim.settings import PLAN, USUAL, Perturbation
+from comove.sim.world import World, moving_body
 
 Array = NDArray[np.float64]
 

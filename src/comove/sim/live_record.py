@@ -25,8 +25,8 @@ from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion, approach_shares
 from comove.scenes.scene import Scene
-from comove.simulators.execution import Contact, distances, work_geometry
-from comove.simulators.loads import Load, carried, hand_poses, load_of, points_of
+from comove.sim.execution import Contact, distances, work_geometry
+from comove.sim.loads import Load, carried, hand_poses, load_of, points_of
 from comove.ties import first_least
 
 if TYPE_CHECKING:
@@ -105,7 +105,7 @@ class OnlineRecord:
 
     def add(self, executor: JointExecutor, measured: Array, load: Array) -> None:
         """Add what is after a control step."""
-        from comove.reaction.twists import nodes_of  # those who verify a record need none
+        from comove.control.safety.twists import nodes_of  # those who verify a record need none
 
         self.time.append(executor.time)
         self.commanded.append(executor.position.copy())

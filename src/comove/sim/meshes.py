@@ -28,7 +28,7 @@ from comove.io.files import telling, whole_file
 from comove.robots.search.capsules import convex_parts
 
 KINDS = ("reader", *FORMATS.values())
-MAKERS = ("comove.simulators.meshes", "comove.robots.search.capsules", "comove.geometry.polytopes")
+MAKERS = ("comove.sim.meshes", "comove.robots.search.capsules", "comove.geometry.polytopes")
 READERS = tuple(f"comove.geometry.triangles.{kind}" for kind in KINDS)
 SEAL = b"# sha256 "
 MATERIALS = ".mtl"  # the only files that a mesh may bring along

@@ -3,7 +3,7 @@
 The model is compiled by MuJoCo, so that defaults, included files and scaled meshes are as MuJoCo has them, and then
 written body by body. A URDF's link stands in its joint's frame: for a body whose joints are elsewhere, or several,
 there are links without bodies between. Floor and furniture become obstacles of a scene, and what moves freely a
-payload (`comove.simulators.mjcf_surroundings`). A robot that moves freely stands where it begins.
+payload (`comove.sim.mjcf_surroundings`). A robot that moves freely stands where it begins.
 
 Every joint has an effort and a velocity, without which other readers refuse a URDF. Where the model limits neither,
 they are guesses, which the attribute ``comove:guessed`` of the limit names. ``comove:springs`` of a joint is the
@@ -30,11 +30,11 @@ from comove.geometry.rotations import matrices
 from comove.geometry.triangles import as_stl, elements_of
 from comove.robots.formats import MAX_BYTES, MJCF, bytes_in, require_format
 from comove.robots.proposal.tree import GUESSED, GUESSES, SPRINGS
-from comove.simulators.engine import engine
-from comove.simulators.mjcf_actuators import drives_of
-from comove.simulators.mjcf_left_out import LeftOut
-from comove.simulators.mjcf_surroundings import ModelSurroundings, Roles, fragment
-from comove.simulators.urdf import text_of, write_origin
+from comove.sim.engine import engine
+from comove.sim.mjcf_actuators import drives_of
+from comove.sim.mjcf_left_out import LeftOut
+from comove.sim.mjcf_surroundings import ModelSurroundings, Roles, fragment
+from comove.sim.urdf import text_of, write_origin
 
 Array = NDArray[np.float64]
 

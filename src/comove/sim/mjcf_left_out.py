@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from comove.simulators.mjcf_actuators import driven, is_one_of
+from comove.sim.mjcf_actuators import driven, is_one_of
 
 EARTH = (0.0, 0.0, -9.81)  # m/s^2, as everything else in comove has it
 

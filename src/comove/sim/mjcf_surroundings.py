@@ -17,7 +17,7 @@ import yaml
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import quaternion_of_rotation
-from comove.simulators.mjcf_actuators import Drive
+from comove.sim.mjcf_actuators import Drive
 
 Array = NDArray[np.float64]
 

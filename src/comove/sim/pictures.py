@@ -23,13 +23,13 @@ from comove.io.videos import encode, require_videos
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
-from comove.simulators.building import build_world
-from comove.simulators.engine import engine, no_pictures, require_pictures, without_log
-from comove.simulators.grasps import GraspModel, Weld
-from comove.simulators.live_record import OnlineRecord
-from comove.simulators.loads import Load, hand_poses, load_of
-from comove.simulators.settings import PLAN, Perturbation
-from comove.simulators.world import World, lower_floor, moving_body
+from comove.sim.building import build_world
+from comove.sim.engine import engine, no_pictures, require_pictures, without_log
+from comove.sim.grasps import GraspModel, Weld
+from comove.sim.live_record import OnlineRecord
+from comove.sim.loads import Load, hand_poses, load_of
+from comove.sim.settings import PLAN, Perturbation
+from comove.sim.world import World, lower_floor, moving_body
 
 Array = NDArray[np.float64]
 

@@ -17,16 +17,16 @@ from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.scenes.scene import Scene
-from comove.simulators.execution import Execution, contacts_between
-from comove.simulators.grasps import Weld
-from comove.simulators.loads import (
+from comove.sim.execution import Execution, contacts_between
+from comove.sim.grasps import Weld
+from comove.sim.loads import (
     Load,
     carried,
     hand_poses,
     load_of,
     require_fit,
 )
-from comove.simulators.settings import USUAL, Settings
+from comove.sim.settings import USUAL, Settings
 
 Array = NDArray[np.float64]
 

@@ -37,8 +37,8 @@ from comove.robots.files import source_of
 from comove.robots.model import Robot
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
-from comove.simulators.live_record import OnlineRecord, OnlineReport, judge_run
-from comove.simulators.loads import carried, hand_poses, load_of, points_of
+from comove.sim.live_record import OnlineRecord, OnlineReport, judge_run
+from comove.sim.loads import carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
     from comove.robots.online.executor import OnlineLog

@@ -19,8 +19,8 @@ from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.verification.kinematics import joint_axes
 from comove.scenes.scene import Scene
-from comove.simulators.engine import add_servo
-from comove.simulators.world import World
+from comove.sim.engine import add_servo
+from comove.sim.world import World
 
 Array = NDArray[np.float64]
 

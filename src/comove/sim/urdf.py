@@ -16,7 +16,7 @@ from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import matrices
 from comove.robots.description import Placement
 from comove.robots.urdf import Source, resolve
-from comove.simulators.meshes import coloured_parts, convex_parts_of
+from comove.sim.meshes import coloured_parts, convex_parts_of
 
 Array = NDArray[np.float64]
 

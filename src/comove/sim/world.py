@@ -18,8 +18,8 @@ from comove.geometry.polytopes import vertices_in
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.robots.model import Arm, Robot
 from comove.scenes.scene import Scene
-from comove.simulators.engine import STIFF, THE_LOAD, engine
-from comove.simulators.loads import Load
+from comove.sim.engine import STIFF, THE_LOAD, engine
+from comove.sim.loads import Load
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from comove.constraints.constraint import nearest_on_chords
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.system import INTERVAL, N_INTERVALS, OMEGA
+from comove.dmp.system import INTERVAL, N_INTERVALS, OMEGA
 
 Array = NDArray[np.float64]
 

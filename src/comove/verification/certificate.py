@@ -40,7 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.primitives.system import INTERVAL, N_INTERVALS
+from comove.dmp.system import INTERVAL, N_INTERVALS
 from comove.scenes.resting import recession_sagittas, recessions
 from comove.scenes.scene import Scene
 from comove.verification.bounds import NodeBounds, node_bounds

@@ -20,8 +20,8 @@ from comove.brief import brief
 from comove.constraints import Constraint, Course
 from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Block, coordinates_for
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.system import INTERVAL, N_INTERVALS
 from comove.errors import OptionError
-from comove.primitives.system import INTERVAL, N_INTERVALS
 from comove.scenes.resting import TOLERANCE
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory

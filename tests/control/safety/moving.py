@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from comove.control.safety.twist_qp import Sighting, TwistProgramme
+from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.geometry.distances import CENTER, ROTATION
-from comove.reaction.twist_qp import Sighting, TwistProgramme
-from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.scenes import Scene
 
 from ..brute_force import body_of, obstacle_distance

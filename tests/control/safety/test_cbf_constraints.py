@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.reaction.cbf_constraints import against, horizon, rate
-from comove.reaction.qp_workspace import Rates
+from comove.control.safety.cbf_constraints import against, horizon, rate
+from comove.control.safety.qp_workspace import Rates
 
 BRAKING, PASSING = 0.5, 3.0
 RATES = Rates(0.004, 10.0, BRAKING, PASSING, 0.25, 0.5, 1.0, 0.01)

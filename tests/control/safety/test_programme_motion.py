@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.reaction.twist_qp import TwistProgramme
-from comove.reaction.twists import nodes_of, poses_of
+from comove.control.safety.twist_qp import TwistProgramme
+from comove.control.safety.twists import nodes_of, poses_of
 from tests.cases import examples
 
 from .moving import World, run, scene_of

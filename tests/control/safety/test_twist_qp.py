@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from comove.reaction.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
-from comove.reaction.twists import hand_velocities, nodes_of, poses_of
+from comove.control.safety.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
+from comove.control.safety.twists import hand_velocities, nodes_of, poses_of
 from tests.cases import examples
 
 from ..brute_force import obstacle_distance

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import DemonstrationError
 
 

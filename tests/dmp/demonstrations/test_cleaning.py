@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.demonstrations import cleaning
+from comove.dmp.demonstrations import cleaning
 from comove.errors import DemonstrationError
 
 LINE = np.linspace([0.0, 0.0], [0.5, 1.0], 5)

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations.bodies import bodies_of, matching_body, quaternions
-from comove.demonstrations.columns import Kind, read_columns
-from comove.demonstrations.formats.lerobot_features import Feature
+from comove.dmp.demonstrations.bodies import bodies_of, matching_body, quaternions
+from comove.dmp.demonstrations.columns import Kind, read_columns
+from comove.dmp.demonstrations.formats.lerobot_features import Feature
 
 
 def described(names, **rows):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration, write_csv, write_npz
+from comove.dmp.demonstrations import Demonstration, write_csv, write_npz
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 
 TIME = np.linspace(0.0, 2.0, 101)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration
-from comove.demonstrations.plausibility import doubts, seconds
-from comove.demonstrations.units import TIMES
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.demonstrations.plausibility import doubts, seconds
+from comove.dmp.demonstrations.units import TIMES
 from comove.errors import ComoveWarning, DemonstrationError
 
 LINE = np.linspace([0.0, 0.0], [0.5, 1.0], 5)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.demonstrations import resampling
+from comove.dmp.demonstrations import resampling
 from comove.errors import OptionError
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration, segment
+from comove.dmp.demonstrations import Demonstration, segment
 from comove.errors import OptionError
 from tests.cases import examples
 

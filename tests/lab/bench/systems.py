@@ -7,9 +7,9 @@ import signal
 import sys
 from dataclasses import dataclass
 
-from comove.experiments.bench.sets import scenes_of
-from comove.experiments.systems import N_SAMPLES, System
-from tests.experiments.bench.witnesses import witness_of
+from comove.lab.bench.sets import scenes_of
+from comove.lab.systems import N_SAMPLES, System
+from tests.lab.bench.witnesses import witness_of
 
 
 @dataclass(frozen=True)

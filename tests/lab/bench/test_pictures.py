@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.experiments.bench.report import draw_cost_ratios, draw_shares
+from comove.lab.bench.report import draw_cost_ratios, draw_shares
 
 
 def lines(axes):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from comove.errors import ResultError
-from comove.experiments.bench.report import CONTENTS, missing_of, paired_ratio, standings, write_report
-from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
+from comove.lab.bench.report import CONTENTS, missing_of, paired_ratio, standings, write_report
+from comove.lab.bench.store import Configuration, Figures, Machine, Run, RunStore
 
 MACHINE = Machine("a processor", 4, "3.11.0")
 

@@ -6,18 +6,18 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.bench.robot_drawing import JointWitness
-from comove.experiments.bench.runner import jobs_of, run
-from comove.experiments.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
-from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
-from comove.experiments.registry import systems_named
+from comove.data.carried import robot_of
+from comove.lab.bench.robot_drawing import JointWitness
+from comove.lab.bench.runner import jobs_of, run
+from comove.lab.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
+from comove.lab.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
+from comove.lab.registry import systems_named
 from comove.robots import RobotCarrier
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.links import FATTEST
 from comove.scenes import Scene
-from comove.studies.carried import robot_of
 from comove.verification.verify import verify
-from tests.experiments.bench.witnesses import witness_of
+from tests.lab.bench.witnesses import witness_of
 
 ROBOTS = [name for name, one in SETS.items() if isinstance(one, RobotSet)]
 FROZEN = [(name, scene) for name in ROBOTS for scene in scenes_of(name)]

@@ -3,10 +3,10 @@
 import pytest
 
 from comove.errors import OptionError
-from comove.experiments.bench.runner import jobs_of, run_all
-from comove.experiments.bench.sets import scenes_of
-from comove.experiments.bench.store import RunStore
-from tests.experiments.bench.systems import Killer, Thrower, Witnessed
+from comove.lab.bench.runner import jobs_of, run_all
+from comove.lab.bench.sets import scenes_of
+from comove.lab.bench.store import RunStore
+from tests.lab.bench.systems import Killer, Thrower, Witnessed
 
 
 def drive(store, *systems):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
-from comove.experiments.bench.scaling import (
+from comove.lab.bench.scaling import (
     Case,
     ScalingCurve,
     draw_growth,

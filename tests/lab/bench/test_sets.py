@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError, ResultError
-from comove.experiments.bench.drawing import DIFFICULTIES, Witness
-from comove.experiments.bench.sets import SETS, HandSet, draw_set, scene_text, scenes_of
+from comove.lab.bench.drawing import DIFFICULTIES, Witness
+from comove.lab.bench.sets import SETS, HandSet, draw_set, scene_text, scenes_of
 from comove.scenes import Scene
-from tests.experiments.bench.witnesses import witness_of
+from tests.lab.bench.witnesses import witness_of
 
 HANDS = [name for name, one in SETS.items() if isinstance(one, HandSet)]
 ALL = [pytest.param(s, id=f"{s.set}-{s.name}") for name in HANDS for s in scenes_of(name)]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from comove.errors import ResultError
-from comove.experiments.bench.store import (
+from comove.lab.bench.store import (
     APPLICATION,
     COLUMNS,
     Configuration,
@@ -163,7 +163,7 @@ def test_a_store_that_is_cut_off_is_told(tmp_path, length):
 def test_many_at_once_make_one_store(tmp_path):
     """No matter who is first."""
     code = (
-        "import sys\nfrom comove.experiments.bench.store import RunStore\n"
+        "import sys\nfrom comove.lab.bench.store import RunStore\n"
         "sys.stdin.read()\nRunStore.create(sys.argv[1])"
     )
     for turn in range(2):

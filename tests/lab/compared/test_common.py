@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comove.coordination import arms_coordinates
-from comove.experiments.compared.common import fit_curve
+from comove.lab.compared.common import fit_curve
 from comove.verification import verify
 from tests.coordination.examples import HANDS, LEVEL
 

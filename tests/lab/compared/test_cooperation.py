@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
-from comove.experiments.compared.cooperation import Intention, Laws, Skill, learned, run_cycle
+from comove.lab.compared.cooperation import Intention, Laws, Skill, learned, run_cycle
 
 S = np.linspace(0.0, 1.0, 401)
 LAWS, DURATION, PERIOD = Laws(), 4.0, 0.002

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from comove.dmp.system import OMEGA
 from comove.errors import OptionError
-from comove.experiments.compared.leader_follower import Gains, learn, run_epoch, spectral_radius, transition
-from comove.primitives.system import OMEGA
+from comove.lab.compared.leader_follower import Gains, learn, run_epoch, spectral_radius, transition
 
 DISTANCE, DURATION = 0.5, 2.0  # m, s
 LEADS, BOTH = np.array([0.0, 1.0]), np.array([1.0, 1.0])

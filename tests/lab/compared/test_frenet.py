@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.experiments.compared.cooperation import frenet_frames
+from comove.lab.compared.cooperation import frenet_frames
 
 T = np.linspace(0.0, 2.0, 401)
 

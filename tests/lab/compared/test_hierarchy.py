@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from comove.experiments.compared.hierarchy import PriorityTask, lexicographic
+from comove.lab.compared.hierarchy import PriorityTask, lexicographic
 
 
 def problem(seed):

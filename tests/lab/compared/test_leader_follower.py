@@ -5,7 +5,7 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.experiments.compared import Gains, LeaderFollower
+from comove.lab.compared import Gains, LeaderFollower
 from comove.scenes import demonstration_of
 from tests.coordination.examples import HANDS, MIXED, PLANAR_BAR, SPATIAL_TRIANGLE
 from tests.solved import example

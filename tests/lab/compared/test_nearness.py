@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.experiments.compared.nearness import Approach, clearance_rows
+from comove.lab.compared.nearness import Approach, clearance_rows
 from tests.coordination.examples import scene_of
 
 STEP = 1e-3  # s

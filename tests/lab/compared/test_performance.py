@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from comove.errors import OptionError
-from comove.experiments.compared import Performance
+from comove.lab.compared import Performance
 
 PERFORMANCE = Performance(first=0.05, last=0.01, decay=2.0, gain=4.0)
 

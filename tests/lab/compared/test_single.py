@@ -5,8 +5,8 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.experiments.compared import Single
-from comove.experiments.compared.single import alone
+from comove.lab.compared import Single
+from comove.lab.compared.single import alone
 from comove.scenes import Scene, demonstration_of
 from tests import brute_force
 from tests.coordination.examples import POLYGON, TRAY

@@ -5,7 +5,7 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.experiments.compared import Human, SpeedScaled
+from comove.lab.compared import Human, SpeedScaled
 from tests.coordination.examples import HANDS, SPATIAL_TRIANGLE
 from tests.solved import example
 

@@ -5,7 +5,7 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.experiments.compared import Performance, TaskPriority
+from comove.lab.compared import Performance, TaskPriority
 from comove.scenes import Scene, demonstration_of
 from tests.coordination.examples import MIXED, PLANAR_BAR, PLANAR_LEVEL
 from tests.meshes import ring, write_obj

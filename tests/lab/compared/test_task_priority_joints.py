@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.experiments.compared import TaskPriority
+from comove.lab.compared import TaskPriority
 from comove.planning import PaperCost
 from comove.robots import Robot, carry
 from comove.robots.carrying import RobotCarrier

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.compared import Unconstrained
-from comove.experiments.compared.unconstrained import without_load
+from comove.lab.compared import Unconstrained
+from comove.lab.compared.unconstrained import without_load
 from comove.scenes import demonstration_of
 from comove.verification import verify
 from tests.coordination.examples import HANDS

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.experiments.modulation import (
+from comove.lab.modulation import (
     Box,
     Capsule,
     Cylinder,

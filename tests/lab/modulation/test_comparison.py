@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from benchmarks.random_scenes import moving_scene
-from comove.execution import Executor
-from comove.experiments.examples import example
-from comove.experiments.modulation import Sharing
-from comove.experiments.modulation.comparison import METHODS, LooseRecord, compare, loose_run
+from comove.control import Executor
+from comove.lab.examples import example
+from comove.lab.modulation import Sharing
+from comove.lab.modulation.comparison import METHODS, LooseRecord, compare, loose_run
 from comove.verification.record import verify_execution
-from tests.execution.test_executor import crossing, disc
+from tests.control.test_executor import crossing, disc
 
 TURNING = example("turning")
 

@@ -8,7 +8,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from comove.errors import ComoveWarning, OptionError
-from comove.experiments.modulation import (
+from comove.geometry.distances import point_distance
+from comove.lab.modulation import (
     Box,
     Capsule,
     Cylinder,
@@ -20,10 +21,9 @@ from comove.experiments.modulation import (
     level_obstacle,
     united,
 )
-from comove.geometry.distances import point_distance
 from comove.scenes.scene import Scene
 from tests.cases import examples
-from tests.experiments.modulation.bodies import bodies, cases, on_surface, rotations, vectors
+from tests.lab.modulation.bodies import bodies, cases, on_surface, rotations, vectors
 
 
 def test_levels_of_spheres_and_ellipsoids_are_those_of_the_paper():

@@ -8,7 +8,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from comove.errors import OptionError
-from comove.experiments.modulation import (
+from comove.lab.modulation import (
     Box,
     Directions,
     Modulation,
@@ -21,7 +21,7 @@ from comove.experiments.modulation import (
     united,
 )
 from tests.cases import examples
-from tests.experiments.modulation.bodies import bodies, cases, on_surface, vectors, velocity_of
+from tests.lab.modulation.bodies import bodies, cases, on_surface, vectors, velocity_of
 
 modulations = st.builds(
     Modulation,

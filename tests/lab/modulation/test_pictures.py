@@ -5,12 +5,12 @@ import pytest
 from PIL import Image
 
 from benchmarks.random_scenes import moving_scene
-from comove.execution import Executor
-from comove.experiments.examples import example_path
-from comove.experiments.modulation.comparison import compare
-from comove.experiments.modulation.pictures import FILM, animate_comparison, draw_comparison
+from comove.control import Executor
+from comove.lab.examples import example_path
+from comove.lab.modulation.comparison import compare
+from comove.lab.modulation.pictures import FILM, animate_comparison, draw_comparison
 from comove.scenes import Scene
-from comove.views import save
+from comove.view.figures import save
 
 TURNING = example_path("turning")
 

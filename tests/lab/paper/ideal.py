@@ -4,12 +4,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.modulation.comparison import METHODS
-from comove.experiments.paper.baxter import METHODS as WAYS
-from comove.experiments.paper.baxter import PASSAGES, STARTS, WITH_JOINTS, Passage, Transport
-from comove.experiments.paper.jobs import Job, Outcome, scene_of
-from comove.experiments.paper.measures import Along, Measures
-from comove.experiments.paper.runs import (
+from comove.lab.modulation.comparison import METHODS
+from comove.lab.paper.baxter import METHODS as WAYS
+from comove.lab.paper.baxter import PASSAGES, STARTS, WITH_JOINTS, Passage, Transport
+from comove.lab.paper.jobs import Job, Outcome, scene_of
+from comove.lab.paper.measures import Along, Measures
+from comove.lab.paper.runs import (
     INITIAL,
     RECORDED,
     STRAIGHT,

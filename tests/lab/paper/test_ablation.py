@@ -1,7 +1,7 @@
 """The page on what each repair is worth: verdicts follow from the runs, and every variant is another method."""
 
-from comove.experiments.bench.store import Configuration, Figures, Machine, Run
-from comove.experiments.paper.ablation import EXAMPLES, SET, VARIANTS, WHOLE, page, scenes, systems
+from comove.lab.bench.store import Configuration, Figures, Machine, Run
+from comove.lab.paper.ablation import EXAMPLES, SET, VARIANTS, WHOLE, page, scenes, systems
 from comove.planning import Paper
 
 SEEDS = 10

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from comove.experiments.paper import claims
-from comove.experiments.paper.claims import CLAIMS, ClaimVerdict, judge_all
-from tests.experiments.paper.ideal import carried, changed, ideal_runs, led, met
+from comove.lab.paper import claims
+from comove.lab.paper.claims import CLAIMS, ClaimVerdict, judge_all
+from tests.lab.paper.ideal import carried, changed, ideal_runs, led, met
 
 GOOD, REMARK, NOT, BUILT_IN = (
     ClaimVerdict.REPRODUCED,

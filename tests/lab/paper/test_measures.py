@@ -8,12 +8,12 @@ import pytest
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.examples import example
-from comove.experiments.paper.jobs import scene_of
-from comove.experiments.paper.measures import follow, largest_turn, measure_motion, squared_jerk
-from comove.experiments.paper.runs import ReproductionPlan, taught_at_once
+from comove.dmp import motion_basis
+from comove.lab.examples import example
+from comove.lab.paper.jobs import scene_of
+from comove.lab.paper.measures import follow, largest_turn, measure_motion, squared_jerk
+from comove.lab.paper.runs import ReproductionPlan, taught_at_once
 from comove.planning.seeds import minimum_jerk
-from comove.primitives import motion_basis
 
 
 def fitted(scene, hands_of):

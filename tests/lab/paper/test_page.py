@@ -12,14 +12,16 @@ from pathlib import Path
 import pytest
 
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp import DMP
 from comove.errors import ResultError
-from comove.experiments.examples import copy_examples, example
-from comove.experiments.paper.claims import ClaimVerdict, judge_all
-from comove.experiments.paper.figures import BAXTER, FAILED, FIGURES, shown_failures, story_panels, verdict
-from comove.experiments.paper.jobs import CONTENDERS, run, scene_of
-from comove.experiments.paper.measures import measure_motion
-from comove.experiments.paper.page import CONTENTS, Effort, _by_hand, write_page
-from comove.experiments.paper.runs import (
+from comove.io.folders import check_target
+from comove.lab.examples import copy_examples, example
+from comove.lab.paper.claims import ClaimVerdict, judge_all
+from comove.lab.paper.figures import BAXTER, FAILED, FIGURES, shown_failures, story_panels, verdict
+from comove.lab.paper.jobs import CONTENDERS, run, scene_of
+from comove.lab.paper.measures import measure_motion
+from comove.lab.paper.page import CONTENTS, Effort, _by_hand, write_page
+from comove.lab.paper.runs import (
     SCENES,
     STORY,
     Job,
@@ -27,11 +29,9 @@ from comove.experiments.paper.runs import (
     all_jobs,
     recorded,
 )
-from comove.experiments.paper.tables import all_runs
-from comove.io.folders import check_target
-from comove.primitives import DMP
+from comove.lab.paper.tables import all_runs
 from tests.commands import invoke
-from tests.experiments.paper.ideal import GOOD, MOVEMENTS, changed, ideal_runs
+from tests.lab.paper.ideal import GOOD, MOVEMENTS, changed, ideal_runs
 
 
 @pytest.fixture(scope="module")

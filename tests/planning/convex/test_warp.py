@@ -7,11 +7,11 @@ import pytest
 
 import comove
 from comove.coordination.coordinates import load_coordinates
+from comove.dmp.basis import motion_basis
 from comove.planning.convex.costs import squares
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.convex.warp import interpolated, warped
 from comove.planning.objectives import LeastJerk
-from comove.primitives.basis import motion_basis
 
 SCENE = {
     "name": "open",

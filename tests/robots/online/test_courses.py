@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from comove.control.safety.qp_workspace import Sighting
 from comove.geometry.distances import CENTER
-from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import (
     WAIT,
     Places,

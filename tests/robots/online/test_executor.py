@@ -5,9 +5,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from comove.control import Clouds
+from comove.control.safety.twists import nodes_of
 from comove.errors import OptionError, RobotError
-from comove.execution import Clouds
-from comove.reaction.twists import nodes_of
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.robots.online.pilot import PilotSettings
 from comove.robots.online.recovery import RecoverySettings, way_back

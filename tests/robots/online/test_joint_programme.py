@@ -6,9 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from comove.control.safety.qp_workspace import Sighting
+from comove.control.safety.twists import hand_velocities, poses_of
 from comove.errors import SceneError
-from comove.reaction.qp_workspace import Sighting
-from comove.reaction.twists import hand_velocities, poses_of
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
 from comove.robots.search.links import place_links

@@ -5,11 +5,11 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from comove.control.safety.qp_workspace import HANDS, Rates, Sighting
+from comove.control.safety.twist_qp import TwistProgramme
+from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.coordination.coordinates import HandPoses
 from comove.geometry.closest_points import near_on_edge
-from comove.reaction.qp_workspace import HANDS, Rates, Sighting
-from comove.reaction.twist_qp import TwistProgramme
-from comove.reaction.twists import advanced, nodes_of, poses_of
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.link_rows import LinkNeeds, empty_rows, link_rows
 from comove.robots.search.links import nearest_shares, place_links

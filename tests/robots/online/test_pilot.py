@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from comove.control.safety.qp_workspace import Sighting
 from comove.coordination.coordinates import load_coordinates
 from comove.geometry.distances import CENTER
 from comove.planning.configurations import span
-from comove.reaction.qp_workspace import Sighting
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.courses import CourseSettings
 from comove.robots.online.link_rows import LinkNeeds, clearances_along

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from comove.errors import ComoveWarning, OptionError
-from comove.experiments.examples import example
+from comove.lab.examples import example
 from comove.robots import JointMotion, verify_joints
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import warn_of_buried_links

@@ -8,7 +8,7 @@ import pytest
 
 from comove.coordination import CoordinatedDMP
 from comove.coordination.coordinates import load_coordinates
-from comove.primitives.basis import motion_basis
+from comove.dmp.basis import motion_basis
 from comove.robots import JointMotion, Robot, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of

@@ -6,12 +6,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.examples import example
-from comove.experiments.paper.jobs import scene_of
-from comove.experiments.paper.runs import given_to_both
-from comove.primitives import DMP
+from comove.dmp import DMP
+from comove.lab.examples import example
+from comove.lab.paper.jobs import scene_of
+from comove.lab.paper.runs import given_to_both
 from comove.scenes import recording_of
-from comove.views import (
+from comove.view.figures import (
     Panel,
     draw_failures,
     draw_measures,
@@ -21,7 +21,7 @@ from comove.views import (
     draw_side_by_side,
     save,
 )
-from comove.views.motion import FINE, N_STATES, OFF, TOUCHES
+from comove.view.figures.motion import FINE, N_STATES, OFF, TOUCHES
 
 
 def colours(axes):

@@ -54,5 +54,7 @@ def test_what_has_no_picture_is_refused():
 
 
 def test_pictures_are_loaded_only_when_they_are_drawn():
-    code = "import sys, comove; comove.Scene; assert not {'comove.views', 'matplotlib'} & {*sys.modules}"
+    code = (
+        "import sys, comove; comove.Scene; assert not {'comove.view.figures', 'matplotlib'} & {*sys.modules}"
+    )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from comove.scenes import Scene
-from comove.views import draw_motion
-from comove.views.perspective import _obstacles
-from comove.views.shapes import hull_faces
+from comove.view.figures import draw_motion
+from comove.view.figures.perspective import _obstacles
+from comove.view.figures.shapes import hull_faces
 from tests import brute_force
 from tests.solved import example, solved
 

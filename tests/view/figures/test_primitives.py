@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration
-from comove.primitives import Primitive, Variant, learn
-from comove.primitives import operations as op
-from comove.views import draw_library, draw_primitive, save
+from comove.dmp import Primitive, Variant, learn
+from comove.dmp import operations as op
+from comove.dmp.demonstrations import Demonstration
+from comove.view.figures import draw_library, draw_primitive, save
 
 SINE = Demonstration.from_lasa("Sine")
 

@@ -5,11 +5,11 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from comove.execution import Executor
+from comove.control import Executor
 from comove.scenes import Scene
-from comove.views.motion import MovingBorders
-from comove.views.run import animate_run, moving_scene
-from comove.views.style import COLOURS, MOVING, new_figure
+from comove.view.figures.motion import MovingBorders
+from comove.view.figures.run import animate_run, moving_scene
+from comove.view.figures.style import COLOURS, MOVING, new_figure
 from tests.meshes import l_profile, write_obj
 
 DRIFTS = {"shape": "circle", "center": [0.5, 0.8], "radius": 0.08, "motion": {"velocity": [0.0, -0.05]}}

@@ -8,8 +8,8 @@ import time
 import numpy as np
 
 from comove.geometry.rotations import matrices
-from comove.workbench.server import serve
-from comove.workbench.session import Session
+from comove.view.workbench.server import serve
+from comove.view.workbench.session import Session
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 FLAGS = [

@@ -1,4 +1,4 @@
-"""Draw pictures of docs/workbench.md in a real browser: `python -m tests.workbench.pictures docs [NAME ...]`."""
+"""Draw pictures of docs/workbench.md in a real browser: `python -m tests.view.workbench.pictures docs [NAME ...]`."""
 
 import subprocess
 import sys
@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from comove.experiments.examples import example_path
-from comove.workbench.shelf import shelf_of
-from tests.workbench.browser import Bench, browser
-from tests.workbench.test_live import OPEN
+from comove.lab.examples import example_path
+from comove.view.workbench.shelf import shelf_of
+from tests.view.workbench.browser import Bench, browser
+from tests.view.workbench.test_live import OPEN
 
 
 def planar(bench):
@@ -123,7 +123,7 @@ def crossed(folder):
 
 
 LIVE = 20.0  # s, of the run that is shown
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 PICTURES = {
     "workbench_planar": (example("narrow"), planar),
     "workbench_spatial": (example("window"), spatial),

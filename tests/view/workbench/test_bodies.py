@@ -9,8 +9,8 @@ import pinocchio as pin
 
 from comove.geometry.rotations import matrices
 from comove.robots import Robot
-from comove.workbench.bodies import bodies_of, poses_of, simplified
-from comove.workbench.geometry import ball
+from comove.view.workbench.bodies import bodies_of, poses_of, simplified
+from comove.view.workbench.geometry import ball
 from tests.robots.small_robots import robot, urdf, written
 
 CRANE = """

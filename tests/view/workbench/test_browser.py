@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.examples import example_path
+from comove.lab.examples import example_path
 from comove.results import read_result, verify_result
-from comove.workbench.shelf import shelf_of
+from comove.view.workbench.shelf import shelf_of
 
 pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")
 pytest.importorskip("playwright", reason="playwright is not installed: pip install 'comove[dev]'")
 
-from tests.workbench import browser as chrome
+from tests.view.workbench import browser as chrome
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 pytestmark = [
     pytest.mark.slow,

@@ -13,7 +13,7 @@ import comove
 from comove.coordination import CoordinatedMotion
 from comove.io.folders import whole_folder
 from comove.results import RESULT, read_result
-from comove.views import save_result
+from comove.view.figures import save_result
 from tests.solved import example, solved
 
 pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")

@@ -5,10 +5,10 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.experiments.examples import example
 from comove.geometry.rotations import exponential, matrices
+from comove.lab.examples import example
 from comove.scenes import Scene
-from comove.workbench.edits import (
+from comove.view.workbench.edits import (
     SIZES,
     Draft,
     Grip,

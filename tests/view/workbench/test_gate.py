@@ -2,7 +2,7 @@
 
 import pytest
 
-from comove.workbench.gate import COOKIE, Gate, page_headers
+from comove.view.workbench.gate import COOKIE, Gate, page_headers
 
 OURS, PAGE = ["127.0.0.1:8050"], ["http://127.0.0.1:8050"]
 

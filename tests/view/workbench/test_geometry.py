@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.examples import example
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices
-from comove.workbench.geometry import (
+from comove.lab.examples import example
+from comove.view.workbench.geometry import (
     clearance_colours,
     obstacle_surfaces,
     pieces_of,
@@ -15,7 +15,7 @@ from comove.workbench.geometry import (
     segments_of,
     workspace_lines,
 )
-from comove.workbench.playback import RecordedMotion
+from comove.view.workbench.playback import RecordedMotion
 
 SHAPES = [
     {"shape": "box", "size": [0.1, 0.2, 0.3]},

@@ -6,15 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
+from comove.control import Pace
 from comove.errors import OptionError
-from comove.execution import Pace
 from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.verification.record import verify_execution
-from comove.workbench import live
-from comove.workbench.edits import contents_of
-from comove.workbench.live import Led, LedObstacles, LiveSettings, run_live, save_run
-from comove.workbench.playback import playback_of
+from comove.view.workbench import live
+from comove.view.workbench.edits import contents_of
+from comove.view.workbench.live import Led, LedObstacles, LiveSettings, run_live, save_run
+from comove.view.workbench.playback import playback_of
 from tests.cases import examples
 from tests.solved import example
 

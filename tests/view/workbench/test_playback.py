@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 import comove
+from comove.control import Executor, write_run
 from comove.errors import OptionError, ResultError
-from comove.execution import Executor, write_run
 from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.results.reference import SCENE
 from comove.stored import Part
 from comove.verification.record import verify_execution
-from comove.workbench.playback import RecordedMotion, playback_of, playback_of_item
-from comove.workbench.shelf import Item, shelf_of
-from comove.workbench.words import measures_words
+from comove.view.workbench.playback import RecordedMotion, playback_of, playback_of_item
+from comove.view.workbench.shelf import Item, shelf_of
+from comove.view.workbench.words import measures_words
 
 CROSSING = {
     "name": "crossing",
@@ -119,7 +119,7 @@ def test_a_run_that_does_not_arrive_is_not_called_good(executed):
 def carried(tmp_path_factory):
     """A folder with a known motion of Baxter, and its geometric playback as a simulation."""
     pytest.importorskip("pinocchio", reason="robots are not installed: pip install 'comove[robot]'")
-    from comove.simulators import play, write_simulation
+    from comove.sim import play, write_simulation
     from tests.robots.known_carry import baxter, known_carry
     from tests.robots.known_folder import write
 
@@ -166,7 +166,7 @@ def test_a_simulation_comes_first_and_is_played_with_the_load_where_it_was(carri
 def test_what_touched_in_a_simulation_is_told_with_its_time(carried, tmp_path):
     import shutil
 
-    from comove.simulators import Contact, play, write_simulation
+    from comove.sim import Contact, play, write_simulation
     from tests.robots.known_carry import baxter, known_carry
 
     folder = shutil.copytree(carried, tmp_path / "result")

@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from comove.experiments.examples import example_path
+from comove.lab.examples import example_path
 from tests.commands import invoke
 
 pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")

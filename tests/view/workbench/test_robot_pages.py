@@ -10,16 +10,16 @@ pytest.importorskip("viser", reason="the viewer is not installed: pip install 'c
 pytest.importorskip("pinocchio", reason="robots are not installed: pip install 'comove[robot]'")
 
 from comove.robots import verify_stored
-from comove.workbench.edits import grips_of, place_of
-from comove.workbench.protocol import SearchTimes
-from comove.workbench.server import serve
-from comove.workbench.session import PageSettings, Session
-from comove.workbench.shelf import shelf_of
+from comove.view.workbench.edits import grips_of, place_of
+from comove.view.workbench.protocol import SearchTimes
+from comove.view.workbench.server import serve
+from comove.view.workbench.session import PageSettings, Session
+from comove.view.workbench.shelf import shelf_of
 from tests.killing import soon
-from tests.workbench.pages import Page
-from tests.workbench.test_session import on_loop
+from tests.view.workbench.pages import Page
+from tests.view.workbench.test_session import on_loop
 
-SCENE = Path(__file__).parents[2] / "examples" / "robots" / "two_pandas.yaml"
+SCENE = Path(__file__).parents[3] / "examples" / "robots" / "two_pandas.yaml"
 
 pytestmark = pytest.mark.slow
 

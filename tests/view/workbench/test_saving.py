@@ -4,9 +4,9 @@ import pytest
 
 import comove
 from comove.errors import OptionError, ResultError
-from comove.experiments.examples import example, example_path
-from comove.workbench.edits import contents_of, with_value
-from comove.workbench.saving import save_scene, target_in
+from comove.lab.examples import example, example_path
+from comove.view.workbench.edits import contents_of, with_value
+from comove.view.workbench.saving import save_scene, target_in
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,9 @@ from viser import _messages as kinds  # noqa: E402
 from websockets.exceptions import InvalidStatus  # noqa: E402
 
 from comove.errors import OptionError  # noqa: E402
-from comove.workbench.gate import COOKIE  # noqa: E402
-from comove.workbench.server import LARGEST_MESSAGE, start  # noqa: E402
-from tests.workbench.pages import Page  # noqa: E402
+from comove.view.workbench.gate import COOKIE  # noqa: E402
+from comove.view.workbench.server import LARGEST_MESSAGE, start  # noqa: E402
+from tests.view.workbench.pages import Page  # noqa: E402
 
 
 @pytest.fixture(scope="module")

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 
 import comove
-from comove.experiments.examples import example, example_path
-from comove.workbench.edits import contents_of, grips_of, moved, place_of
-from comove.workbench.playback import playback_of
-from comove.workbench.shelf import shelf_of
-from comove.workbench.teaching import Stroke
+from comove.lab.examples import example, example_path
+from comove.view.workbench.edits import contents_of, grips_of, moved, place_of
+from comove.view.workbench.playback import playback_of
+from comove.view.workbench.shelf import shelf_of
+from comove.view.workbench.teaching import Stroke
 
 viser = pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")
 
-from comove.workbench.server import serve  # noqa: E402
-from comove.workbench.session import Session  # noqa: E402
-from comove.workbench.stage import BLOCKS  # noqa: E402
+from comove.view.workbench.server import serve  # noqa: E402
+from comove.view.workbench.session import Session  # noqa: E402
+from comove.view.workbench.stage import BLOCKS  # noqa: E402
 from tests.commands import invoke  # noqa: E402
 from tests.killing import alive, soon  # noqa: E402
-from tests.workbench.pages import Page  # noqa: E402
+from tests.view.workbench.pages import Page  # noqa: E402
 
 
 @pytest.fixture

@@ -5,7 +5,7 @@ import pytest
 
 pytest.importorskip("viser", reason="the viewer is not installed: pip install 'comove[view]'")
 
-from comove.workbench.stage import Stage
+from comove.view.workbench.stage import Stage
 from tests.solved import example
 
 

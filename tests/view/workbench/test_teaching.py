@@ -5,9 +5,9 @@ import pytest
 
 import comove
 from comove.errors import DemonstrationError, LibraryError
-from comove.experiments.examples import example
-from comove.workbench.stage import demonstrated
-from comove.workbench.teaching import Stroke, at_rest, demonstration_from, keep
+from comove.lab.examples import example
+from comove.view.workbench.stage import demonstrated
+from comove.view.workbench.teaching import Stroke, at_rest, demonstration_from, keep
 
 
 def drawn(n=80, noise=0.0, n_dims=2, bursts=False):

@@ -25,6 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.control.safety.control_points import moved_obstacles
+from comove.control.safety.limits import bent_limits, broken_limits, length_of, limit_rows
+from comove.control.safety.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace, Rates, Sighting
+from comove.control.safety.twists import place, step, turn_into
 from comove.coordination.coordinates import HandPoses
 from comove.geometry.closest_points import (
     N_PARTS,
@@ -35,10 +39,6 @@ from comove.geometry.closest_points import (
 )
 from comove.geometry.distances import CENTER, REACH, TINY, distance_and_gradient, point_distance
 from comove.geometry.solids import empty_solid, solid_at
-from comove.reaction.control_points import moved_obstacles
-from comove.reaction.limits import bent_limits, broken_limits, length_of, limit_rows
-from comove.reaction.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace, Rates, Sighting
-from comove.reaction.twists import place, step, turn_into
 
 Array = NDArray[np.float64]
 Direction = tuple[float, float, float]

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.control.safety.twists import exponential_at, group_nodes, turn_into
 from comove.geometry.distances import CENTER, ROTATION, TINY
 from comove.geometry.polytopes import solid_hull_of
 from comove.geometry.solids import N_CORNERS
-from comove.reaction.twists import exponential_at, group_nodes, turn_into
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

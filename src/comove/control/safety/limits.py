@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.reaction.qp_workspace import LIMIT, QP
+from comove.control.safety.qp_workspace import LIMIT, QP
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control.safety.control_points import LoadPoints
 from comove.geometry.closest_points import N_PARTS
-from comove.reaction.control_points import LoadPoints
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -32,10 +32,9 @@ import daqp
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import HandPoses
-from comove.reaction.cbf_constraints import RESERVE, first_rows, missing_rows, rate
-from comove.reaction.control_points import load_points
-from comove.reaction.qp_workspace import (
+from comove.control.safety.cbf_constraints import RESERVE, first_rows, missing_rows, rate
+from comove.control.safety.control_points import load_points
+from comove.control.safety.qp_workspace import (
     BORDER,
     HANDS,
     LIMIT,
@@ -46,7 +45,8 @@ from comove.reaction.qp_workspace import (
     Sighting,
     empty_workspace,
 )
-from comove.reaction.twists import group_nodes
+from comove.control.safety.twists import group_nodes
+from comove.coordination.coordinates import HandPoses
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 

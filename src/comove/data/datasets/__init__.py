@@ -1,5 +1,5 @@
 """Datasets of verified episodes, in the formats from which policies learn."""
 
-from comove.studies.datasets.export import FORMATS, DatasetFormat, export_episodes
+from comove.data.datasets.export import FORMATS, DatasetFormat, export_episodes
 
 __all__ = ["FORMATS", "DatasetFormat", "export_episodes"]

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from comove.data.datasets import lerobot, lerobot_v21, mcap, npz, robomimic
+from comove.data.datasets.samples import EpisodeSamples, episodes_of
 from comove.errors import ResultError
 from comove.io.files import extra
 from comove.io.folders import Contents, check_target, whole_folder
-from comove.studies.datasets import lerobot, lerobot_v21, mcap, npz, robomimic
-from comove.studies.datasets.samples import EpisodeSamples, episodes_of
 
 if TYPE_CHECKING:
-    from comove.studies.generation import Study
+    from comove.data.generation import Study
 
 DATASET = Contents("dataset")
 """A dataset replaces nothing."""

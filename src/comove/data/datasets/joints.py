@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from comove.data.carried import executed, figures_of, restored_carry
+from comove.data.runs import StoredCarry, StudyRun
+from comove.data.study_file import SimulationPart
 from comove.errors import ResultError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.results.sealed import finite
 from comove.robots import VerifiedJointMotion
-from comove.simulators import Execution
-from comove.studies.carried import executed, figures_of, restored_carry
-from comove.studies.runs import StoredCarry, StudyRun
-from comove.studies.study_file import SimulationPart
+from comove.sim import Execution
 from comove.trajectory import interpolated
 from comove.verification.verify import VerifiedMotion
 

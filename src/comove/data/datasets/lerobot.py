@@ -19,11 +19,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.formats.lerobot import CHUNK, STATE, arrow_table, described_scalars, scalar_columns
+from comove.data.datasets.samples import EpisodeSamples, require_alike
+from comove.data.videos import CODEC, Video, VideoFile
+from comove.dmp.demonstrations.formats.lerobot import (
+    CHUNK,
+    STATE,
+    arrow_table,
+    described_scalars,
+    scalar_columns,
+)
 from comove.io.files import extra
 from comove.io.videos import PIXELS
-from comove.studies.datasets.samples import EpisodeSamples, require_alike
-from comove.studies.videos import CODEC, Video, VideoFile
 
 ACTION, ENVIRONMENT = "action", "observation.environment_state"
 HANDS, IMAGES = "observation.hands", "observation.images."

@@ -1,6 +1,6 @@
 """Episodes as a LeRobot dataset, version 2.1: a Parquet file for each episode, and lines of JSON about them.
 
-The columns are those of version 3.0 (`comove.studies.datasets.lerobot`). What is known of an episode stands in its
+The columns are those of version 3.0 (`comove.data.datasets.lerobot`). What is known of an episode stands in its
 line of `meta/episodes.jsonl`, in keys that begin with `comove/`.
 """
 
@@ -11,10 +11,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from comove.demonstrations.formats.lerobot import CHUNK, arrow_table
+from comove.data.datasets.lerobot import IMAGES, TASK, features_of, frame_columns, statistics_of
+from comove.data.datasets.samples import EpisodeSamples, require_alike
+from comove.dmp.demonstrations.formats.lerobot import CHUNK, arrow_table
 from comove.io.files import extra
-from comove.studies.datasets.lerobot import IMAGES, TASK, features_of, frame_columns, statistics_of
-from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 DATA = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
 VIDEO = "videos/chunk-{episode_chunk:03d}/{video_key}/episode_{episode_index:06d}.mp4"

@@ -17,12 +17,12 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from comove.coordination.coordinates import load_coordinates, poses_at
-from comove.demonstrations.formats import rosbag
-from comove.demonstrations.samples import RecordedSamples
+from comove.data.datasets.samples import EpisodeSamples
+from comove.data.datasets.sizes import obstacle_names
+from comove.dmp.demonstrations.formats import rosbag
+from comove.dmp.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError
 from comove.scenes.shapes import spatial
-from comove.studies.datasets.samples import EpisodeSamples
-from comove.studies.datasets.sizes import obstacle_names
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.studies.datasets.samples import EpisodeSamples
-from comove.studies.episode import packed
+from comove.data.datasets.samples import EpisodeSamples
+from comove.data.episode import packed
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:

@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.demonstrations.formats.hdf5 import put, put_pictures, robomimic_file, write_demo
-from comove.demonstrations.samples import RecordedSamples
+from comove.data.datasets.samples import EpisodeSamples, require_alike
+from comove.dmp.demonstrations.formats.hdf5 import put, put_pictures, robomimic_file, write_demo
+from comove.dmp.demonstrations.samples import RecordedSamples
 from comove.scenes.shapes import spatial
-from comove.studies.datasets.samples import EpisodeSamples, require_alike
 
 
 def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:

@@ -13,23 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations.samples import AXES, QUATERNION
+from comove.data.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
+from comove.data.episode import DAMAGED, restored, sample_times
+from comove.data.runs import MEASURES, RUNS, StoredMotion, StudyRun, StudyStore
+from comove.data.variety import passing_class
+from comove.data.videos import Video
+from comove.dmp.demonstrations.samples import AXES, QUATERNION
 from comove.errors import OptionError, ResultError
 from comove.results.sealed import checksum, finite
 from comove.results.solution import motion_arrays
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
-from comove.studies.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
-from comove.studies.episode import DAMAGED, restored, sample_times
-from comove.studies.runs import MEASURES, RUNS, StoredMotion, StudyRun, StudyStore
-from comove.studies.variety import passing_class
-from comove.studies.videos import Video
 from comove.verification.bounds import largest_jerk, node_bounds
 from comove.verification.verify import VerifiedMotion, verify
 
 if TYPE_CHECKING:
-    from comove.studies.datasets.joints import EpisodeJoints
-    from comove.studies.generation import Study
+    from comove.data.datasets.joints import EpisodeJoints
+    from comove.data.generation import Study
 
 Array = NDArray[np.float64]
 
@@ -198,7 +198,7 @@ def episodes_of(
         if verified.motion.scene.file.robot is not None and kept.carry is None:
             raise ResultError(f"episode {run.number} has no joints", file=store.path, way_out=DAMAGED)
         if kept.carry is not None:
-            from comove.studies.datasets.joints import joint_samples
+            from comove.data.datasets.joints import joint_samples
 
             time = sample_times(verified.motion.scene, rate)
             joints = joint_samples(run, kept.carry, verified, time, simulate, store.path)

@@ -4,14 +4,14 @@ A file becomes a :class:`Demonstration`, which is clean by construction: finite,
 every instant once. Its `notes` report every change that was made.
 """
 
-from comove.demonstrations.demonstration import Demonstration, each, each_episode, segment
-from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables, write
-from comove.demonstrations.formats.csv import write as write_csv
-from comove.demonstrations.formats.hdf5 import write_aloha, write_robomimic
-from comove.demonstrations.formats.lasa import names as lasa_names
-from comove.demonstrations.formats.lerobot import write as write_lerobot
-from comove.demonstrations.formats.npz import write as write_npz
-from comove.demonstrations.formats.rosbag import write as write_rosbag
+from comove.dmp.demonstrations.demonstration import Demonstration, each, each_episode, segment
+from comove.dmp.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables, write
+from comove.dmp.demonstrations.formats.csv import write as write_csv
+from comove.dmp.demonstrations.formats.hdf5 import write_aloha, write_robomimic
+from comove.dmp.demonstrations.formats.lasa import names as lasa_names
+from comove.dmp.demonstrations.formats.lerobot import write as write_lerobot
+from comove.dmp.demonstrations.formats.npz import write as write_npz
+from comove.dmp.demonstrations.formats.rosbag import write as write_rosbag
 
 read_csv = each(tables.read)
 read_npz = each(npz.read)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.columns import (
+from comove.dmp.demonstrations.columns import (
     EULER,
     MATRIX,
     ROTATION_VECTOR,
@@ -24,8 +24,8 @@ from comove.demonstrations.columns import (
     bare_name,
     words_of,
 )
-from comove.demonstrations.samples import AXES, QUATERNION, UNIT, fault
-from comove.demonstrations.units import TIMES, base_unit, in_base_unit, is_angle
+from comove.dmp.demonstrations.samples import AXES, QUATERNION, UNIT, fault
+from comove.dmp.demonstrations.units import TIMES, base_unit, in_base_unit, is_angle
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 from comove.geometry.rotations import exponential, quaternion_product
 

@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.demonstrations.samples import AXES, IN_MEMORY, Origin, fault
+from comove.dmp.demonstrations.samples import AXES, IN_MEMORY, Origin, fault
 from comove.errors import DemonstrationError
 
 MAX_DIMS = 64

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.columns import Column
-from comove.demonstrations.plausibility import seconds, unit_of_time
-from comove.demonstrations.samples import Origin, fault
-from comove.demonstrations.units import TIMES
+from comove.dmp.demonstrations.columns import Column
+from comove.dmp.demonstrations.plausibility import seconds, unit_of_time
+from comove.dmp.demonstrations.samples import Origin, fault
+from comove.dmp.demonstrations.units import TIMES
 from comove.errors import near_name
 
 FRACTIONS = ("ms", "us", "ns")

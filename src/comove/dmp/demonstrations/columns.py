@@ -3,8 +3,8 @@
 Recorders name columns in many ways: `x`, `ee.x`, `left_arm_ee_pos_x`, `field.pose.position.x`, `/pose/position/x`,
 `Left X` below a row `Position`, `p_RS_R_x [m]`, `TX`; `qw`, `q_w`, `orientation.w`, `rw` beside `rx`; `roll`;
 `shoulder_pan.pos`, `joint_1`, `q[0]`; `Time (Seconds)`, `time_ms`, `%time`, `secs` beside `nsecs`. `read_columns`
-turns names into `Column`s; `comove.demonstrations.bodies` collects what belongs to each body. Formats differ only in
-where the names come from.
+turns names into `Column`s; `comove.dmp.demonstrations.bodies` collects what belongs to each body. Formats differ only
+in where the names come from.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from comove.demonstrations.samples import AXES, QUATERNION
-from comove.demonstrations.units import TIMES, UNITS, is_angle, unit_named
+from comove.dmp.demonstrations.samples import AXES, QUATERNION
+from comove.dmp.demonstrations.units import TIMES, UNITS, is_angle, unit_named
 
 EULER = ("roll", "pitch", "yaw")
 """Angles about the fixed axes x, y, z, in this order (REP 103 of ROS): R = Rz(yaw) Ry(pitch) Rx(roll)."""
@@ -49,8 +49,8 @@ class Column:
     axis : x, y, z of a position; qw, qx, qy, qz of a quaternion; roll, pitch, yaw; rx, ry, rz of a rotation vector;
         a joint's name without body and unit; "" of time, and of speeds, forces and others that are no coordinates
     body : name of the body or side that the column belongs to; "" if the name says none
-    unit : unit that the name, or a row of units, states, as `comove.demonstrations.units` spells it, else as written;
-        None if nothing is stated
+    unit : unit that the name, or a row of units, states, as `comove.dmp.demonstrations.units` spells it, else as
+        written; None if nothing is stated
     """
 
     number: int

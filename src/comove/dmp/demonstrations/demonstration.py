@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Any, ParamSpec, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations import cleaning, formats, plausibility, resampling
-from comove.demonstrations.formats import lasa, npz, tables
-from comove.demonstrations.samples import IN_MEMORY, RecordedSamples
-from comove.demonstrations.segmentation import Segmentation, movements
-from comove.demonstrations.units import base_unit, in_base_unit
+from comove.dmp.demonstrations import cleaning, formats, plausibility, resampling
+from comove.dmp.demonstrations.formats import lasa, npz, tables
+from comove.dmp.demonstrations.samples import IN_MEMORY, RecordedSamples
+from comove.dmp.demonstrations.segmentation import Segmentation, movements
+from comove.dmp.demonstrations.units import base_unit, in_base_unit
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.ties import first_largest
 
@@ -57,7 +57,7 @@ class Demonstration(RecordedSamples):
     -----
     ComoveWarning
         If positions were merged, or something looks wrong: units of time or position, time without samples, jumps, or
-        that nothing moves (`comove.demonstrations.plausibility`).
+        that nothing moves (`comove.dmp.demonstrations.plausibility`).
     """
 
     def __post_init__(self) -> None:
@@ -243,7 +243,7 @@ class Demonstration(RecordedSamples):
         clean: bool = False,
         **options: Any,
     ) -> Demonstration:
-        """Read one movement from a file or folder of any kind that `comove.demonstrations` supports.
+        """Read one movement from a file or folder of any kind that `comove.dmp.demonstrations` supports.
 
         The suffix determines the kind: .npz; .hdf5 or .h5 (robomimic, ALOHA); .bag (ROS 1); .mcap or .db3 (ROS 2);
         text tables have .csv, .tsv, .txt or others. A folder with `meta/info.json` is a LeRobot dataset, one with
@@ -317,7 +317,7 @@ class Demonstration(RecordedSamples):
 
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:
-        """Read one recording of the LASA handwriting set; see `comove.demonstrations.formats.lasa`."""
+        """Read one recording of the LASA handwriting set; see `comove.dmp.demonstrations.formats.lasa`."""
         return cls.of(lasa.read(shape, demo))
 
     def _changed(

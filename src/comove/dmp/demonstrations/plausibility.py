@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.samples import IN_MEMORY, TIME, UNIT, Origin, fault
-from comove.demonstrations.units import ANGLES, LENGTHS, TIMES
+from comove.dmp.demonstrations.samples import IN_MEMORY, TIME, UNIT, Origin, fault
+from comove.dmp.demonstrations.units import ANGLES, LENGTHS, TIMES
 from comove.errors import DemonstrationError, OptionError
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.units import is_angle, is_length, is_of_joints, require_unit
+from comove.dmp.demonstrations.units import is_angle, is_length, is_of_joints, require_unit
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations import resampling
+from comove.dmp.demonstrations import resampling
 from comove.errors import OptionError
 from comove.ties import first_largest, first_least
 

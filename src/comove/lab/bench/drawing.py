@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import SceneError
-from comove.experiments.examples import scene_contents, wall
 from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
+from comove.lab.examples import scene_contents, wall
 from comove.planning.seeds import minimum_jerk
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial

@@ -12,17 +12,17 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from comove.errors import ResultError
-from comove.experiments.bench.store import Configuration, Run, RunStore
-from comove.experiments.summaries import (
+from comove.io.folders import Contents, whole_folder
+from comove.lab.bench.store import Configuration, Run, RunStore
+from comove.lab.summaries import (
     Interval,
     mean_interval,
     median_interval,
     table,
     wilson,
 )
-from comove.io.folders import Contents, whole_folder
-from comove.views.motion import draw_legend
-from comove.views.style import COLOURS, new_figure, save
+from comove.view.figures.motion import draw_legend
+from comove.view.figures.style import COLOURS, new_figure, save
 
 Array = NDArray[np.float64]
 

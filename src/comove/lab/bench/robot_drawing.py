@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.data.carried import robot_of
+from comove.dmp.basis import motion_basis
 from comove.errors import SceneError
-from comove.experiments.bench.drawing import clutter
-from comove.experiments.bench.workplaces import RobotDifficulty, Workplace
+from comove.lab.bench.drawing import clutter
+from comove.lab.bench.workplaces import RobotDifficulty, Workplace
 from comove.planning.configurations import configuration_space
 from comove.planning.seeds import fit, targets_along
-from comove.primitives.basis import motion_basis
 from comove.robots import JointMotion, JointVerdict, RobotCarrier, verify_joints
 from comove.scenes.scene import Scene
-from comove.studies.carried import robot_of
 from comove.verification.verify import verify
 
 Array = NDArray[np.float64]

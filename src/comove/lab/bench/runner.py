@@ -15,17 +15,17 @@ from functools import lru_cache
 from pathlib import Path
 
 from comove._version import __version__
+from comove.data.many import MORE, TIMES, lost
+from comove.data.runner import StudyProgress, run_missing
+from comove.dmp.dmp import DMP
 from comove.errors import InputError, OptionError
-from comove.experiments.bench.sets import BenchScene
-from comove.experiments.bench.store import Configuration, Figures, Machine, Run, RunStore
-from comove.experiments.systems import System, SystemOutcome, SystemProblem, measured, refusal
-from comove.primitives.dmp import DMP
+from comove.lab.bench.sets import BenchScene
+from comove.lab.bench.store import Configuration, Figures, Machine, Run, RunStore
+from comove.lab.systems import System, SystemOutcome, SystemProblem, measured, refusal
 from comove.processes import TaskResult, run_tasks
 from comove.processes.worker import told
 from comove.scenes import demonstration_of
 from comove.scenes.scene import Scene
-from comove.studies.many import MORE, TIMES, lost
-from comove.studies.runner import StudyProgress, run_missing
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def _outcome(job: BenchJob) -> tuple[str, str, SystemOutcome | None]:
     if scene.file.robot is None:
         outcome = measured(job.system, problem)
     else:
-        from comove.experiments.carried import carried  # robots are an extra
+        from comove.lab.carried import carried  # robots are an extra
 
         outcome = carried(problem)
     if outcome is None:

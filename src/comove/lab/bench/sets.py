@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, near_name
-from comove.experiments.bench.drawing import DIFFICULTIES, drawn
-from comove.experiments.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
 from comove.io.folders import Contents, whole_folder
+from comove.lab.bench.drawing import DIFFICULTIES, drawn
+from comove.lab.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
 from comove.scenes.scene import Scene
 
 if TYPE_CHECKING:
-    from comove.experiments.bench.robot_drawing import JointWitness
+    from comove.lab.bench.robot_drawing import JointWitness
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class SceneSet(ABC):
     @property
     def folder(self) -> Path:
         """Return the folder of the frozen scenes."""
-        return Path(str(files("comove") / "experiments" / "sets" / self.name))
+        return Path(str(files("comove") / "lab" / "sets" / self.name))
 
     def draw(self, index: int, seed: int = 0) -> tuple[dict[str, Any], Any]:
         """Draw a scene; return the contents of its file, and its witness as `keep` takes it; the frozen ones have
@@ -121,7 +121,7 @@ class RobotSet(SceneSet):
     """Scenes of five robots in turn; a witness is a motion of the joints."""
 
     def _drawn(self, name: str, kind: str, seed: list[int]) -> tuple[dict[str, Any], JointWitness]:
-        from comove.experiments.bench import robot_drawing
+        from comove.lab.bench import robot_drawing
 
         return robot_drawing.drawn(name, ROBOT_DIFFICULTIES[self.name], WORKPLACES[kind], seed)
 

@@ -13,10 +13,10 @@ from pathlib import Path
 from types import NoneType
 from typing import Any, TypeVar
 
+from comove.data.runs import digest
+from comove.data.store import AS_IT_WAS, KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
 from comove.errors import ResultError
 from comove.io.parquet import write_parquet
-from comove.studies.runs import digest
-from comove.studies.store import AS_IT_WAS, KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
 
 Part = TypeVar("Part")
 

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import Coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.basis import motion_basis
 from comove.errors import OptionError
 from comove.planning.objective import N_STEPS
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
-from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
 from comove.trajectory import interpolated

@@ -44,8 +44,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.dmp.arguments import require_positive
 from comove.errors import OptionError
-from comove.primitives.arguments import require_positive
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

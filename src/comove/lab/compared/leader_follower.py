@@ -35,8 +35,10 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.coordination.coordinates import arms_coordinates
+from comove.dmp.arguments import is_number, require_count, require_positive
+from comove.dmp.system import OMEGA
 from comove.errors import OptionError, near_name
-from comove.experiments.compared.common import (
+from comove.lab.compared.common import (
     FITTING,
     FitSettings,
     control_times,
@@ -46,8 +48,6 @@ from comove.experiments.compared.common import (
 )
 from comove.planning.method import Method, require_distances
 from comove.planning.search import Search
-from comove.primitives.arguments import is_number, require_count, require_positive
-from comove.primitives.system import OMEGA
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

@@ -20,15 +20,15 @@ import numpy as np
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
-from comove.demonstrations import Demonstration
+from comove.dmp import DMP, Library, motion_basis
+from comove.dmp.arguments import require_count
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.planning.choice import Movements, best_movement, suitable
 from comove.planning.combination import Attempts
 from comove.planning.method import Method
 from comove.planning.methods import POLISHING
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
-from comove.primitives import DMP, Library, motion_basis
-from comove.primitives.arguments import require_count
 from comove.scenes.scene import Scene
 
 SHAPES = (

@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.arguments import is_number, require_count, require_positive
+from comove.dmp.basis import motion_basis
 from comove.errors import OptionError
-from comove.experiments.compared.common import (
+from comove.lab.compared.common import (
     FITTING,
     FitSettings,
     control_times,
@@ -28,11 +30,9 @@ from comove.experiments.compared.common import (
     judge_execution,
     taught_primitives,
 )
-from comove.experiments.compared.cooperation import Cycle, Intention, Laws, Skill, learned, run_cycle
+from comove.lab.compared.cooperation import Cycle, Intention, Laws, Skill, learned, run_cycle
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.primitives.arguments import is_number, require_count, require_positive
-from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

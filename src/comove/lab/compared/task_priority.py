@@ -34,8 +34,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.arguments import is_number, require_positive
+from comove.dmp.online import rate_for_lag
 from comove.errors import OptionError
-from comove.experiments.compared.common import (
+from comove.lab.compared.common import (
     FITTING,
     FitSettings,
     control_times,
@@ -44,13 +46,11 @@ from comove.experiments.compared.common import (
     judge_execution,
     taught_primitives,
 )
-from comove.experiments.compared.hierarchy import PriorityTask, lexicographic
-from comove.experiments.compared.nearness import Approach, clearance_rows
-from comove.experiments.systems import distance_errors
+from comove.lab.compared.hierarchy import PriorityTask, lexicographic
+from comove.lab.compared.nearness import Approach, clearance_rows
+from comove.lab.systems import distance_errors
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.primitives.arguments import is_number, require_positive
-from comove.primitives.online import rate_for_lag
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -175,7 +175,7 @@ class TaskPriority(Method):
         """Return the controller of free hands, or of the joints where a robot carries."""
         if search.carrier is None:
             return Controller(self, search.scene, period)
-        from comove.experiments.compared.task_priority_joints import JointController  # which needs robots
+        from comove.lab.compared.task_priority_joints import JointController  # which needs robots
 
         return JointController(self, search, period, taught)
 

@@ -17,11 +17,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control.safety.qp_workspace import Rates, Sighting
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.compared.hierarchy import PriorityTask
-from comove.experiments.compared.task_priority import Controller, Performance, TaskPriority
+from comove.lab.compared.hierarchy import PriorityTask
+from comove.lab.compared.task_priority import Controller, Performance, TaskPriority
 from comove.planning.search import Search
-from comove.reaction.qp_workspace import Rates, Sighting
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.link_rows import LinkNeeds, empty_rows, hand_jacobians, link_rows
 from comove.robots.search.chains import place_arm, pose_error

@@ -16,7 +16,7 @@ from typing import ClassVar
 import numpy as np
 
 from comove.coordination.coordinates import arms_coordinates
-from comove.experiments.compared.common import taught_primitives
+from comove.lab.compared.common import taught_primitives
 from comove.planning.method import Method
 from comove.planning.methods import threaded
 from comove.planning.objective import Objective

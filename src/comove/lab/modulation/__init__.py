@@ -1,8 +1,8 @@
 """Modulation of velocities by moving obstacles, as in the paper (III-B), which is compared with comove's reaction."""
 
-from comove.experiments.modulation.matrices import Directions, Field, Modulation, Sharing, field, modulated
-from comove.experiments.modulation.obstacles import MovingObstacle, level, level_obstacle, united
-from comove.experiments.modulation.shapes import (
+from comove.lab.modulation.matrices import Directions, Field, Modulation, Sharing, field, modulated
+from comove.lab.modulation.obstacles import MovingObstacle, level, level_obstacle, united
+from comove.lab.modulation.shapes import (
     Box,
     Capsule,
     Cylinder,

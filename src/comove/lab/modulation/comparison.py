@@ -19,15 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.control.executor import Executor, Pace
+from comove.control.observers import Functions, Known
+from comove.control.safety.twists import poses_of
 from comove.coordination.motion import CoordinatedMotion
-from comove.execution.executor import Executor, Pace
-from comove.execution.observers import Functions, Known
-from comove.experiments.modulation.matrices import Sharing, modulated
-from comove.experiments.modulation.obstacles import level_obstacle
-from comove.experiments.systems import distance_errors
 from comove.geometry.distances import CENTER
+from comove.lab.modulation.matrices import Sharing, modulated
+from comove.lab.modulation.obstacles import level_obstacle
+from comove.lab.systems import distance_errors
 from comove.planning.search import Interruption
-from comove.reaction.twists import poses_of
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
 from comove.verification.record import ExecutionReport, Record, verify_execution

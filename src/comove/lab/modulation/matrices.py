@@ -37,11 +37,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.compiled import kernel
+from comove.dmp.arguments import is_number
 from comove.errors import OptionError
-from comove.experiments.modulation.levels import GROUP, REFERENCE, TURN, VELOCITY, level_at
-from comove.experiments.modulation.obstacles import MovingObstacle, points_of, table_of
 from comove.geometry.distances import CENTER, REACH, TINY
-from comove.primitives.arguments import is_number
+from comove.lab.modulation.levels import GROUP, REFERENCE, TURN, VELOCITY, level_at
+from comove.lab.modulation.obstacles import MovingObstacle, points_of, table_of
 from comove.scenes.shapes import spatial
 
 Array = NDArray[np.float64]

@@ -12,12 +12,12 @@ from itertools import combinations, product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.dmp.arguments import is_number, numbers, vector
 from comove.errors import ComoveWarning, OptionError
-from comove.experiments.modulation import levels as lv
-from comove.experiments.modulation.shapes import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from comove.geometry import distances as sd
 from comove.geometry.rotations import exponential, matrices
-from comove.primitives.arguments import is_number, numbers, vector
+from comove.lab.modulation import levels as lv
+from comove.lab.modulation.shapes import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
 

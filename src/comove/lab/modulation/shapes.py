@@ -7,10 +7,10 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
+from comove.dmp.arguments import numbers, require_positive
 from comove.errors import OptionError
-from comove.experiments.modulation.levels import SUPERQUADRIC
 from comove.geometry import distances as sd
-from comove.primitives.arguments import numbers, require_positive
+from comove.lab.modulation.levels import SUPERQUADRIC
 
 
 @dataclass(frozen=True)

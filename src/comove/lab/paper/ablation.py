@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from comove.experiments.bench.sets import BenchScene, scenes_of
-from comove.experiments.bench.store import Run
-from comove.experiments.examples import example_path
-from comove.experiments.summaries import Interval, table, wilson
-from comove.experiments.systems import OwnSystem
-from comove.optimisers import FactorForm, NoForm, PrintedForm, StaleForm
+from comove.dmp.system import ExponentialPhase
+from comove.lab.bench.sets import BenchScene, scenes_of
+from comove.lab.bench.store import Run
+from comove.lab.examples import example_path
+from comove.lab.summaries import Interval, table, wilson
+from comove.lab.systems import OwnSystem
+from comove.optim import FactorForm, NoForm, PrintedForm, StaleForm
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.paper import OPTIMISER, Paper
 from comove.planning.printed import Printed
-from comove.primitives.system import ExponentialPhase
 
 EXAMPLES = ("wide", "narrow", "complex")
 SET = "easy"

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from comove.errors import ComoveError, ExtraError
-from comove.experiments.compared import TaskPriority
-from comove.experiments.examples import example
-from comove.experiments.paper.measures import largest_turn
+from comove.lab.compared import TaskPriority
+from comove.lab.examples import example
+from comove.lab.paper.measures import largest_turn
 from comove.planning import LeastJerk, Paper, PaperCost, SceneKind, load_kernels, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
 from comove.scenes import demonstration_of
 
 if TYPE_CHECKING:
-    from comove.simulators import Execution
+    from comove.sim import Execution
 
 PASSAGES = ("wide", "narrow")
 METHODS: dict[str, Method | None] = {"paper": Paper(), "comove": None}
@@ -95,7 +95,7 @@ class Transport:
 def missing() -> str:
     """Return what is not installed, in words; empty if Baxter and MuJoCo are there."""
     from comove.robots import Robot
-    from comove.simulators.engine import engine
+    from comove.sim.engine import engine
 
     try:
         Robot.load("baxter")
@@ -108,7 +108,7 @@ def missing() -> str:
 def transport(passage: Passage) -> Transport:
     """Plan for the arms, judge the joints, simulate, and draw."""
     from comove.robots import Robot, carry
-    from comove.simulators import Weld, simulate
+    from comove.sim import Weld, simulate
 
     scene, robot = example(f"baxter_{passage.scene}"), Robot.load("baxter")
     method = (METHODS | {WITH_JOINTS: TaskPriority()})[passage.who]
@@ -152,7 +152,7 @@ def transport(passage: Passage) -> Transport:
 
 def _picture(execution: Execution, count: int = 5, width: int = 340) -> bytes:
     """Return a PNG of equally spaced instants in two views, each as wide [pixels]; empty if nothing can be drawn."""
-    from comove.simulators import ABOVE, FRONT, draw_sheet
+    from comove.sim import ABOVE, FRONT, draw_sheet
 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "sheet.png"

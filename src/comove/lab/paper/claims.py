@@ -11,11 +11,11 @@ from enum import StrEnum
 
 import numpy as np
 
-from comove.experiments.paper.baxter import METHODS, PASSAGES
-from comove.experiments.paper.jobs import title_of
-from comove.experiments.paper.measures import Measures, apart_in_the_mean, count_verified
-from comove.experiments.paper.runs import INITIAL, RECORDING_SEEDS, ROLES, SCENES, TWO, Runs
-from comove.experiments.summaries import median_interval
+from comove.lab.paper.baxter import METHODS, PASSAGES
+from comove.lab.paper.jobs import title_of
+from comove.lab.paper.measures import Measures, apart_in_the_mean, count_verified
+from comove.lab.paper.runs import INITIAL, RECORDING_SEEDS, ROLES, SCENES, TWO, Runs
+from comove.lab.summaries import median_interval
 
 RELIABLE = 0.95  # share of the runs from which on something succeeds
 HELD, BROKEN = 0.005, 0.01  # m: a distance that is held by and large, and one that is clearly broken

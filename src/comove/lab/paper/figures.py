@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from comove.experiments.compared.single import alone
-from comove.experiments.examples import example
-from comove.experiments.modulation.pictures import draw_comparison
-from comove.experiments.paper import baxter
-from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
-from comove.experiments.paper.measures import Measures
-from comove.experiments.paper.runs import (
+from comove.dmp import DMP
+from comove.lab.compared.single import alone
+from comove.lab.examples import example
+from comove.lab.modulation.pictures import draw_comparison
+from comove.lab.paper import baxter
+from comove.lab.paper.jobs import CONTENDERS, Outcome, title_of
+from comove.lab.paper.measures import Measures
+from comove.lab.paper.runs import (
     GAIT,
     INITIAL,
     OTHER_SYSTEMS,
@@ -22,10 +23,9 @@ from comove.experiments.paper.runs import (
     SCENES,
     Runs,
 )
-from comove.experiments.summaries import NOTHING, Interval, median_interval, wilson
+from comove.lab.summaries import NOTHING, Interval, median_interval, wilson
 from comove.planning import LeastJerk, Solution, carried_demonstration, solve
-from comove.primitives import DMP
-from comove.views import (
+from comove.view.figures import (
     Panel,
     draw_failures,
     draw_measures,

@@ -9,13 +9,13 @@ from typing import Any, Literal
 import numpy as np
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
-from comove.experiments.examples import example
-from comove.experiments.paper.measures import Along, Measures, follow, measure
+from comove.dmp import DMP
+from comove.dmp.operations import in_space
+from comove.lab.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
+from comove.lab.examples import example
+from comove.lab.paper.measures import Along, Measures, follow, measure
 from comove.planning import Comove, Paper, PaperCost, Printed, Projection, SceneKind, load_kernels, solve
 from comove.planning.method import Method
-from comove.primitives import DMP
-from comove.primitives.operations import in_space
 from comove.scenes import Scene
 
 PLANE = "xy"  # in which planar movements are laid into spatial scenes

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.systems import distance_errors
+from comove.lab.systems import distance_errors
 from comove.planning import Solution
 from comove.verification.certificate import certify
 from comove.verification.verify import verify

@@ -14,10 +14,11 @@ import numpy as np
 
 from comove._version import __version__
 from comove.coordination.motion import CoordinatedMotion
-from comove.experiments.examples import example
-from comove.experiments.paper import tables
-from comove.experiments.paper.claims import Claim, ClaimFinding, ClaimVerdict, judge_all
-from comove.experiments.paper.figures import (
+from comove.io.folders import Contents
+from comove.lab.examples import example
+from comove.lab.paper import tables
+from comove.lab.paper.claims import Claim, ClaimFinding, ClaimVerdict, judge_all
+from comove.lab.paper.figures import (
     BAXTER,
     FAILED,
     FIGURES,
@@ -26,9 +27,9 @@ from comove.experiments.paper.figures import (
     shown_failures,
     verdict,
 )
-from comove.experiments.paper.jobs import CONTENDERS, Outcome, title_of
-from comove.experiments.paper.measures import count_verified, measure_motion
-from comove.experiments.paper.runs import (
+from comove.lab.paper.jobs import CONTENDERS, Outcome, title_of
+from comove.lab.paper.measures import count_verified, measure_motion
+from comove.lab.paper.runs import (
     AT_ONCE,
     GAIT,
     INITIAL,
@@ -41,9 +42,8 @@ from comove.experiments.paper.runs import (
     Runs,
     run_everything,
 )
-from comove.experiments.summaries import table
-from comove.io.folders import Contents
-from comove.views.motion import N_STATES
+from comove.lab.summaries import table
+from comove.view.figures.motion import N_STATES
 
 MINUTE = 60.0  # s
 LENGTH, TOLERANCE = "200 mm", "0.2 mm"  # of the bar in the three scenes

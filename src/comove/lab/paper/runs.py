@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control import Executor
 from comove.coordination.coordinates import arms_coordinates, load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations import Demonstration, lasa_names
+from comove.dmp import DMP, motion_basis
+from comove.dmp.demonstrations import Demonstration, lasa_names
 from comove.errors import ResultError
-from comove.execution import Executor
-from comove.experiments.compared import single
-from comove.experiments.examples import example
-from comove.experiments.modulation.comparison import Compared, compare
-from comove.experiments.paper import baxter
-from comove.experiments.paper.jobs import CONTENDERS, Job, Outcome, run, scene_of, warm_up
-from comove.experiments.paper.measures import Along, Measures, measure_motion
+from comove.lab.compared import single
+from comove.lab.examples import example
+from comove.lab.modulation.comparison import Compared, compare
+from comove.lab.paper import baxter
+from comove.lab.paper.jobs import CONTENDERS, Job, Outcome, run, scene_of, warm_up
+from comove.lab.paper.measures import Along, Measures, measure_motion
 from comove.planning import SceneKind, load_kernels
 from comove.planning.seeds import minimum_jerk
-from comove.primitives import DMP, motion_basis
 from comove.processes import run_tasks
 from comove.scenes import recording_of
 from comove.trajectory import interpolated

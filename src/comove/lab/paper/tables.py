@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from comove.experiments.paper.baxter import WITH_JOINTS
-from comove.experiments.paper.claims import Claim, ClaimFinding
-from comove.experiments.paper.figures import failures, median_of, share_of, verdict
-from comove.experiments.paper.jobs import CONTENDERS, title_of
-from comove.experiments.paper.measures import Measures, count_verified
-from comove.experiments.paper.runs import (
+from comove.lab.paper.baxter import WITH_JOINTS
+from comove.lab.paper.claims import Claim, ClaimFinding
+from comove.lab.paper.figures import failures, median_of, share_of, verdict
+from comove.lab.paper.jobs import CONTENDERS, title_of
+from comove.lab.paper.measures import Measures, count_verified
+from comove.lab.paper.runs import (
     AT_ONCE_SCENES,
     MOVEMENT_CONTENDERS,
     OTHER_SYSTEMS,
@@ -27,7 +27,7 @@ from comove.experiments.paper.runs import (
     Runs,
     recordings,
 )
-from comove.experiments.summaries import Interval, table
+from comove.lab.summaries import Interval, table
 
 PLAIN: dict[str, Any] = {"who": "paper", "tolerance": None, "gap": None, "velocity": 0.01}
 DISTANCE = "the distance between"

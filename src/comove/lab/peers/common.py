@@ -16,11 +16,11 @@ from comove.constraints import DistanceConstraint, SeparationConstraint
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.basis import motion_basis
 from comove.errors import ExtraError
-from comove.experiments.systems import Offers, System, SystemProblem, cost_of
 from comove.geometry.distances import configuration_distance
+from comove.lab.systems import Offers, System, SystemProblem, cost_of
 from comove.planning.seeds import minimum_jerk, steady
-from comove.primitives.basis import motion_basis
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
 from comove.verification.record import END_SPEED

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.experiments.peers.common import (
+from comove.lab.peers.common import (
     Best,
     Peer,
     PeerOutOfTime,
@@ -25,7 +25,7 @@ from comove.experiments.peers.common import (
     moved_aside,
     needed,
 )
-from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
+from comove.lab.systems import WEIGHTS, Offers, SystemProblem
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.coordinates import arms_coordinates
 from comove.coordination.dmp import CoordinatedDMP
-from comove.experiments.peers.common import (
+from comove.dmp.basis import motion_basis
+from comove.lab.peers.common import (
     Best,
     Peer,
     PeerOutOfTime,
@@ -31,8 +32,7 @@ from comove.experiments.peers.common import (
     kept_clearance,
     needed,
 )
-from comove.experiments.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
-from comove.primitives.basis import motion_basis
+from comove.lab.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
 

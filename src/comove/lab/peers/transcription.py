@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from comove.experiments.peers.common import (
+from comove.geometry import distances as sd
+from comove.lab.peers.common import (
     Best,
     Peer,
     first_hands,
@@ -25,8 +26,7 @@ from comove.experiments.peers.common import (
     moved_aside,
     needed,
 )
-from comove.experiments.systems import WEIGHTS, Offers, SystemProblem
-from comove.geometry import distances as sd
+from comove.lab.systems import WEIGHTS, Offers, SystemProblem
 from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]

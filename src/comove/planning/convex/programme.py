@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from comove.coordination.blocks import Blocks
 from comove.coordination.coordinates import DIRECTION, QUATERNION, Coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.basis import MotionBasis
+from comove.dmp.system import N_INTERVALS
 from comove.planning.convex.contacts import (
     N_FIELDS,
     OWNER,
@@ -22,8 +24,6 @@ from comove.planning.convex.contacts import (
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
 from comove.planning.convex.quadratic import QuadraticSettings
-from comove.primitives.basis import MotionBasis
-from comove.primitives.system import N_INTERVALS
 from comove.scenes.resting import recessions
 from comove.scenes.scene import Scene
 

@@ -20,10 +20,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from comove.compiled import kernel
+from comove.control.safety.qp_workspace import Sighting
 from comove.coordination.blocks import place_one
 from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
 from comove.planning.configurations import Space
-from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
 from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links

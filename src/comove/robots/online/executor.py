@@ -19,17 +19,17 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control.clouds import Clouds
+from comove.control.executor import Event, StepLog
+from comove.control.observers import Functions, Observer
+from comove.control.safety.qp_workspace import Sighting
+from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.coordination.blocks import write_pose
 from comove.coordination.coordinates import HandPoses, poses_at
+from comove.dmp.arguments import require_positive
 from comove.errors import OptionError, RobotError
-from comove.execution.clouds import Clouds
-from comove.execution.executor import Event, StepLog
-from comove.execution.observers import Functions, Observer
 from comove.geometry.rotations import matrices
 from comove.planning.clock import Budget
-from comove.primitives.arguments import require_positive
-from comove.reaction.qp_workspace import Sighting
-from comove.reaction.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.motion import approach_shares

@@ -1,6 +1,6 @@
 """The joint programme: rates of the joints nearest to the wanted ones that keep hold of the load and touch nothing.
 
-It is the twist programme of `comove.reaction` with the rates of all joints as further variables. In every step
+It is the twist programme of `comove.control.safety` with the rates of all joints as further variables. In every step
 
     minimise    sum over the hands of |velocity - wanted|^2 + weight |joint rates - wanted rates|^2
     such that   each hand moves and turns as the load and its grasp do (equations, never relaxed),
@@ -18,11 +18,18 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control.safety.qp_workspace import LIMIT, Sighting
+from comove.control.safety.twist_qp import (
+    ENDLESS,
+    EQUAL,
+    Allowed,
+    Assembled,
+    ProgrammeSettings,
+    TwistProgramme,
+)
+from comove.control.safety.twists import nodes_of
 from comove.coordination.coordinates import HandPoses
 from comove.errors import SceneError
-from comove.reaction.qp_workspace import LIMIT, Sighting
-from comove.reaction.twist_qp import ENDLESS, EQUAL, Allowed, Assembled, ProgrammeSettings, TwistProgramme
-from comove.reaction.twists import nodes_of
 from comove.robots.online.link_rows import LinkNeeds, clearances_along, empty_rows, hand_jacobians, link_rows
 from comove.robots.search.following import Arms
 from comove.scenes.grasp import Grasp

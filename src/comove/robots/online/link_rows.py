@@ -4,8 +4,8 @@ The variables are those of the twist programme, x, which move the load, and the 
 
     n . (velocity of a link's nearest point - velocity of the other's) >= -rate(h)
 
-is a control barrier as in `comove.reaction.cbf_constraints`; h is the clearance that is left, n its direction. Links
-are capsules, which are a little wider than the bodies in them. Joints can change their rates only a little in a step,
+is a control barrier as in `comove.control.safety.cbf_constraints`; h is the clearance that is left, n its direction.
+Links are capsules, which are a little wider than the bodies in them. Joints can change their rates only a little in a step,
 so most rows hold whatever they do: those are left out, and mostly not even measured. Where limits of joints have to
 give way themselves, the next step sees what came nearer by that.
 """
@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.control.safety.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
+from comove.control.safety.limits import length_of
+from comove.control.safety.qp_workspace import HANDS, Rates, Sighting
 from comove.geometry.closest_points import near_on_edge, solid_gradient
 from comove.geometry.distances import CENTER, REACH, points_apart
-from comove.reaction.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
-from comove.reaction.limits import length_of
-from comove.reaction.qp_workspace import HANDS, Rates, Sighting
 from comove.robots.search.chains import jacobian, place_arm
 from comove.robots.search.following import Arms
 from comove.robots.search.links import (

@@ -16,11 +16,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.control.safety.qp_workspace import Sighting
 from comove.coordination.coordinates import Coordinates
+from comove.dmp.arguments import require_positive
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
-from comove.primitives.arguments import require_positive
-from comove.reaction.qp_workspace import Sighting
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import MotionReference, ReferenceSettings, Stop

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.dmp.arguments import require_positive
 from comove.geometry.rotations import exponential, logarithm, matrices, quaternion_of_rotation
 from comove.planning.seeds import minimum_jerk
-from comove.primitives.arguments import require_positive
 from comove.robots.motion import approach_shares
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import Arms

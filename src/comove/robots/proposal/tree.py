@@ -21,7 +21,7 @@ MOVING = ("revolute", "continuous", "prismatic")
 # By kind of joint, where a model states nothing above 0 [rad/s, N m, m/s, N].
 TURNING, SLIDING = {"velocity": 1.0, "effort": 50.0}, {"velocity": 0.1, "effort": 50.0}
 GUESSED = {"revolute": TURNING, "continuous": TURNING, "prismatic": SLIDING}
-GUESSES, SPRINGS = "comove:guessed", "comove:springs"  # attributes of a URDF (`comove.simulators.mjcf`)
+GUESSES, SPRINGS = "comove:guessed", "comove:springs"  # attributes of a URDF (`comove.sim.mjcf`)
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|[^\W\d_A-Za-z]+")
 OTHERS = re.compile(r"[lr]?(leg|hip|knee|ankle|foot|toe|wheel|thigh|calf|neck|head|gaze)s?")
 FINGERS = re.compile(r"[lr]?(finger|gripper|jaw|knuckle|thumb|claw)s?")

@@ -33,8 +33,8 @@ from scipy.interpolate import PPoly
 
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
+from comove.dmp.system import N_INTERVALS
 from comove.geometry.rotations import cross
-from comove.primitives.system import N_INTERVALS
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges, fastest, subdivided
 from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by, reaches_of

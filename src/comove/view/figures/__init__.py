@@ -1,7 +1,7 @@
 """Pictures of primitives, motions and executions."""
 
-from comove.views.measures import Panel, draw_measures
-from comove.views.motion import (
+from comove.view.figures.measures import Panel, draw_measures
+from comove.view.figures.motion import (
     draw_episodes,
     draw_failures,
     draw_motion,
@@ -10,13 +10,13 @@ from comove.views.motion import (
     draw_scene,
     draw_side_by_side,
 )
-from comove.views.notebooks import as_html
-from comove.views.pipeline import draw_pipeline
-from comove.views.primitives import draw_library, draw_primitive
-from comove.views.results import save_result, save_robot_result
-from comove.views.robots import draw_joints, draw_robot
-from comove.views.run import animate_run, draw_run
-from comove.views.style import save, save_picture
+from comove.view.figures.notebooks import as_html
+from comove.view.figures.pipeline import draw_pipeline
+from comove.view.figures.primitives import draw_library, draw_primitive
+from comove.view.figures.results import save_result, save_robot_result
+from comove.view.figures.robots import draw_joints, draw_robot
+from comove.view.figures.run import animate_run, draw_run
+from comove.view.figures.style import save, save_picture
 
 __all__ = [
     "Panel",

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.views.style import COLOURS, new_figure
+from comove.view.figures.style import COLOURS, new_figure
 
 Array = NDArray[np.float64]
 

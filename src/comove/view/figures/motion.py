@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
-from comove.views.shapes import hull_outline, load_pairs, outline
-from comove.views.style import ARM, COLOURS, MOVING, draw_way, new_figure
+from comove.view.figures.shapes import hull_outline, load_pairs, outline
+from comove.view.figures.style import ARM, COLOURS, MOVING, draw_way, new_figure
 
 Array = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ def draw_motion(
         draw_panel(axes, motion, view, demonstration)
         _draw_arms(axes, arms, view)
     if len(views) > 1:
-        from comove.views.perspective import draw_perspective
+        from comove.view.figures.perspective import draw_perspective
 
         nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, N_STATES)))[0]
         draw_perspective(above, (1, columns, 1), motion, nodes, demonstration, arms)

@@ -15,8 +15,8 @@ from comove.planning.solution import Solution
 from comove.scenes.scene import Scene
 from comove.stored import joint_rows, limits_row, motion_rows
 from comove.verification.verify import VerifiedMotion
-from comove.views.motion import draw_motion, draw_scene
-from comove.views.results import arms_along
+from comove.view.figures.motion import draw_motion, draw_scene
+from comove.view.figures.results import arms_along
 
 DPI = 60
 """Of pictures in notebooks [1/inch], which are as wide as the page."""

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
 from comove.scenes.scene import Scene
-from comove.views.shapes import hull_faces, load_pairs, obstacle_faces
-from comove.views.style import ARM, COLOURS, GOAL, START
+from comove.view.figures.shapes import hull_faces, load_pairs, obstacle_faces
+from comove.view.figures.style import ARM, COLOURS, GOAL, START
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.demonstrations import Demonstration
-from comove.primitives.dmp import DMP
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.dmp import DMP
 from comove.verification.verify import verify
-from comove.views.motion import draw_legend, draw_panel
-from comove.views.style import COLOURS, GOAL, START, new_figure
+from comove.view.figures.motion import draw_legend, draw_panel
+from comove.view.figures.style import COLOURS, GOAL, START, new_figure
 
 
 def draw_pipeline(

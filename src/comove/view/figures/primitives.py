@@ -12,13 +12,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from comove.demonstrations import Demonstration
-from comove.primitives import DMP, Primitive, Variant
-from comove.primitives.poses import PoseDMP
-from comove.primitives.probabilistic import ProMP
-from comove.primitives.system import gaussians, mollifiers, von_mises
+from comove.dmp import DMP, Primitive, Variant
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.poses import PoseDMP
+from comove.dmp.probabilistic import ProMP
+from comove.dmp.system import gaussians, mollifiers, von_mises
 from comove.trajectory import Trajectory
-from comove.views.style import GOAL, START, new_figure
+from comove.view.figures.style import GOAL, START, new_figure
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from comove.results import write_solution
 from comove.results.inputs import Words, write_inputs
 from comove.results.reference import SCENE
 from comove.scenes.model import canonical
-from comove.views.motion import draw_motion, draw_progress
-from comove.views.robots import arm_lines, draw_joints
-from comove.views.style import save
+from comove.view.figures.motion import draw_motion, draw_progress
+from comove.view.figures.robots import arm_lines, draw_joints
+from comove.view.figures.style import save
 
 if TYPE_CHECKING:  # robots are an extra
     from comove.robots import RobotSolution

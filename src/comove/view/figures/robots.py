@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from comove.views.style import COLOURS, new_figure
+from comove.view.figures.style import COLOURS, new_figure
 
 if TYPE_CHECKING:  # robots are an extra
     from comove.robots.model import Robot

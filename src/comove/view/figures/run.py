@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from comove.geometry.solids import N_CORNERS
 from comove.scenes.scene import Scene
 from comove.verification.record import Record
-from comove.views.motion import MovingBorders, draw_frame, draw_legend, draw_standing, views_of
-from comove.views.shapes import hull_outline, load_pairs
-from comove.views.style import COLOURS, GOAL, Mover, draw_way, new_figure, write_gif
+from comove.view.figures.motion import MovingBorders, draw_frame, draw_legend, draw_standing, views_of
+from comove.view.figures.shapes import hull_outline, load_pairs
+from comove.view.figures.style import COLOURS, GOAL, Mover, draw_way, new_figure, write_gif
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from comove.errors import ComoveError, ExtraError, MeshError, RobotError
 from comove.geometry.triangles import triangles_of
 from comove.scenes.scene import Scene
-from comove.views.shapes import hull_faces
-from comove.workbench.geometry import AROUND, Surface, ball, colour_of, rod
+from comove.view.figures.shapes import hull_faces
+from comove.view.workbench.geometry import AROUND, Surface, ball, colour_of, rod
 
 if TYPE_CHECKING:
     from comove.robots import Robot
@@ -211,7 +211,7 @@ def _triangles(geometry: ET.Element | None, file: Path) -> Iterator[tuple[Array,
 def _mesh(named: str, file: Path) -> Iterator[tuple[Array, Colour | None]]:
     """Yield the parts of a mesh by colour; in one piece where their colours cannot be read, none if nothing can."""
     from comove.robots.urdf import resolve
-    from comove.simulators.meshes import as_obj, coloured_parts
+    from comove.sim.meshes import as_obj, coloured_parts
 
     try:
         path = resolve(named, file)

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from comove.methods import OWN
-from comove.workbench.edits import Draft, contents_of
-from comove.workbench.link import Link, on_loop
-from comove.workbench.panels import Panels
-from comove.workbench.protocol import Message, SearchTimes
-from comove.workbench.shelf import Item, read_scene
-from comove.workbench.stage import BESIDE, Stage
-from comove.workbench.words import measures_words, named_in, plain_text, verdict_words
+from comove.view.workbench.edits import Draft, contents_of
+from comove.view.workbench.link import Link, on_loop
+from comove.view.workbench.panels import Panels
+from comove.view.workbench.protocol import Message, SearchTimes
+from comove.view.workbench.shelf import Item, read_scene
+from comove.view.workbench.stage import BESIDE, Stage
+from comove.view.workbench.words import measures_words, named_in, plain_text, verdict_words
 
 NOTHING, HELD = "nothing", "the motion shown now"
 CHOICES = (NOTHING, HELD, *OWN)  # and what was named

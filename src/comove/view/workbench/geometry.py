@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from comove.geometry.rotations import fit_quaternion
 from comove.scenes.scene import Scene
-from comove.views.shapes import all_around, hull_faces, load_pairs, outline, support_points
-from comove.views.style import COLOURS
+from comove.view.figures.shapes import all_around, hull_faces, load_pairs, outline, support_points
+from comove.view.figures.style import COLOURS
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from comove.processes import end_process, start_process
-from comove.workbench.edits import Draft
-from comove.workbench.protocol import Mailbox, Message, SearchTimes
-from comove.workbench.shelf import Item
+from comove.view.workbench.edits import Draft
+from comove.view.workbench.protocol import Mailbox, Message, SearchTimes
+from comove.view.workbench.shelf import Item
 
 Answered = Callable[["Link", Message], None]
 
@@ -43,7 +43,7 @@ class Link:
         self._numbers = itertools.count()
         self._mailbox = Mailbox()
         self._process, self._connection = start_process(
-            "comove.workbench.worker",
+            "comove.view.workbench.worker",
             start_new_session=True,  # Ctrl-C ends the page, which ends this
         )
         for work in (self._write, self._read):

@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.control import ExecutionLog, Executor, Functions, Pace, write_run
+from comove.control.safety.twists import nodes_of
 from comove.coordination.coordinates import HandPoses
 from comove.errors import OptionError
-from comove.execution import ExecutionLog, Executor, Functions, Pace, write_run
-from comove.reaction.twists import nodes_of
 from comove.scenes.scene import Scene
 from comove.verification.record import Record, verify_execution
 from comove.verification.verify import VerifiedMotion
-from comove.workbench.edits import Contents
-from comove.workbench.geometry import longest_side
+from comove.view.workbench.edits import Contents
+from comove.view.workbench.geometry import longest_side
 
 Array = NDArray[np.float64]
 
@@ -255,7 +255,7 @@ def _record(scene: Scene, poses: list[HandPoses], period: float) -> Record:
 
 def save_run(run: LiveRun, folder: Path, *, seed: int) -> None:
     """Write a run into a result folder that is being written, as `comove run` does, but for the film."""
-    from comove.views import draw_run, save
+    from comove.view.figures import draw_run, save
 
     report = verify_execution(run.record, run.blocker)
     save(draw_run(run.record), folder / "run.png")

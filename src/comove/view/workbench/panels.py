@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from comove.methods import OWN
 from comove.scenes.scene import Scene
-from comove.views.style import COLOURS, GOAL, MOVING, START
-from comove.workbench.edits import OBJECTIVES, SIZES, Draft, Grip, sizes_of
-from comove.workbench.playback import RecordedMotion
+from comove.view.figures.style import COLOURS, GOAL, MOVING, START
+from comove.view.workbench.edits import OBJECTIVES, SIZES, Draft, Grip, sizes_of
+from comove.view.workbench.playback import RecordedMotion
 
 Array = NDArray[np.float64]
 Told = Callable[[str, Any], None]

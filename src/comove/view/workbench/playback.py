@@ -24,12 +24,12 @@ from comove.stored import Part, Row, Verification, joint_rows, motion_rows, veri
 from comove.verification.certificate import Clearance, certify
 from comove.verification.record import Record, clearance_of, verify_execution
 from comove.verification.verify import Report, VerifiedMotion, verify
-from comove.workbench.bodies import poses_of, robot_of
-from comove.workbench.shelf import Item, parts_of, read_scene
+from comove.view.workbench.bodies import poses_of, robot_of
+from comove.view.workbench.shelf import Item, parts_of, read_scene
 
 if TYPE_CHECKING:
     from comove.robots import JointMotion, JointReport, Robot
-    from comove.simulators.live_record import OnlineRecord
+    from comove.sim.live_record import OnlineRecord
 
 Array = NDArray[np.float64]
 

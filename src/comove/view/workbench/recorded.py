@@ -20,11 +20,11 @@ from comove.io.notebooks import in_notebook
 from comove.planning import movements_of, solve
 from comove.planning.solution import ProgressCallback
 from comove.scenes.demonstration import demonstration_of
-from comove.workbench.bodies import bodies_of, poses_of, robot_of
-from comove.workbench.playback import Playback, playback_of, playback_of_item
-from comove.workbench.server import start
-from comove.workbench.shelf import Item, read_scene
-from comove.workbench.stage import Stage, demonstrated
+from comove.view.workbench.bodies import bodies_of, poses_of, robot_of
+from comove.view.workbench.playback import Playback, playback_of, playback_of_item
+from comove.view.workbench.server import start
+from comove.view.workbench.shelf import Item, read_scene
+from comove.view.workbench.stage import Stage, demonstrated
 
 POLICY = "default-src 'unsafe-inline' 'unsafe-eval' data: blob:"
 """Of the page: nothing is loaded from anywhere."""

@@ -14,11 +14,11 @@ from comove.results.inputs import command_again
 from comove.results.sealed import AGAIN, read_json
 from comove.scenes.scene import Scene
 from comove.stored import Part, Verification
-from comove.views.motion import draw_motion
-from comove.views.run import draw_run
-from comove.workbench.playback import Playback, playback_of_verification, verification_of
-from comove.workbench.recorded import POLICY, page_of
-from comove.workbench.shelf import Shelf, parts_of
+from comove.view.figures.motion import draw_motion
+from comove.view.figures.run import draw_run
+from comove.view.workbench.playback import Playback, playback_of_verification, verification_of
+from comove.view.workbench.recorded import POLICY, page_of
+from comove.view.workbench.shelf import Shelf, parts_of
 
 STYLE = (
     "body{font:15px/1.55 system-ui,sans-serif;color:#1a1a1a;max-width:62em;margin:2em auto;padding:0 1em}"
@@ -42,7 +42,7 @@ def report_page(shelf: Shelf) -> tuple[str, Playback]:
 
     Parameters
     ----------
-    shelf : the result, as `comove.workbench.shelf.shelf_of` finds it
+    shelf : the result, as `comove.view.workbench.shelf.shelf_of` finds it
 
     Raises
     ------

@@ -11,8 +11,8 @@ from comove.errors import OptionError, ResultError
 from comove.io.files import whole_file
 from comove.scenes.model import SceneFile
 from comove.scenes.scene import Scene
-from comove.workbench.edits import Contents
-from comove.workbench.teaching import Taught, csv_of
+from comove.view.workbench.edits import Contents
+from comove.view.workbench.teaching import Taught, csv_of
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,79}")
 WORDS = "letters, digits, '-', '_' and '.', beginning with a letter or digit"

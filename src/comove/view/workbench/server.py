@@ -1,7 +1,7 @@
 """The workbench's server: the viewer's own, behind the gate, and deaf to what no page of ours sends.
 
 The viewer's server has neither authentication nor a check of origins, lets any client open a public tunnel, and takes
-any property of a control from a client. All of that is closed here; `tests/workbench/test_server.py` tries each.
+any property of a control from a client. All of that is closed here; `tests/view/workbench/test_server.py` tries each.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from rich import get_console
 
 from comove.errors import ExtraError, OptionError
 from comove.io.files import installed
-from comove.workbench.gate import Gate, page_headers
-from comove.workbench.session import PageSettings, Session
-from comove.workbench.shelf import Shelf
-from comove.workbench.words import plain_text
+from comove.view.workbench.gate import Gate, page_headers
+from comove.view.workbench.session import PageSettings, Session
+from comove.view.workbench.shelf import Shelf
+from comove.view.workbench.words import plain_text
 
 LARGEST_MESSAGE = 2**20  # bytes, of one message from a page
 LONGEST_TEXT = 10_000  # characters, of what is typed into a control

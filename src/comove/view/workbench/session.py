@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from comove.errors import ComoveError
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.scenes.scene import Scene
-from comove.workbench.comparison import CHOICES, Comparison
-from comove.workbench.edits import (
+from comove.view.workbench.comparison import CHOICES, Comparison
+from comove.view.workbench.edits import (
     SIZES,
     VALUES,
     Draft,
@@ -34,16 +34,16 @@ from comove.workbench.edits import (
     with_value,
     without_obstacle,
 )
-from comove.workbench.link import Link, on_loop
-from comove.workbench.live import State
-from comove.workbench.panels import Panels
-from comove.workbench.playback import RecordedMotion
-from comove.workbench.protocol import Message, SearchTimes
-from comove.workbench.saving import save_scene, target_in
-from comove.workbench.shelf import Item, Shelf, read_scene
-from comove.workbench.stage import ROBOT, Stage, clear, demonstrated
-from comove.workbench.teaching import Stroke, keep
-from comove.workbench.words import measures_words, named_in, plain_text, verdict_words
+from comove.view.workbench.link import Link, on_loop
+from comove.view.workbench.live import State
+from comove.view.workbench.panels import Panels
+from comove.view.workbench.playback import RecordedMotion
+from comove.view.workbench.protocol import Message, SearchTimes
+from comove.view.workbench.saving import save_scene, target_in
+from comove.view.workbench.shelf import Item, Shelf, read_scene
+from comove.view.workbench.stage import ROBOT, Stage, clear, demonstrated
+from comove.view.workbench.teaching import Stroke, keep
+from comove.view.workbench.words import measures_words, named_in, plain_text, verdict_words
 
 Array = NDArray[np.float64]
 
@@ -260,7 +260,7 @@ class Session:
 
         Parameters
         ----------
-        to, turn : as `comove.workbench.edits.moved`
+        to, turn : as `comove.view.workbench.edits.moved`
         last : whether it is let go
         """
         before = self.held.contents if self.held is not None else self.history.now.contents

@@ -17,11 +17,11 @@ from comove.planning import carried_demonstration, movements_of
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.scenes.shapes import spatial
-from comove.views.shapes import load_pairs
-from comove.views.style import COLOURS, GOAL, MOVING, START
-from comove.workbench.bodies import LinkSurface
-from comove.workbench.edits import Grip, contents_of, grips_of, place_of
-from comove.workbench.geometry import (
+from comove.view.figures.shapes import load_pairs
+from comove.view.figures.style import COLOURS, GOAL, MOVING, START
+from comove.view.workbench.bodies import LinkSurface
+from comove.view.workbench.edits import Grip, contents_of, grips_of, place_of
+from comove.view.workbench.geometry import (
     Piece,
     Proportions,
     Surface,
@@ -34,8 +34,8 @@ from comove.workbench.geometry import (
     segments_of,
     workspace_lines,
 )
-from comove.workbench.playback import RecordedMotion, Touch
-from comove.workbench.teaching import Taught, demonstration_from
+from comove.view.workbench.playback import RecordedMotion, Touch
+from comove.view.workbench.teaching import Taught, demonstration_from
 
 Array = NDArray[np.float64]
 

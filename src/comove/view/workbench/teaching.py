@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations import Demonstration
-from comove.demonstrations.resampling import cutoff_of_noise
+from comove.dmp import Library, learn
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.demonstrations.resampling import cutoff_of_noise
 from comove.errors import ComoveWarning, DemonstrationError
-from comove.primitives import Library, learn
 from comove.scenes.demonstration import LIBRARY
 
 Array = NDArray[np.float64]

@@ -1,7 +1,7 @@
 """The planner of one page, in a process of its own: it solves the newest draft, drops those before, and runs.
 
-`python -m comove.workbench.worker SOCKET` answers the messages that come through a socket (see
-`comove.workbench.protocol`). It ends when the other end closes.
+`python -m comove.view.workbench.worker SOCKET` answers the messages that come through a socket (see
+`comove.view.workbench.protocol`). It ends when the other end closes.
 
 A draft is answered in steps. First the motion that is shown is verified on the new scene: where it is still verified,
 it stays, and the answer comes at once. Then a motion is searched; the first verified one is sent as soon as it is
@@ -45,19 +45,19 @@ from comove.results.inputs import place_of_scene
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion, verify
-from comove.workbench.bodies import bodies_of, poses_of, robot_of
-from comove.workbench.edits import Draft
-from comove.workbench.live import LiveRun, run_live, save_run
-from comove.workbench.playback import (
+from comove.view.workbench.bodies import bodies_of, poses_of, robot_of
+from comove.view.workbench.edits import Draft
+from comove.view.workbench.live import LiveRun, run_live, save_run
+from comove.view.workbench.playback import (
     Playback,
     playback_of,
     playback_of_item,
     playback_of_joints,
     playback_of_run,
 )
-from comove.workbench.protocol import Mailbox, Message, SearchTimes
-from comove.workbench.shelf import read_scene
-from comove.workbench.teaching import csv_of, demonstration_from
+from comove.view.workbench.protocol import Mailbox, Message, SearchTimes
+from comove.view.workbench.shelf import read_scene
+from comove.view.workbench.teaching import csv_of, demonstration_from
 
 if TYPE_CHECKING:
     from comove.robots import JointMotion, Robot, RobotSolution, VerifiedJointMotion
@@ -355,7 +355,7 @@ class Worker:
         """
         from comove.io.folders import whole_folder
         from comove.results import RESULT
-        from comove.views import save_result, save_robot_result
+        from comove.view.figures import save_result, save_robot_result
 
         number, solution = self.solution or (-1, None)
         known = number == asked["of"] and (isinstance(solution, LiveRun) or (solution and solution.verified))

@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import ComoveError
 
 

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from comove.demonstrations import Demonstration, read_csv, write_csv
+from comove.dmp.demonstrations import Demonstration, read_csv, write_csv
 from comove.errors import ComoveWarning, DemonstrationError
 
 GOOD = "time,x,y\n0,0,0\n0.1,0.5,1\n0.2,1,2\n"
@@ -216,7 +216,7 @@ def test_ten_million_rows_are_refused_before_they_are_parsed(tmp_path, refused, 
 
 
 def test_the_row_limit_is_exact(tmp_path, refused, monkeypatch):
-    monkeypatch.setattr("comove.demonstrations.formats.table_rows.MAX_ROWS", 3)
+    monkeypatch.setattr("comove.dmp.demonstrations.formats.table_rows.MAX_ROWS", 3)
     assert read_csv(write(tmp_path, GOOD))[""].n_steps == 3
     path = write(tmp_path, GOOD + "0.3,0,0\n")
     refused(read_csv, path, key=None, says="more than 3 rows", way_out="every n-th row")
@@ -423,7 +423,7 @@ def test_lines_that_fill_blocks_are_no_long_lines(tmp_path):
 
 
 def test_more_numbers_than_memory_is_meant_for(tmp_path, monkeypatch):
-    monkeypatch.setattr("comove.demonstrations.formats.table_rows.MAX_CELLS", 1000)
+    monkeypatch.setattr("comove.dmp.demonstrations.formats.table_rows.MAX_CELLS", 1000)
     path = write(tmp_path, "time,x\n" + "".join(f"{i},0\n" for i in range(501)))
     with pytest.raises(DemonstrationError, match="more than 1,000 numbers; keep every n-th row"):
         read_csv(path)

@@ -6,8 +6,8 @@ import os
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, read_hdf5, write_aloha, write_robomimic
-from comove.demonstrations.formats import hdf5, hdf5_access
+from comove.dmp.demonstrations import Demonstration, read_hdf5, write_aloha, write_robomimic
+from comove.dmp.demonstrations.formats import hdf5, hdf5_access
 from comove.errors import DemonstrationError, OptionError
 
 h5py = pytest.importorskip("h5py")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration, read_hdf5
-from comove.demonstrations.formats import hdf5
+from comove.dmp.demonstrations import Demonstration, read_hdf5
+from comove.dmp.demonstrations.formats import hdf5
 from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
-from tests.demonstrations.formats.advice import follow, printed_options
+from tests.dmp.demonstrations.formats.advice import follow, printed_options
 
 h5py = pytest.importorskip("h5py")
 

@@ -13,7 +13,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from comove.demonstrations import write_lerobot, write_rosbag
+from comove.dmp.demonstrations import write_lerobot, write_rosbag
 
 h5py = pytest.importorskip("h5py")
 pytest.importorskip("pyarrow")
@@ -23,7 +23,7 @@ lz4 = pytest.importorskip("lz4.frame")
 SECONDS, BYTES = 5, 2**30
 READ = f"""
 import resource, sys
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import DemonstrationError
 import h5py, lz4.frame, numpy, pyarrow.parquet, rosbags.rosbag1, rosbags.rosbag2
 status = open("/proc/self/status").read()

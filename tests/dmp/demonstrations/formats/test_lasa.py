@@ -6,8 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, lasa_names
-from comove.demonstrations.formats import lasa
+from comove.dmp.demonstrations import Demonstration, lasa_names
+from comove.dmp.demonstrations.formats import lasa
 from comove.errors import DemonstrationError
 
 

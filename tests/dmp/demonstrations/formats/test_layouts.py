@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration
+from comove.dmp.demonstrations import Demonstration
 from comove.errors import DemonstrationError
-from tests.demonstrations.formats.advice import followed
+from tests.dmp.demonstrations.formats.advice import followed
 
 N = 201
 TIME = np.arange(N) / 100.0

@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, read_lerobot, write_lerobot
-from comove.demonstrations.formats import lerobot
+from comove.dmp.demonstrations import Demonstration, read_lerobot, write_lerobot
+from comove.dmp.demonstrations.formats import lerobot
 from comove.errors import DemonstrationError
 
 pa = pytest.importorskip("pyarrow")
@@ -323,7 +323,7 @@ def test_a_damaged_description_of_a_column_does_not_end_the_process(path, hand):
     code = """
 import sys
 from pathlib import Path
-from comove.demonstrations import read_lerobot
+from comove.dmp.demonstrations import read_lerobot
 from comove.errors import DemonstrationError
 
 file = Path(sys.argv[2])

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.demonstrations import Demonstration, read_lerobot, write_lerobot
-from comove.demonstrations.formats import lerobot
-from comove.demonstrations.formats.lerobot_features import UNSTATED
+from comove.dmp.demonstrations import Demonstration, read_lerobot, write_lerobot
+from comove.dmp.demonstrations.formats import lerobot
+from comove.dmp.demonstrations.formats.lerobot_features import UNSTATED
 from comove.errors import ComoveError, ComoveWarning, DemonstrationError
-from tests.demonstrations.formats.advice import follow, printed_options
+from tests.dmp.demonstrations.formats.advice import follow, printed_options
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")

@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from comove.demonstrations import (
+from comove.dmp.demonstrations import (
     Demonstration,
     write,
     write_aloha,
@@ -17,8 +17,8 @@ from comove.demonstrations import (
     write_robomimic,
     write_rosbag,
 )
-from comove.demonstrations.formats import FORMATS
-from comove.demonstrations.samples import select_name
+from comove.dmp.demonstrations.formats import FORMATS
+from comove.dmp.demonstrations.samples import select_name
 from comove.errors import DemonstrationError
 
 
@@ -151,7 +151,7 @@ def test_plain_files_need_no_further_library(tmp_path, hand):
     write_csv(tmp_path / "a.csv", hand())
     code = (
         "import sys\n"
-        "from comove.demonstrations import Demonstration\n"
+        "from comove.dmp.demonstrations import Demonstration\n"
         "Demonstration.load('a.csv')\n"
         "print({'scipy', 'h5py', 'pyarrow', 'rosbags'} & set(sys.modules))"
     )

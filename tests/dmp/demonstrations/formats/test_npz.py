@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration, read_npz, write_npz
+from comove.dmp.demonstrations import Demonstration, read_npz, write_npz
 from comove.errors import DemonstrationError, OptionError
 from tests.cases import examples
 

@@ -6,16 +6,25 @@ import re
 import numpy as np
 import pytest
 
-from comove.demonstrations import Demonstration, read_rosbag
-from comove.demonstrations.formats import rosbag
+from comove.dmp.demonstrations import Demonstration, read_rosbag
+from comove.dmp.demonstrations.formats import rosbag
 from comove.errors import DemonstrationError
 
 pytest.importorskip("rosbags")
 from rosbags import rosbag1
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from tests.demonstrations.formats.advice import printed_options
-from tests.demonstrations.formats.bags import TYPES, bag, header, joint_state, make, point, pose, pose_stamped
+from tests.dmp.demonstrations.formats.advice import printed_options
+from tests.dmp.demonstrations.formats.bags import (
+    TYPES,
+    bag,
+    header,
+    joint_state,
+    make,
+    point,
+    pose,
+    pose_stamped,
+)
 
 SECOND = 10**9
 POSE, JOINTS = "geometry_msgs/PoseStamped", "sensor_msgs/JointState"

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation, Slerp
 
-from comove.demonstrations import Demonstration, read_rosbag
+from comove.dmp.demonstrations import Demonstration, read_rosbag
 from comove.errors import DemonstrationError
 
 pytest.importorskip("rosbags")
 
-from tests.demonstrations.formats.advice import printed_options
-from tests.demonstrations.formats.bags import TYPES, bag, make, point, pose_stamped
+from tests.dmp.demonstrations.formats.advice import printed_options
+from tests.dmp.demonstrations.formats.bags import TYPES, bag, make, point, pose_stamped
 
 SECOND = 10**9
 TF = "tf2_msgs/TFMessage"

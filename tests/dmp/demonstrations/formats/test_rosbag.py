@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from comove.demonstrations import Demonstration, read_rosbag, write_rosbag
-from comove.demonstrations.formats import rosbag
+from comove.dmp.demonstrations import Demonstration, read_rosbag, write_rosbag
+from comove.dmp.demonstrations.formats import rosbag
 from comove.errors import ComoveWarning, DemonstrationError
 
 pytest.importorskip("rosbags")
@@ -19,7 +19,7 @@ from rosbags import rosbag1
 from rosbags.typesys import Stores, get_typestore
 
 from tests.cases import examples
-from tests.demonstrations.formats.bags import TYPES, bag, header, joint_state, make, point, pose_stamped
+from tests.dmp.demonstrations.formats.bags import TYPES, bag, header, joint_state, make, point, pose_stamped
 
 KINDS = ["one.bag", "one.mcap", "one.db3", "folder", "sqlite"]
 FILES = KINDS[:3]

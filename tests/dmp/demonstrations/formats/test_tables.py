@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 
 from comove.cli import learn  # noqa: F401  registers the verb
 from comove.cli.library import add  # noqa: F401  this one too
-from comove.demonstrations import Demonstration, resampling
-from comove.demonstrations.units import LENGTHS
+from comove.dmp.demonstrations import Demonstration, resampling
+from comove.dmp.demonstrations.units import LENGTHS
 from comove.errors import ComoveError, ComoveWarning, DemonstrationError, OptionError
 from tests.cases import examples
 from tests.cli.test_cli import assert_refused
 from tests.commands import invoke
-from tests.demonstrations.formats.advice import follow
+from tests.dmp.demonstrations.formats.advice import follow
 
 TIME = np.arange(0.0, 8.0, 0.01)
 SHARE = np.clip((TIME - 2.0) / 3.0, 0.0, 1.0)

@@ -1,6 +1,6 @@
 """Formats of recordings: one file each, and here the register from which files are recognised.
 
-A format turns files into `comove.demonstrations.samples.RecordedSamples` and back; it knows no `Demonstration`.
+A format turns files into `comove.dmp.demonstrations.samples.RecordedSamples` and back; it knows no `Demonstration`.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, cast
 
-from comove.demonstrations.bodies import matching_body
-from comove.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables
-from comove.demonstrations.samples import Format, RecordedSamples, advising, fault, select_name
+from comove.dmp.demonstrations.bodies import matching_body
+from comove.dmp.demonstrations.formats import hdf5, lerobot, npz, rosbag, tables
+from comove.dmp.demonstrations.samples import Format, RecordedSamples, advising, fault, select_name
 from comove.errors import near_name
 from comove.io.files import require_content, telling
 

@@ -15,10 +15,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from comove.demonstrations.bodies import Body
-from comove.demonstrations.columns import Column, Kind
-from comove.demonstrations.samples import AXES, QUATERNION, RecordedSamples, by_manipulator, fault
-from comove.demonstrations.units import unit_named
+from comove.dmp.demonstrations.bodies import Body
+from comove.dmp.demonstrations.columns import Column, Kind
+from comove.dmp.demonstrations.samples import AXES, QUATERNION, RecordedSamples, by_manipulator, fault
+from comove.dmp.demonstrations.units import unit_named
 from comove.io.files import whole_file
 
 _UNIT = re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\[\]]*[^\[\]0-9][^\[\]]*)\]")

@@ -32,10 +32,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.formats.hdf5_access import LAYOUTS, HDF5File
-from comove.demonstrations.formats.hdf5_layouts import ALOHA_JOINTS, EpisodeReader, episode_groups
-from comove.demonstrations.plausibility import require_rate
-from comove.demonstrations.samples import (
+from comove.dmp.demonstrations.formats.hdf5_access import LAYOUTS, HDF5File
+from comove.dmp.demonstrations.formats.hdf5_layouts import ALOHA_JOINTS, EpisodeReader, episode_groups
+from comove.dmp.demonstrations.plausibility import require_rate
+from comove.dmp.demonstrations.samples import (
     MAX_ROWS,
     Episodes,
     Format,
@@ -47,7 +47,7 @@ from comove.demonstrations.samples import (
     fault,
     one_of,
 )
-from comove.demonstrations.units import require_unit
+from comove.dmp.demonstrations.units import require_unit
 from comove.errors import OptionError
 from comove.io.files import existing_file, extra, whole_path
 

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import MAX_DIMS
-from comove.demonstrations.columns import Kind, read_columns
-from comove.demonstrations.samples import MAX_ROWS, decoding, fault, require_bytes
+from comove.dmp.demonstrations.cleaning import MAX_DIMS
+from comove.dmp.demonstrations.columns import Kind, read_columns
+from comove.dmp.demonstrations.samples import MAX_ROWS, decoding, fault, require_bytes
 from comove.errors import DemonstrationError, listed, near_name
 from comove.io.files import extra
 

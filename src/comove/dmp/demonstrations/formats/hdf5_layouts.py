@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.bodies import Body, bodies_of, chosen_body
-from comove.demonstrations.cleaning import MAX_DIMS
-from comove.demonstrations.clocks import time_of
-from comove.demonstrations.columns import Kind, read_columns
-from comove.demonstrations.formats.hdf5_access import HDF5File
-from comove.demonstrations.samples import AXES, TIME, UNIT, Origin, RecordedSamples
-from comove.demonstrations.units import unit_named
+from comove.dmp.demonstrations.bodies import Body, bodies_of, chosen_body
+from comove.dmp.demonstrations.cleaning import MAX_DIMS
+from comove.dmp.demonstrations.clocks import time_of
+from comove.dmp.demonstrations.columns import Kind, read_columns
+from comove.dmp.demonstrations.formats.hdf5_access import HDF5File
+from comove.dmp.demonstrations.samples import AXES, TIME, UNIT, Origin, RecordedSamples
+from comove.dmp.demonstrations.units import unit_named
 from comove.errors import listed
 from comove.geometry.rotations import exponential
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from comove.demonstrations.samples import RecordedSamples, fault
+from comove.dmp.demonstrations.samples import RecordedSamples, fault
 from comove.errors import near_name
 
 N_DEMOS = 7

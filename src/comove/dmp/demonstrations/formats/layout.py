@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from itertools import islice, pairwise
 from pathlib import Path
 
-from comove.demonstrations.columns import Kind, bare_name, read_columns
-from comove.demonstrations.samples import fault
-from comove.demonstrations.units import LENGTHS, UNITS
+from comove.dmp.demonstrations.columns import Kind, bare_name, read_columns
+from comove.dmp.demonstrations.samples import fault
+from comove.dmp.demonstrations.units import LENGTHS, UNITS
 from comove.errors import DemonstrationError
 
 PREAMBLE = 200

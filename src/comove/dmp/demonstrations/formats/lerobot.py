@@ -27,10 +27,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.bodies import Body
-from comove.demonstrations.formats.lerobot_features import STATE, Feature, Movement, movements_of
-from comove.demonstrations.plausibility import require_rate
-from comove.demonstrations.samples import (
+from comove.dmp.demonstrations.bodies import Body
+from comove.dmp.demonstrations.formats.lerobot_features import STATE, Feature, Movement, movements_of
+from comove.dmp.demonstrations.plausibility import require_rate
+from comove.dmp.demonstrations.samples import (
     AXES,
     MAX_ROWS,
     QUATERNION,
@@ -46,7 +46,7 @@ from comove.demonstrations.samples import (
     fault,
     one_of,
 )
-from comove.demonstrations.units import TIMES, require_unit
+from comove.dmp.demonstrations.units import TIMES, require_unit
 from comove.errors import ComoveWarning, DemonstrationError, listed, near_name
 from comove.io.files import existing_file, extra, telling
 from comove.io.folders import Contents, whole_folder

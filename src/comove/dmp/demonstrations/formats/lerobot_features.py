@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from comove.demonstrations.bodies import Body, as_joints, bodies_of, chosen_body, spoken
-from comove.demonstrations.cleaning import MAX_DIMS
-from comove.demonstrations.columns import Column, Kind, read_columns
-from comove.demonstrations.samples import fault
-from comove.demonstrations.units import UNSTATED, is_length
+from comove.dmp.demonstrations.bodies import Body, as_joints, bodies_of, chosen_body, spoken
+from comove.dmp.demonstrations.cleaning import MAX_DIMS
+from comove.dmp.demonstrations.columns import Column, Kind, read_columns
+from comove.dmp.demonstrations.samples import fault
+from comove.dmp.demonstrations.units import UNSTATED, is_length
 from comove.errors import listed, near_name
 
 STATE = "observation.state"

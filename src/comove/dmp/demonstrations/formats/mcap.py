@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from comove.demonstrations.samples import fault
+from comove.dmp.demonstrations.samples import fault
 from comove.errors import DemonstrationError, listed
 
 MAGIC = b"\x89MCAP0\r\n"

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.plausibility import require_rate, seconds
-from comove.demonstrations.samples import (
+from comove.dmp.demonstrations.plausibility import require_rate, seconds
+from comove.dmp.demonstrations.samples import (
     AXES,
     TIME,
     UNIT,
@@ -28,7 +28,7 @@ from comove.demonstrations.samples import (
     by_manipulator,
     fault,
 )
-from comove.demonstrations.units import TIMES, unit_named
+from comove.dmp.demonstrations.units import TIMES, unit_named
 from comove.errors import OptionError
 from comove.io.arrays import read_arrays
 from comove.io.files import whole_file

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.formats.ros_transforms import Transforms, TransformTree
-from comove.demonstrations.samples import fault
+from comove.dmp.demonstrations.formats.ros_transforms import Transforms, TransformTree
+from comove.dmp.demonstrations.samples import fault
 
 NANO = 10**9
 LATEST = NANO // 2

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.cleaning import NORM_TOLERANCE, without_sign_changes
-from comove.demonstrations.resampling import slerp
-from comove.demonstrations.samples import fault
+from comove.dmp.demonstrations.cleaning import NORM_TOLERANCE, without_sign_changes
+from comove.dmp.demonstrations.resampling import slerp
+from comove.dmp.demonstrations.samples import fault
 from comove.errors import DemonstrationError, listed, near_name
 from comove.geometry.rotations import conjugate, matrices, quaternion_product
 

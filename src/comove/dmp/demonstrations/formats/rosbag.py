@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.formats.mcap import check_mcap, seal_mcap
-from comove.demonstrations.formats.ros_messages import (
+from comove.dmp.demonstrations.formats.mcap import check_mcap, seal_mcap
+from comove.dmp.demonstrations.formats.ros_messages import (
     KINDS,
     NANO,
     TRANSFORMS,
@@ -35,7 +35,7 @@ from comove.demonstrations.formats.ros_messages import (
     Track,
     read_messages,
 )
-from comove.demonstrations.samples import (
+from comove.dmp.demonstrations.samples import (
     MAX_ROWS,
     TIME,
     Format,

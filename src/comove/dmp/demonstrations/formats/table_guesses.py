@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.columns import MATRIX, Column, Kind
-from comove.demonstrations.formats.layout import Layout
-from comove.demonstrations.plausibility import EPOCHS
-from comove.demonstrations.samples import AXES, QUATERNION
+from comove.dmp.demonstrations.columns import MATRIX, Column, Kind
+from comove.dmp.demonstrations.formats.layout import Layout
+from comove.dmp.demonstrations.plausibility import EPOCHS
+from comove.dmp.demonstrations.samples import AXES, QUATERNION
 
 Array = NDArray[np.float64]
 

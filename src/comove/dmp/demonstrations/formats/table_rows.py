@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.formats.layout import (
+from comove.dmp.demonstrations.formats.layout import (
     MAX_COLUMNS,
     SEPARATORS,
     Layout,
@@ -23,7 +23,7 @@ from comove.demonstrations.formats.layout import (
     is_missing,
     is_time,
 )
-from comove.demonstrations.samples import MAX_ROWS, fault
+from comove.dmp.demonstrations.samples import MAX_ROWS, fault
 from comove.errors import ComoveWarning, DemonstrationError
 
 Array = NDArray[np.float64]

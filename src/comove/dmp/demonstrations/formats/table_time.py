@@ -10,10 +10,10 @@ from datetime import date
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.demonstrations.clocks import Time, time_of
-from comove.demonstrations.columns import Column
-from comove.demonstrations.formats.layout import Layout
-from comove.demonstrations.samples import Origin, fault
+from comove.dmp.demonstrations.clocks import Time, time_of
+from comove.dmp.demonstrations.columns import Column
+from comove.dmp.demonstrations.formats.layout import Layout
+from comove.dmp.demonstrations.samples import Origin, fault
 from comove.errors import DemonstrationError
 
 _ZONE = re.compile(r"(?:Z|([+-])(\d{2}):?(\d{2}))$")

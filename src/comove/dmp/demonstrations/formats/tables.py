@@ -1,7 +1,7 @@
 """Recordings as text tables: any separator, any names of columns, any units of length and time.
 
 The layout is found (`formats.layout`): separators, decimal commas, rows of the header, a preamble. The names of the
-columns say what they hold (`comove.demonstrations.columns`), and their numbers where names say nothing
+columns say what they hold (`comove.dmp.demonstrations.columns`), and their numbers where names say nothing
 (`formats.table_guesses`). comove's own tables (`formats.csv`) are those whose columns are exactly the ones that it
 writes. Here is decided which columns are read, and from where time comes; `formats.table_rows` and
 `formats.table_time` read them.
@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from comove.demonstrations.bodies import (
+from comove.dmp.demonstrations.bodies import (
     Body,
     ambiguous,
     as_joints,
@@ -30,10 +30,17 @@ from comove.demonstrations.bodies import (
     matching_body,
     spoken,
 )
-from comove.demonstrations.columns import Column, Kind, bare_name, is_derived, read_columns, words_of
-from comove.demonstrations.formats import csv
-from comove.demonstrations.formats.layout import MAX_COLUMNS, MAX_NAME, Layout, is_missing, is_time, layout_of
-from comove.demonstrations.formats.table_guesses import (
+from comove.dmp.demonstrations.columns import Column, Kind, bare_name, is_derived, read_columns, words_of
+from comove.dmp.demonstrations.formats import csv
+from comove.dmp.demonstrations.formats.layout import (
+    MAX_COLUMNS,
+    MAX_NAME,
+    Layout,
+    is_missing,
+    is_time,
+    layout_of,
+)
+from comove.dmp.demonstrations.formats.table_guesses import (
     Array,
     are_rates_of,
     columns_by_numbers,
@@ -41,11 +48,11 @@ from comove.demonstrations.formats.table_guesses import (
     numbers_of,
     with_matrices,
 )
-from comove.demonstrations.formats.table_rows import TOO_LONG, TableRows, check_length
-from comove.demonstrations.formats.table_time import Clock
-from comove.demonstrations.plausibility import require_rate
-from comove.demonstrations.samples import AXES, TIME, Format, Origin, RecordedSamples, fault
-from comove.demonstrations.units import LENGTHS, TIMES, is_angle, is_length, require_unit, unit_named
+from comove.dmp.demonstrations.formats.table_rows import TOO_LONG, TableRows, check_length
+from comove.dmp.demonstrations.formats.table_time import Clock
+from comove.dmp.demonstrations.plausibility import require_rate
+from comove.dmp.demonstrations.samples import AXES, TIME, Format, Origin, RecordedSamples, fault
+from comove.dmp.demonstrations.units import LENGTHS, TIMES, is_angle, is_length, require_unit, unit_named
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, listed, near_name
 from comove.io.files import existing_file, telling
 
