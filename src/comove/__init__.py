@@ -27,7 +27,6 @@ _ROOMS = {
     "PaperCost": "planning",
     "Primitive": "dmp",
     "ProMP": "dmp",
-    "Projection": "planning",
     "Samples": "planning",
     "Scene": "scenes",
     "Solution": "planning",
