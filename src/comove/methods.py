@@ -37,8 +37,8 @@ class MethodName:
 METHODS = {
     method.name: method
     for method in (
-        MethodName("comove", "comove.Comove", serves_robots=True),
-        MethodName("projection", "comove.Projection"),
+        MethodName("comove", "comove.planning.Comove", serves_robots=True),
+        MethodName("projection", "comove.planning.Projection"),
         MethodName("paper", "comove.planning.Paper", serves_robots=True),
         MethodName("printed", "comove.planning.Printed"),
         MethodName("unconstrained", "comove.lab.compared.Unconstrained"),
