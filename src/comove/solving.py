@@ -121,7 +121,7 @@ def solve(
         If the demonstration, adapted to the scene's start and goal, is magnified by more than 3 or leaves the
         workspace.
     """
-    of_robot = {
+    of_robot: dict[str, Any] = {
         "begin": begin,
         "present": present,
         "approach": approach or None,

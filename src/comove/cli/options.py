@@ -238,7 +238,7 @@ def objective_of(
     kinds = {name.replace("_", "-"): kind for name, kind in OBJECTIVES.items()}
     if name is not None:
         require_one_of(name, tuple(kinds), "objective")
-    said = objective_of_scene(scene.file.objective)
+    said: Any = objective_of_scene(scene.file.objective)
     if not smooth and said is not None and said.is_smooth:
         said = None
     if name is not None and not isinstance(said, kinds[name]):

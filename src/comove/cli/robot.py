@@ -173,7 +173,7 @@ def scene(
         raise
     with whole_file(out, error=SceneError, replace=False) as draft:
         draft.write(proposal.text().encode())
-    load, grasp, found = proposal.data["load"], proposal.data["grasp"], proposal.found.solution
+    load, grasp, found = proposal.data["load"], proposal.data["grasp"], proposal.found
     hands = ", ".join(f"'{hand}' by {turn:g}" for hand, turn in grasp["offset_deg"].items())
     rows = [
         ("load", f"a bar, {load['length']:g} m long, {load['mass']:g} kg"),
@@ -183,7 +183,7 @@ def scene(
             for each in proposal.data["manipulators"]
         ),
         ("solved", f"first verified motion after {found.time_to_first_verified_s:.2g} s"),
-        ("next", f"comove robot solve {out} --out carried"),
+        ("next", f"comove solve {out} --out carried"),
     ]
     if proposal.unreached:
         rows.append(

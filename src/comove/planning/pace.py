@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from math import ceil, floor, log10
-from typing import TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -117,17 +117,14 @@ def alone(scene: Scene, taught: tuple[DMP, ...] | None, n_basis: int = 30) -> fl
     return in_least_time(motion, scene).scene.duration
 
 
-Asked, Answer = TypeVar("Asked"), TypeVar("Answer")
-
-
 def shortest(
-    attempt: Callable[[float], Generator[Asked, Answer, Solution]],
+    attempt: Callable[[float], Generator[Any, Any, Solution]],
     least: float,
     over: Callable[[], bool],
     *,
     closely: bool,
     settings: DurationSettings = SETTINGS,
-) -> Generator[Asked, Answer, list[Solution]]:
+) -> Generator[Any, Any, list[Solution]]:
     """Try increasing durations until a motion is verified; then, if `closely`, bisect down to the last that failed.
 
     A duration longer than a successful one may fail, as obstacles are elsewhere at each instant: the result is the
