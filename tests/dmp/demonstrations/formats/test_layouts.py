@@ -208,7 +208,11 @@ PAIR = rows(FRAME, TIME, XYZW, POSITION, XYZW, POSITION + 1)
 ARMS = named("time", *(f"{side}_{axis}" for side in ("left", "right") for axis in "xyz"))
 POINTS = {
     "kitti.txt": (rows(MATRICES, separator=" "), {"rate": 100.0}, True),
-    "nameless.csv": ("time,u,v,Height\n" + rows(TIME, POSITION), {"columns": ["u", "v", "Height"]}, False),
+    "nameless.csv": (
+        "time,u,v,Height\n" + rows(TIME, POSITION),
+        {"columns": ["u", "v", "Height"], "unit": "m"},
+        False,
+    ),
     "frames.csv": ("time,x,y,z\n" + rows(FRAME, POSITION), {"rate": 100.0}, False),
     "no_time.csv": ("x,y,z\n" + rows(POSITION), {"rate": 100.0}, False),
     "mistyped.csv": ("tmie,x,y,z\n" + rows(TIME, POSITION), {"time": "tmie"}, False),
@@ -220,7 +224,11 @@ POINTS = {
         {"columns": ["x", "y", "z"]},
         False,
     ),
-    "one_axis.csv": ("time,x1,x2,x3\n" + rows(TIME, POSITION), {"columns": ["x1", "x2", "x3"]}, False),
+    "one_axis.csv": (
+        "time,x1,x2,x3\n" + rows(TIME, POSITION),
+        {"columns": ["x1", "x2", "x3"], "unit": "m"},
+        False,
+    ),
     "repeated.csv": ("t,x,y,z,X\n" + rows(TIME, POSITION, TIME), {"columns": ["2", "3", "4"]}, False),
 }
 

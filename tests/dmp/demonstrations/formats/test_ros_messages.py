@@ -232,7 +232,7 @@ def test_paths_without_times_need_a_rate(path, stamp):
     with pytest.raises(DemonstrationError, match="11 poses have one and the same stamp") as caught:
         load(path)
     demo = load(path, **printed_options(caught.value))
-    np.testing.assert_allclose(demo.time, 0.1 * np.arange(11))
+    np.testing.assert_allclose(demo.time, np.arange(11) / 100)
     np.testing.assert_allclose(demo.position[:, 0], 0.1 * np.arange(11))
     timed = bag(path.with_name("timed"), poses_at(SECOND, 2 * SECOND))
     with pytest.raises(DemonstrationError, match="times of their own; leave the rate out"):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from comove.dmp.demonstrations.clocks import Time, time_of
 from comove.dmp.demonstrations.columns import Column
 from comove.dmp.demonstrations.formats.layout import Layout
-from comove.dmp.demonstrations.samples import Origin, fault
+from comove.dmp.demonstrations.samples import HZ, SAY_RATE, Origin, fault
 from comove.errors import DemonstrationError
 
 _ZONE = re.compile(r"(?:Z|([+-])(\d{2}):?(\d{2}))$")
@@ -121,7 +121,7 @@ def _no_dates(layout: Layout, column: Column, message: str) -> DemonstrationErro
         layout.path,
         f"column {column.name}",
         message,
-        "give the samples a second instead: --rate HZ",
+        f"instead, {SAY_RATE}",
         time=None,
-        rate=100,
+        rate=HZ,
     )
