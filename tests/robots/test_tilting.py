@@ -74,7 +74,7 @@ def forward(robot, name, q):
 
 
 def test_the_stored_joints_hold_the_payload_in_all_poses():
-    """Between samples too: forward kinematics give the payload's pose, by SciPy from its coordinates, times grasps."""
+    """Between samples too: forward kinematics give the payload's pose times the grasps, by SciPy."""
     straight, _, joints = followed()
     scene, load = straight.scene, straight.scene.file.load
     for time in np.random.default_rng(0).uniform(0.0, scene.duration, 40):
