@@ -788,8 +788,8 @@ LAYOUTS |= {
         bag(ee_pose=("geometry_msgs/PoseStamped", stamped), joint_states=("sensor_msgs/JointState", joints)),
         POSE,
     ),
+    "json.mcap": (json_mcap, POSE),
     # What cannot be read.
-    "json.mcap": (json_mcap, "its messages are JSON"),
     "circle": (
         bag(tf=("tf2_msgs/TFMessage", lambda i: transform(i, *(("a", "b"), ("b", "a"))[i % 2]))),
         "circle|cycle|itself|parent",

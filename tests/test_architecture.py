@@ -4,6 +4,7 @@ import ast
 import re
 import subprocess
 import sys
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,17 @@ def test_the_judge_knows_no_maker(modules):
     for inside, room, nodes in modules.values():
         if room == "verification":
             assert not rooms_entered(nodes) & {"optim", "planning"}, inside
+
+
+def test_geometry_has_no_import_circle(modules):
+    """Not for type checkers either."""
+    own = {
+        ".".join(("comove", *path.with_suffix("").parts)): nodes
+        for path, room, nodes in modules.values()
+        if room == "geometry" and path.name != "__init__.py"
+    }
+    graph = {name: set(imported(nodes)) & set(own) for name, nodes in own.items()}
+    assert list(TopologicalSorter(graph).static_order())
 
 
 def test_lazy_packages_show_type_checkers_what_they_load(modules):

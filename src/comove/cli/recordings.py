@@ -87,7 +87,7 @@ def _rate(text: str) -> float:
         return float(text)
     except ValueError:
         raise typer.BadParameter(
-            f"{text!r} is no number; give the samples a second, which the recorder's settings or the documentation tell"
+            f"{text!r} is no number; give the samples a second, as the recorder or its documentation says"
         ) from None
 
 

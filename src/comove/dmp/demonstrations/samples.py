@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from comove.dmp.demonstrations.units import is_angle, is_length, is_of_joints, require_unit
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 
-
 HZ, WHICH_UNIT = "HZ", "UNIT"
 """Words of a printed command for a rate and a unit that the file does not tell, which a person replaces."""
 SAY_RATE = "give the samples a second, which the recorder's settings or the documentation tell: --rate HZ"

@@ -115,6 +115,7 @@ LAYOUTS = {
     },
     "index.csv": ",x,y,z\n" + rows(TIME, POSITION),
     "minutes.csv": "time,x,y,z\n" + rows([clock[3:] for clock in CLOCK], POSITION),
+    "full_hour.csv": "time,x,y,z\n" + rows([clock[3:] for clock in MIDNIGHT], POSITION),
     "iso.csv": "time,x,y,z\n" + rows([f"2024-05-01T{clock}Z" for clock in CLOCK], POSITION),
     "clock.csv": "time,x,y,z\n" + rows(CLOCK, POSITION),
     "midnight.csv": "time,x,y,z\n" + rows(MIDNIGHT, POSITION),
