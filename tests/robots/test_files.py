@@ -15,7 +15,7 @@ from comove.io import arrays as archives
 from comove.results.sealed import checksum, finite
 from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
-from comove.robots.files import JOINTS, read_joints, verified_motion, verify_stored
+from comove.robots.files import JOINTS, read_joints, verified_against, verify_stored
 from comove.scenes import Scene
 from comove.stored import Part, verify_folder
 from tests.cases import examples
@@ -407,7 +407,7 @@ def test_what_robot_json_names_does_not_verify_the_joints_of_a_robot_that_the_sc
     assert verdict.verified is None
     assert any("left_e1 moves at" in reason for reason in verdict.reasons)
     with pytest.raises(ResultError, match="its motion is not verified"):
-        verified_motion(folder)
+        verified_against(folder)
 
 
 def test_beside_a_trusted_scene_without_a_robot_only_a_bundled_one_or_a_given_one_verifies(tmp_path):
