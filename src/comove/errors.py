@@ -187,7 +187,7 @@ class ExportError(RobotError):
     """Raised when a motion cannot be exported, or not to this place.
 
     Only what was verified in joint space is exported, never over files that are there, and never so coarsely that
-    interpolation bends the load. Mend it by `comove robot solve`, another folder or a higher rate.
+    interpolation bends the load. Mend it by `comove solve`, another folder or a higher rate.
 
     Examples
     --------

@@ -37,7 +37,7 @@ class MethodName:
 METHODS = {
     method.name: method
     for method in (
-        MethodName("comove", "comove.Comove", serves_robots=True),
+        MethodName("comove", "comove.planning.Comove", serves_robots=True),
         MethodName("projection", "comove.lab.evolution.Projection"),
         MethodName("paper", "comove.lab.evolution.Paper", serves_robots=True),
         MethodName("printed", "comove.lab.evolution.Printed"),
