@@ -9,7 +9,7 @@ import pytest
 from comove.errors import ComoveWarning
 from comove.planning import Budget, solve
 from comove.scenes import Scene
-from comove.stored import Part, parts_of, verify_folder
+from comove.stored import ResultPart, parts_of, verify_folder
 from tests.commands import invoke
 from tests.robots.known_carry import scene_data
 
@@ -86,7 +86,7 @@ def test_solve_of_a_scene_with_a_robot_says_in_python_that_it_looks_at_the_hands
 def test_solve_is_that_of_the_robot(tmp_path):
     done = invoke("solve", SCENE, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.stderr
-    assert parts_of(tmp_path / "out") == (Part.MOTION, Part.JOINTS)
+    assert parts_of(tmp_path / "out") == (ResultPart.MOTION, ResultPart.JOINTS)
     assert "hands_alone" not in json.loads((tmp_path / "out" / "solution.json").read_text())
     done = invoke("verify", SCENE, tmp_path / "out")
     assert done.exit_code == 0 and "links from obstacles" in done.stdout
@@ -96,7 +96,7 @@ def test_solve_is_that_of_the_robot(tmp_path):
 def test_run_is_that_of_the_robot(tmp_path):
     done = invoke("run", SCENE, "--out", tmp_path / "out", "--period", 0.004)
     assert done.exit_code == 0, done.stderr
-    assert parts_of(tmp_path / "out") == (Part.ROBOT_RUN,)
+    assert parts_of(tmp_path / "out") == (ResultPart.ROBOT_RUN,)
     assert (tmp_path / "out/scene.json").is_file()
     assert (tmp_path / "out/robot_run.png").is_file() or "no pictures" in done.stderr
     done = invoke("verify", SCENE, tmp_path / "out")

@@ -17,7 +17,7 @@ from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
 from comove.robots.files import JOINTS, read_joints, verified_against, verify_stored
 from comove.scenes import Scene
-from comove.stored import Part, verify_folder
+from comove.stored import ResultPart, verify_folder
 from tests.cases import examples
 from tests.robots.known_carry import (
     baxter,
@@ -416,7 +416,7 @@ def test_beside_a_trusted_scene_without_a_robot_only_a_bundled_one_or_a_given_on
     with pytest.raises(RobotError, match="neither the scene nor the command names a robot"):
         verify_stored(folder, scene=scene)
     assert verify_stored(folder, baxter(), scene=scene).verified is None
-    (own,) = (part for part in verify_folder(folder) if part.part is Part.JOINTS)
+    (own,) = (part for part in verify_folder(folder) if part.part is ResultPart.JOINTS)
     assert own.verified and any("that the folder names" in words for words in own.against)
 
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from comove.data.store import Store, Writer, declared, digest, kinds_of
 
-Part = TypeVar("Part")
+Field = TypeVar("Field")
 
 STATUSES = ("verified", "not verified", "nothing", "refused", "error", "killed", "late")
 
@@ -121,7 +121,7 @@ class Run:
         """Build a run from its row, or raise ValueError if it is not what was run."""
         values = iter(row)
 
-        def part(kind: type[Part]) -> Part:
+        def part(kind: type[Field]) -> Field:
             return kind(*islice(values, len(fields(kind))))  # type: ignore[arg-type]
 
         key, configuration = next(values), part(Configuration)
