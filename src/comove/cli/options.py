@@ -317,8 +317,8 @@ def from_library(
     To combine them takes up to a quarter of the budget besides.
     """
     from comove.dmp import ProMP
-    from comove.lab.evolution import Paper, Printed
-    from comove.planning import Budget, best_movement, combine
+    from comove.lab.evolution import Paper, Printed, combine
+    from comove.planning import Budget, best_movement
 
     plane = _plane_of(scene)
     if isinstance(method, (Paper, Printed)):
