@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Comove, Demonstration, PaperCost, Projection
+from comove import DMP, Demonstration, PaperCost
 from comove.errors import OptionError
-from comove.planning import carried_demonstration
+from comove.planning import Comove, Projection, carried_demonstration
 from comove.planning.methods import MethodSettings
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene
