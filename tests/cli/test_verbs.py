@@ -20,7 +20,14 @@ from tests.solved import solved
 
 SCENE = Path(__file__).parents[2] / "examples" / "baxter" / "gap_30.yaml"
 FORMER = ("solve", "run", "simulate", "export", "send")
-CLOCKS = ("time_to_first_verified_s", "wall_time_s", "control_s_median", "control_s_p999", "planning_s", "steps_per_second")
+CLOCKS = (
+    "time_to_first_verified_s",
+    "wall_time_s",
+    "control_s_median",
+    "control_s_p999",
+    "planning_s",
+    "steps_per_second",
+)
 
 
 @pytest.fixture
