@@ -6,7 +6,8 @@ import pytest
 import comove
 from comove import LeastJerk
 from comove.errors import OptionError
-from comove.planning import Equality, Projection, Samples
+from comove.lab.evolution import Projection
+from comove.planning import Equality, Samples
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import example

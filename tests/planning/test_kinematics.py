@@ -7,7 +7,8 @@ import pytest
 
 from comove import Demonstration
 from comove.coordination.blocks import place
-from comove.planning import Comove, Paper, PaperCost, solve
+from comove.lab.evolution import Paper
+from comove.planning import Comove, PaperCost, solve
 from comove.planning.convex.costs import third_differences
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.methods import UNPOLISHED

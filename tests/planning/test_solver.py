@@ -13,7 +13,8 @@ import pytest
 import comove
 from comove import DMP, Demonstration, PaperCost
 from comove.errors import OptionError
-from comove.planning import Comove, Projection, carried_demonstration
+from comove.lab.evolution import Projection
+from comove.planning import Comove, carried_demonstration
 from comove.planning.methods import MethodSettings
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene

@@ -17,7 +17,7 @@ from comove import PaperCost
 from comove.cli.texts import summary_text
 from comove.errors import ResultError
 from comove.io.folders import check_target, whole_folder
-from comove.planning import Projection
+from comove.lab.evolution import Projection
 from comove.results import RESULT, read_result, verify_result, write_solution
 from comove.results.sealed import checksum
 from comove.results.solution import SOLUTION, rebuild

@@ -140,7 +140,7 @@ verb = verb_of(app)
 _running: list[typer.Context] = []
 
 
-NOT_AGAIN = frozenset({"out", "json", "workers", "dask", "slurm", "shards"})
+NOT_AGAIN = frozenset({"out", "json", "workers", "dask"})
 """Parameters on which no result depends: where it is written, what is printed, on how many processors it is made."""
 
 

@@ -317,7 +317,8 @@ def from_library(
     To combine them takes up to a quarter of the budget besides.
     """
     from comove.dmp import ProMP
-    from comove.planning import Budget, Paper, Printed, best_movement, combine
+    from comove.lab.evolution import Paper, Printed
+    from comove.planning import Budget, best_movement, combine
 
     plane = _plane_of(scene)
     if isinstance(method, (Paper, Printed)):

@@ -61,7 +61,7 @@ def check_options(
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
     if method is not None and not isinstance(method, Method):
         places = {name: known.place for name, known in METHODS.items()}
-        way_out = _object_for(method, places, "give a method object, such as Projection()")
+        way_out = _object_for(method, places, "give a method object, such as Comove()")
         raise OptionError(f"method = {method!r}", way_out=way_out)
     seconds = 1.0 if isinstance(budget, Budget) else budget
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
+from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp.basis import MotionBasis
 from comove.planning.clock import A_SECOND
@@ -563,15 +563,6 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
         return targets_in_time(space, *found, N_STEPS, settings.smoothings) + coasting, found[0][-1]
 
     return targets
-
-
-@dataclass(frozen=True)
-class Projection(Comove):
-    """A variant of the default method with free hands, which projects every rollout onto the constraints."""
-
-    name: ClassVar[str] = "projection"
-    smooths: ClassVar[bool] = False
-    coordinates: Callable[[Scene], Coordinates] = projected_coordinates
 
 
 def first_guess(

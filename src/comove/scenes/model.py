@@ -15,7 +15,7 @@ import json
 from collections.abc import Mapping
 from functools import reduce
 from operator import or_
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -191,11 +191,27 @@ Obstacle = Annotated[
 ]
 
 
-class _Load(Sparse):
-    """A load of `mass` [kg], None where the file does not say; loads without a mass keep their checksum."""
+class PayloadPose(Part):
+    """The pose of a payload's frame: its origin `position` [m] and its orientation.
 
-    LATER = ("mass",)
+    In the plane the quaternion turns about z.
+    """
+
+    position: Vector
+    quaternion_wxyz: Quaternion = UNTURNED
+
+
+class _Load(Sparse):
+    """A load of `mass` [kg], None where the file does not say; loads without these keys keep their checksum.
+
+    `start` and `goal` are poses of its frame, which it may reach by turning in any way. Without them they are those
+    that fit the end effectors best.
+    """
+
+    LATER = ("mass", "start", "goal")
     mass: Positive | None = None
+    start: PayloadPose | None = None
+    goal: PayloadPose | None = None
 
 
 class BarLoad(_Load):
@@ -298,12 +314,14 @@ _AnyConstraint = Annotated[
 class GraspPart(Sparse):
     """The orientation of the hands that hold the load.
 
-    The hands keep their tilt, which is given in one of two ways, and turn with the load.
-
+    Either hands keep their tilt, which is given in one of two ways, and turn with the load about the vertical:
     `quaternion_wxyz` is the orientation of every hand's grasp frame (z the approach, fingers open along y) while
-    the load's heading is 0.
+    the load's heading is 0. Or they turn in any way with a payload that has poses: `frames` are the orientations of
+    grasp frames in the payload's frame, by name; of end effectors that do not hold it, in the world's.
     """
 
+    LATER: ClassVar[tuple[str, ...]] = ("frames",)
+    frames: dict[str, Quaternion] | None = None
     orientation: Literal["down", "forward"] | None = None
     quaternion_wxyz: Quaternion | None = None
     yaw: Literal["load", "free"] = "load"
@@ -316,7 +334,8 @@ class GraspPart(Sparse):
     @model_validator(mode="before")
     @classmethod
     def _down_unless_said(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("orientation") is None and data.get("quaternion_wxyz") is None:
+        given = ("orientation", "quaternion_wxyz", "frames")
+        if isinstance(data, dict) and all(data.get(key) is None for key in given):
             return data | {"orientation": "down"}
         return data
 
@@ -324,13 +343,17 @@ class GraspPart(Sparse):
     def _one_orientation(self) -> GraspPart:
         if self.orientation is not None and self.quaternion_wxyz is not None:
             raise Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
+        unset = {"orientation": None, "quaternion_wxyz": None, "yaw": "load", "offset_deg": 0.0}
+        turned = [key for key, value in unset.items() if getattr(self, key) != value]
+        if self.frames is not None and turned:
+            raise Wrong(f"both frames and {' and '.join(turned)} are given", "give frames alone")
         return self
 
 
 class GraspChoice(GraspPart):
     """A grasp, or several of which one is chosen; what is said beside `any_of` does not count then."""
 
-    LATER = ("any_of",)
+    LATER = ("frames", "any_of")
     any_of: Annotated[tuple[GraspPart, ...], BeforeValidator(as_tuple), at_least(1, "grasp")] | None = None
 
 

@@ -56,6 +56,7 @@ def cross_checked(scene: SceneFile, folder: Path | None, *, is_stored: bool = Fa
         *_rotation_flaws(scene),
         *_motion_flaws(scene),
         *_holder_flaws(scene),
+        *_pose_flaws(scene),
         *_grasp_flaws(scene),
         *_constraint_flaws(scene),
         *_objective_flaws(scene),
@@ -112,6 +113,8 @@ def _named(scene: SceneFile) -> Iterator[tuple[KeyPath, str]]:
     for path, part in told:
         for name in part.offset_deg if isinstance(part.offset_deg, dict) else ():
             yield (*path, "offset_deg", name), name
+        for name in part.frames or ():
+            yield (*path, "frames", name), name
 
 
 def _workspace_flaws(scene: SceneFile) -> Iterator[Flaw]:
@@ -166,11 +169,54 @@ def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:
         yield Flaw(("load", "grasps"), message, "give one grasp to each holder, or correct held_by")
 
 
+def _pose_flaws(scene: SceneFile) -> Iterator[Flaw]:
+    poses = {} if scene.load is None else {"start": scene.load.start, "goal": scene.load.goal}
+    for end, other in (("start", "goal"), ("goal", "start")):
+        if poses.get(end) is not None and poses[other] is None:
+            yield Flaw(
+                ("load",), f"the payload's {end} is given and its {other} is not", f"add load.{other} as well"
+            )
+    for end, pose in poses.items():
+        if scene.dimension == 2 and pose is not None and any(pose.quaternion_wxyz[1:3]):
+            message = f"{show(pose.quaternion_wxyz)} turns out of the plane"
+            yield Flaw(("load", end, "quaternion_wxyz"), message, "write [cos(a/2), 0, 0, sin(a/2)]")
+
+
 def _grasp_flaws(scene: SceneFile) -> Iterator[Flaw]:
-    if scene.grasp is not None and scene.dimension == 2:
+    if scene.grasp is None:
+        return
+    if scene.dimension == 2:
         yield Flaw(("grasp",), "hands hold things in space, and the scene is planar", "leave grasp out")
-    elif scene.grasp is not None and scene.load is None:
+    elif scene.load is None:
         yield Flaw(("grasp",), "there is no load to hold", "add a load, or leave grasp out")
+    else:
+        for path, part in _grasp_parts(scene):
+            yield from _frames_flaws(scene, path, part)
+
+
+def _grasp_parts(scene: SceneFile) -> Iterator[tuple[KeyPath, GraspPart]]:
+    """Yield the grasps that count, with their key paths."""
+    if scene.grasp is None:
+        return
+    several = scene.grasp.any_of
+    yield from [(("grasp",), scene.grasp)] if several is None else []
+    yield from ((("grasp", "any_of", i), part) for i, part in enumerate(several or ()))
+
+
+def _frames_flaws(scene: SceneFile, path: KeyPath, part: GraspPart) -> Iterator[Flaw]:
+    posed = scene.load is not None and scene.load.start is not None
+    if part.frames is None:
+        if posed:
+            message = (
+                "the payload has poses, and a grasp by the line between hands turns about the vertical only"
+            )
+            yield Flaw(path, message, "give grasp.frames, or leave load.start and load.goal out")
+    elif not posed:
+        message = "grasp frames are given in the payload's frame, whose poses are not given"
+        yield Flaw((*path, "frames"), message, "add load.start and load.goal")
+    elif missing := [name for name in scene.names if name not in part.frames]:
+        message = f"{show(missing)} {'has' if len(missing) == 1 else 'have'} no grasp frame"
+        yield Flaw((*path, "frames"), message, "give one to each manipulator")
 
 
 def _constraint_flaws(scene: SceneFile) -> Iterator[Flaw]:

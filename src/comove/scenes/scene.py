@@ -268,7 +268,7 @@ class Scene:
         """Return the scene with another grasp."""
         choice = GraspChoice(**{key: value for key, value in part if value is not None and key != "any_of"})
         other, groups = self._changed(grasp=choice), list(self.groups)
-        return replace(other, grasp=grasp_of(other.file, _carried(other.file, groups)))
+        return replace(other, grasp=grasp_of(other.file, groups))
 
     def _changed(self, **keys: Any) -> Scene:
         return replace(self, file=self.file.model_copy(update=keys))
@@ -644,7 +644,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         body=body_of(file, groups, held.get(LOAD)),
         obstacles=table,
         owners=owners,
-        grasp=grasp_of(file, _carried(file, groups)),
+        grasp=grasp_of(file, groups),
         motions=tuple(obstacle.motion for obstacle in file.obstacles),
         surfaces=surfaces_of(placed(meshes, owners)),
         excess={whose: decomposition.excess for whose, decomposition in held.items()},
@@ -666,16 +666,15 @@ def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
     """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
     hands = Hands(file.names, file.holder_numbers, start)
     constraints = [keys.resolved(hands) for keys in file.constraints]
-    if file.grasp is not None and not any(isinstance(c, UprightConstraint) for c in constraints):
+    tilts = file.load is not None and file.load.start is not None
+    if (
+        file.grasp is not None
+        and not tilts
+        and not any(isinstance(c, UprightConstraint) for c in constraints)
+    ):
         # Hands that keep their tilt also keep the tilt of the load.
         constraints.append(UprightKeys(type="upright").resolved(hands))
     return tuple(constraints)
-
-
-def _carried(file: SceneFile, groups: list[RigidGroup]) -> tuple[int, ...]:
-    """Return the numbers of the hands that form one rigid body with the load."""
-    holders = set(file.holder_numbers)
-    return next((group.members for group in groups if holders & set(group.members)), ())
 
 
 def _say_shift(end: str, given: Array, moved: Array, names: tuple[str, ...]) -> None:
@@ -691,7 +690,7 @@ def _say_shift(end: str, given: Array, moved: Array, names: tuple[str, ...]) -> 
 
 def _require_heading(scene: Scene, path: object) -> None:
     """Refuse a grasp that leaves the load's heading open, as its first two holders are one above the other."""
-    if scene.grasp is None or len(scene.grasp.holders) < 2:
+    if scene.grasp is None or scene.grasp.keypoints or len(scene.grasp.holders) < 2:
         return
     first, second = scene.grasp.holders[:2]
     if np.hypot(*(scene.start[first] - scene.start[second])[:2]) < HEADING:

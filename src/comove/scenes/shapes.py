@@ -51,7 +51,7 @@ class MovingBody:
     ----------
     edges : array of int, shape (n_edges, 2), nodes at the ends of the segments; equal ends make a point
     radii : array, shape (n_edges,), radii of the segments [m]
-    n_nodes : int
+    n_nodes : int, keypoints that belong to no edge and no solid included
     filled : bool, whether the edges are the border of a filled polygon
     solids : array of int, shape (n_solids, 8), corners of boxes, numbered as in `comove.geometry.solids`;
         or (n_solids, n), nodes at the vertices of convex hulls, where the last node may be repeated
@@ -122,7 +122,9 @@ def body_of(
     if isinstance(load, (BarLoad, FrameLoad, PolygonLoad)):
         radius = load.radius
     if isinstance(load, BarLoad):
-        first, second = corners or [names.index(name) for name in (load.held_by or names)]
+        first, second = (
+            corners[:2] if load.overhang else [names.index(name) for name in (load.held_by or names)]
+        )
         edges = [(first, second)]
     elif isinstance(load, FrameLoad):
         edges = [(names.index(a), names.index(b)) for a, b in load.edges]

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from comove.errors import ComoveError, ExtraError
 from comove.lab.compared import TaskPriority
+from comove.lab.evolution import Paper
 from comove.lab.examples import example
 from comove.lab.paper.measures import largest_turn
-from comove.planning import LeastJerk, Paper, PaperCost, SceneKind, load_kernels, movements_of
+from comove.planning import LeastJerk, PaperCost, SceneKind, load_kernels, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
 from comove.scenes import demonstration_of
