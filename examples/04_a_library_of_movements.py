@@ -10,6 +10,7 @@ import tempfile
 import comove
 from comove.dmp import operations as op
 from comove.lab.evolution import combine
+from comove.planning import best_movement
 from comove.view.figures import draw_library, save
 
 
@@ -40,7 +41,7 @@ with tempfile.TemporaryDirectory() as folder:
     save(draw_library(library), "movements.png")
     print("most like another sine:", library.find(shape=comove.Demonstration.from_lasa("Sine", 4))[0].name)
 
-    ranking = comove.best_movement(library, scene).ranking
+    ranking = best_movement(library, scene).ranking
     print("movements that pass alone:", [candidate.name for candidate in ranking if candidate.passes])
     combination = combine(library, scene, seed=0)
     for name, coefficients in zip(combination.names, combination.coefficients, strict=True):

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Demonstration, ProMP
+from comove import DMP, Demonstration
 from comove.control import Executor
+from comove.dmp import ProMP
 from comove.dmp.operations import scale
 from comove.dmp.variants import APART, extent_of
 from comove.errors import ComoveWarning

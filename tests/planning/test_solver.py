@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Comove, Demonstration, PaperCost
+from comove import DMP, Demonstration, PaperCost
 from comove.errors import OptionError
 from comove.lab.evolution import Projection
-from comove.planning import carried_demonstration
+from comove.planning import Comove, carried_demonstration
 from comove.planning.methods import MethodSettings
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene

@@ -83,7 +83,8 @@ def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(
         balls.append({"shape": "sphere", "center": place.tolist(), "radius": 0.02})
     for ball, other in zip(balls, reversed(grasps), strict=True):
         searched.clear()
-        assert not comove.solve(lifts_scene((ball,), **wanted), robot=robot("lifts"), budget=Budget(work=0.2)).verified
+        scene = lifts_scene((ball,), **wanted)
+        assert not comove.solve(scene, robot=robot("lifts"), budget=Budget(work=0.2)).verified
         assert set(searched) == {other["offset_deg"]}
     searched.clear()
     with pytest.raises(
