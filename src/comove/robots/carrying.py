@@ -123,9 +123,6 @@ class RobotCarrier:
             raise unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
-        if scene.file.load.shape == "mesh":
-            way_out = "put a bar, a frame or a box in its place, or solve it without a robot"
-            raise unfit(scene, "load.shape", "arms carry bars, frames and boxes, not meshes", way_out)
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
@@ -152,11 +149,13 @@ class RobotCarrier:
     def _arms(self) -> Arms:
         scene, grasp = self.scene, self.grasp
         edges, radii = load_lines(scene)
+        n_nodes = None if grasp.keypoints else len(self.holders)  # a load may turn while its hands stay
         around = LinkSurroundings(
             at_rest=np.ascontiguousarray(grasp.at_rest),
             turning=np.ascontiguousarray(grasp.turning),
             first=grasp.holders[0],
             second=grasp.holders[min(1, len(grasp.holders) - 1)],
+            keypoints=np.array(grasp.keypoints, dtype=np.int64),
             obstacles=scene.obstacles,
             edges=edges,
             radii=radii,
@@ -165,7 +164,7 @@ class RobotCarrier:
             spare=self.settings.spare * (1 + self.caution),
             share=self.settings.share * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
-            ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
+            ends=np.stack([scene.nodes_at(end)[:n_nodes] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
         )
         chains, links, ranges, _ = of_robot(self.robot, self.holders)

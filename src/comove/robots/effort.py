@@ -96,10 +96,13 @@ def _shares(scene: Scene) -> Array:
     if not holders:
         return shares
     shares[holders] = 1.0 / len(holders)
-    hands = scene.nodes_at("start")[holders, :2]
+    seen = (
+        slice(None) if scene.grasp is not None and scene.grasp.keypoints else slice(2)
+    )  # tilted: along its own axes
+    hands = scene.nodes_at("start")[holders, seen]
     middle = hands.mean(axis=0)
     # the smallest change of equal shares that moves their mean place there; symmetric loads get equal ones exactly
-    change = np.linalg.pinv((hands - middle).T, rcond=1e-6) @ (_center_of_mass(scene)[:2] - middle)
+    change = np.linalg.pinv((hands - middle).T, rcond=1e-6) @ (_center_of_mass(scene)[seen] - middle)
     shares[holders] += change.round(12)
     return shares
 

@@ -220,7 +220,7 @@ class EndJoints:
             If an arm cannot reach the end.
         """
         nodes = self.scene.nodes_at(end)
-        rotations, how = self.grasp.hand_rotations(nodes[: len(self.holders)]), self.settings
+        rotations, how = self.grasp.hand_rotations(nodes), self.settings
         posture, found, n = self._near(end), list[Array](), len(self.holders)
         solved = THREADS.map(self._solutions, range(n), rotations, nodes, [posture] * n, [how.n_seeds] * n)
         for i, (arm, (joints, missing)) in enumerate(zip(self.holders, solved, strict=True)):
@@ -283,7 +283,7 @@ class EndJoints:
         nodes : array, shape (n_nodes, 3), positions of the hands and of the load's nodes [m]
         n_seeds : random joints from which a pose is solved where it has no closed form
         """
-        rotation = self.grasp.hand_rotations(nodes[: len(self.holders)])[i]
+        rotation = self.grasp.hand_rotations(nodes)[i]
         if not may_reach(self.arms.ranges, i, rotation, nodes[i]):
             return False
         joints, missing = self._solutions(i, rotation, nodes[i], self.arms.around.posture, n_seeds)

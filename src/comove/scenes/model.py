@@ -271,21 +271,30 @@ class CylinderPart(_Part):
     height: PositiveLength
 
 
-class SpherePart(_Part):
-    """A sphere, in the plane a disc, of `radius` [m]."""
-
-    shape: Literal["sphere"]
-    radius: PositiveLength
+PartShape = Annotated[BarPart | BoxPart | CylinderPart, Field(discriminator="shape")]
 
 
-PartShape = Annotated[BarPart | BoxPart | CylinderPart | SpherePart, Field(discriminator="shape")]
+class PayloadPose(Part):
+    """The pose of a payload's frame: its origin `position` [m] and its orientation.
+
+    In the plane the quaternion turns about z.
+    """
+
+    position: Vector
+    quaternion_wxyz: Quaternion = UNTURNED
 
 
 class _Load(Sparse):
-    """A load of `mass` [kg], None where the file does not say; loads without a mass keep their checksum."""
+    """A load of `mass` [kg], None where the file does not say; loads without these keys keep their checksum.
 
-    LATER = ("mass",)
+    `start` and `goal` are poses of its frame, which it may reach by turning in any way. Without them they are those
+    that fit the end effectors best.
+    """
+
+    LATER = ("mass", "start", "goal")
     mass: Positive | None = None
+    start: PayloadPose | None = None
+    goal: PayloadPose | None = None
 
 
 class BarLoad(_Load):
@@ -302,17 +311,12 @@ class BarLoad(_Load):
 
 
 class FrameLoad(_Load):
-    """A frame of rods of `radius` [m] between the hands that `edges` names in pairs.
+    """A frame of rods of `radius` [m] between the hands that `edges` names in pairs."""
 
-    Its own frame is that of the world at the start, or that in which `grasps` are given.
-    """
-
-    LATER = (*_Load.LATER, "grasps")
     shape: Literal["frame"]
     edges: Annotated[tuple[Pair, ...], BeforeValidator(as_tuple), at_least(1, "pair of names")]
     radius: Length = 0.0
     held_by: Hands | None = None
-    grasps: dict[str, Vector] | None = None
 
 
 class Gripped(_Load):
@@ -402,12 +406,14 @@ _AnyConstraint = Annotated[
 class GraspPart(Sparse):
     """The orientation of the hands that hold the load.
 
-    The hands keep their tilt, which is given in one of two ways, and turn with the load.
-
+    Either hands keep their tilt, which is given in one of two ways, and turn with the load about the vertical:
     `quaternion_wxyz` is the orientation of every hand's grasp frame (z the approach, fingers open along y) while
-    the load's heading is 0.
+    the load's heading is 0. Or they turn in any way with a payload that has poses: `frames` are the orientations of
+    grasp frames in the payload's frame, by name; of end effectors that do not hold it, in the world's.
     """
 
+    LATER: ClassVar[tuple[str, ...]] = ("frames",)
+    frames: dict[str, Quaternion] | None = None
     orientation: Literal["down", "forward"] | None = None
     quaternion_wxyz: Quaternion | None = None
     yaw: Literal["load", "free"] = "load"
@@ -420,7 +426,8 @@ class GraspPart(Sparse):
     @model_validator(mode="before")
     @classmethod
     def _down_unless_said(cls, data: Any) -> Any:
-        if isinstance(data, dict) and data.get("orientation") is None and data.get("quaternion_wxyz") is None:
+        given = ("orientation", "quaternion_wxyz", "frames")
+        if isinstance(data, dict) and all(data.get(key) is None for key in given):
             return data | {"orientation": "down"}
         return data
 
@@ -428,13 +435,17 @@ class GraspPart(Sparse):
     def _one_orientation(self) -> GraspPart:
         if self.orientation is not None and self.quaternion_wxyz is not None:
             raise Wrong("both orientation and quaternion_wxyz are given", "give one of the two")
+        unset = {"orientation": None, "quaternion_wxyz": None, "yaw": "load", "offset_deg": 0.0}
+        turned = [key for key, value in unset.items() if getattr(self, key) != value]
+        if self.frames is not None and turned:
+            raise Wrong(f"both frames and {' and '.join(turned)} are given", "give frames alone")
         return self
 
 
 class GraspChoice(GraspPart):
     """A grasp, or several of which one is chosen; what is said beside `any_of` does not count then."""
 
-    LATER = ("any_of",)
+    LATER = ("frames", "any_of")
     any_of: Annotated[tuple[GraspPart, ...], BeforeValidator(as_tuple), at_least(1, "grasp")] | None = None
 
 
@@ -575,7 +586,7 @@ class SceneKeys(Sparse):
 
 
 class Choice(Sparse):
-    """A way to hold the payload and to put it down, of several: grasps [m], their orientations, and the goal."""
+    """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal."""
 
     LATER = ("frames",)
     grasps: dict[str, Vector]
@@ -601,6 +612,7 @@ class SceneFile(SceneKeys):
     ]
     grasp: GraspChoice | None = None
     choices: Annotated[tuple[Choice, ...], BeforeValidator(as_tuple)] | None = None
+    """Of which the planner takes one; the load, the manipulators and the grasp are those of the first."""
 
     @model_validator(mode="after")
     def _fill_clearance(self) -> SceneFile:

@@ -7,13 +7,12 @@ pose of an end effector's grasp frame (z the approach, fingers open along y) in 
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import reduce
 from itertools import combinations, product
 from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,17 +48,17 @@ from comove.scenes.model import (
     ROUNDING,
     Obstacle,
     PartShape,
+    PayloadPose,
     SceneKeys,
     Triple,
     Turned,
     by_name,
 )
+from comove.scenes.words import Words
 
 Array = NDArray[np.float64]
 
 ENDS = ("start", "goal")
-OWN, FORMER = ("payload", "grasps", "end_effectors"), ("load", "manipulators", "grasp")
-"""Keys of the file that version 2 has alone, and those that version 1 has in their place."""
 MAX_CHOICES = 64
 """Ways to hold and to put down a payload among which is chosen."""
 YAW_STEP = 45.0
@@ -154,19 +153,14 @@ Payload = Annotated[
 ]
 
 
-class GraspKeys(Turned):
-    """The pose of an end effector's grasp frame in the payload's frame [m].
+class Oriented(Turned):
+    """The orientation of a grasp frame, by the directions of the `approach` and of `closing` fingers, or as others."""
 
-    The orientation is `approach` and `closing`, the directions of the approach and along which the fingers close, or
-    another key; scenes without a robot need none.
-    """
-
-    position: Vector
     approach: Triple | None = None
     closing: Triple | None = None
 
     @model_validator(mode="after")
-    def _both_directions(self) -> GraspKeys:
+    def _both_directions(self) -> Oriented:
         if (self.approach is None) != (self.closing is None):
             lone, other = ("approach", "closing") if self.closing is None else ("closing", "approach")
             raise Wrong(f"{lone} is given without {other}", f"give {other} too, a direction across it")
@@ -195,6 +189,12 @@ class GraspKeys(Turned):
         return np.stack([np.cross(y, z), y, z], axis=1)
 
 
+class GraspKeys(Oriented):
+    """The pose of an end effector's grasp frame in the payload's frame [m]; without a robot the position will do."""
+
+    position: Vector
+
+
 def _kind(value: Any) -> str:
     """Return which of a grasp, several, or the word `auto` a value is meant as."""
     return "auto" if isinstance(value, str) else "several" if isinstance(value, list | tuple) else "one"
@@ -217,8 +217,8 @@ Grasps = Annotated[
 """Grasps by the arm; or a list of such sets, of which the planner chooses one."""
 
 
-class EndEffector(Part):
-    """An end effector that holds no payload, and moves from `start` to `goal` [m]."""
+class EndEffector(Oriented):
+    """An end effector that holds no payload, and moves from `start` to `goal` [m]; a robot's does not turn."""
 
     start: Vector
     goal: Vector
@@ -259,30 +259,6 @@ CONTRACT_2 = Contract(
     },
 )
 """What messages know of the keys of version 2."""
-
-
-def mixed_up(data: Mapping[str, Any]) -> list[Flaw]:
-    """Return what a file says in keys of the other version than its own."""
-    number = data.get("version", 1)
-    own, other = (OWN, FORMER) if number == 2 else (FORMER, OWN)
-    foreign = [key for key in other if key in data]
-    if number not in (1, 2) or not foreign:
-        return []
-    if number == 1 and not any(key in data for key in own):
-        return [Flaw((key,), f"'{key}' belongs to version 2", "write version: 2") for key in foreign]
-    if number == 2 and not any(key in data for key in own):
-        way_out = "write version: 1, or let comove scene upgrade FILE write version 2 of it"
-        return [Flaw((key,), f"'{key}' belongs to version 1", way_out) for key in foreign]
-    instead = dict(zip(other, own, strict=True))
-    return [
-        Flaw(
-            (key,),
-            f"'{key}' belongs to version {3 - number}, and the file is of version {number}",
-            f"say it by {instead[key]}"
-            + ("; comove scene upgrade FILE writes version 2 of a file of version 1" if number == 2 else ""),
-        )
-        for key in foreign
-    ]
 
 
 def flaws_of(scene: SceneFile2) -> Iterator[Flaw]:
@@ -340,50 +316,6 @@ def _grasps(scene: SceneFile2) -> Iterator[tuple[KeyPath, GraspKeys]]:
                 yield (*base, name), some
 
 
-class Words(NamedTuple):
-    """How the keys behind a scene are called in its file, and in which lines they stand.
-
-    Attributes
-    ----------
-    version : version of the file
-    lines : lines of its keys, by their paths
-    hands : paths in the file of the end effectors
-    obstacles : numbers in the file of the obstacles
-    """
-
-    version: int = 1
-    lines: Lines = {}
-    hands: tuple[KeyPath, ...] = ()
-    obstacles: tuple[int, ...] = ()
-
-    def path(self, path: KeyPath) -> KeyPath:
-        """Return the path in the file of a key of `SceneFile`."""
-        if self.version == 1 or not path:
-            return path
-        first, *rest = path
-        if first == "grasp" or (first == "load" and rest[:1] == ["grasps"]):
-            return ("grasps", *(rest[1:] if first == "load" else ()))
-        if first == "load":
-            return ("payload", *rest)
-        if first == "obstacles" and rest and isinstance(rest[0], int):
-            return ("obstacles", self.obstacles[rest[0]], *rest[1:])
-        if first == "manipulators":
-            number = rest.pop(0) if rest and isinstance(rest[0], int) else 0
-            hand = self.hands[number]
-            return ("payload", *rest) if hand[0] == "grasps" else (*hand, *rest)
-        return path
-
-    def key(self, key: str) -> str:
-        """Return keys that a message names, separated by commas, as the file has them."""
-        if self.version == 1:
-            return key
-        paths = [
-            self.path(tuple(int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", one)))
-            for one in key.split(", ")
-        ]
-        return ", ".join(dict.fromkeys(place(path, self.lines) or "" for path in paths))
-
-
 def converted(
     scene: SceneFile2, folder: Path | None, file: object, lines: Lines
 ) -> tuple[dict[str, Any], Words]:
@@ -426,11 +358,12 @@ def converted(
     return contents, words
 
 
-def _written(position: Any, rotation: Array) -> dict[str, Any]:
-    return {"position": tuple(position), "quaternion_wxyz": tuple(quaternion_of_rotation(rotation).tolist())}
+def _written(position: tuple[float, ...], rotation: Array) -> PayloadPose:
+    quaternion = tuple(quaternion_of_rotation(rotation).tolist())
+    return PayloadPose(position=position, quaternion_wxyz=quaternion)
 
 
-def _goals(payload: _Payload) -> list[dict[str, Any]]:
+def _goals(payload: _Payload) -> list[PayloadPose]:
     """Return the poses at the goal, the one that turns least first."""
     position, given, free = payload.goal.position, payload.goal.rotation, payload.goal.free
     if free is None:
