@@ -474,7 +474,10 @@ def _load(payload: _Payload, held: Sequence[Mapping[str, Any]]) -> dict[str, Any
     """Return the payload as the load of a `SceneFile`, held as by the first of the ways to hold it."""
     grasps = held[0]["grasps"]
     load = {key: getattr(payload, key) for key in type(payload).model_fields if key not in ENDS}
-    load |= {"held_by": tuple(grasps), "grasps": grasps}
+    load["held_by"] = tuple(grasps)
+    if isinstance(payload, FramePayload):  # whose rods are where the hands are
+        return load
+    load["grasps"] = grasps
     if isinstance(payload, CylinderPayload):
         own = {"shape": "cylinder", "radius": load.pop("radius"), "height": load.pop("height")}
         return load | {"shape": "parts", "parts": [own]}
