@@ -153,7 +153,7 @@ def options(
 
 VERBS = (
     *("bench", "demo", "explain", "generate", "learn", "library", "report", "reproduce", "robot"),
-    *("robot_files", "run", "show", "solve", "sweep", "verify", "view"),
+    *("robot_files", "run", "scene", "show", "solve", "sweep", "verify", "view"),
 )
 """Files of this folder that register verbs."""
 

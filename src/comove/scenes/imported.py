@@ -6,6 +6,7 @@ libraries are loaded by name, when a scene asks for one.
 
 from __future__ import annotations
 
+import os
 import re
 from importlib import import_module
 from pathlib import Path
@@ -23,7 +24,7 @@ Array = NDArray[np.float64]
 READERS = {
     "moveit": "comove.scenes.moveit.obstacles_in",
     "urdf": "comove.robots.urdf_surroundings.obstacles_in",
-    "mjcf": "comove.sim.mjcf_surroundings.obstacles_in",
+    "mjcf": "comove.sim.mjcf.obstacles_in",
 }
 """Functions that read the obstacles of a file, given its path, by the shape that names them in a scene."""
 
@@ -42,6 +43,8 @@ class ImportedObstacles(Part):
 
     def obstacles(self, folder: Path, file: object, key: str) -> list[dict[str, Any]]:
         """Return the obstacles as entries of a scene, whose file and key are given for messages.
+
+        Readers give the path of a mesh's file, unless it is in their own.
 
         Raises
         ------
@@ -65,5 +68,6 @@ class ImportedObstacles(Part):
             names[stem] = names.get(stem, 0) + 1
             entry["name"] = stem if names[stem] == 1 else f"{stem}_{names[stem]}"
             if entry["shape"] == "mesh":
-                entry["file"] = str(Path(self.file).parent / entry.get("file", Path(self.file).name))
+                path = entry.get("file", folder / self.file)
+                entry["file"] = Path(os.path.relpath(path, folder)).as_posix()
         return found

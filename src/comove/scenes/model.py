@@ -177,11 +177,14 @@ class EllipsoidObstacle(_Turned):
 class MeshObstacle(_Obstacle):
     """A triangle mesh that is read from `file` in the scene's folder; spatial scenes only.
 
-    The origin of its frame is at `center` [m]; its lengths times `scale` are metres.
+    The origin of its frame is at `center` [m]; its lengths times `scale` are metres. `part` is the number of a mesh
+    in a planning scene of MoveIt.
     """
 
+    LATER = (*_Obstacle.LATER, "part")
     shape: Literal["mesh"]
     file: str
+    part: Annotated[int, Field(ge=0)] | None = None
     center: Vector
     quaternion_wxyz: Quaternion = UNTURNED
     scale: PositiveLength = 1.0

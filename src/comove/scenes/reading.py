@@ -429,6 +429,9 @@ def _of_version_2(
     """Return the contents of a file of version 2 as `SceneFile` has them, how its keys are called, and its flaws."""
     from comove.scenes.version2 import CONTRACT_2, SceneFile2, converted, flaws_of  # only these files need it
 
+    payload = data.get("payload")
+    if isinstance(payload, dict) and "parts" in payload and "shape" not in payload:
+        data = {**data, "payload": {"shape": "parts", **payload}}
     try:
         scene = SceneFile2.model_validate(data)
     except ValidationError as error:

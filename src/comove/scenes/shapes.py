@@ -86,7 +86,12 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
         if isinstance(part, (MeshObstacle, MeshLoad)):
             from comove.geometry.meshes import read_mesh  # most scenes need no reader of meshes
 
-            mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file")
+            data = None
+            if getattr(part, "part", None) is not None:
+                from comove.scenes.moveit import mesh_in
+
+                data = mesh_in(folder / part.file, part.part), ".off"
+            mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file", data=data)
             if part.resolution is not None and not part.resolution < mesh.width:
                 raise SceneError(
                     f"'{part.file}' is {mesh.width:.3g} m long, and the resolution is {part.resolution:g} m",

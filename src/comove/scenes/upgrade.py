@@ -70,8 +70,29 @@ def upgraded(scene: Scene, data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def as_text(contents: Mapping[str, Any]) -> str:
-    """Return the contents of a scene file as YAML."""
-    return yaml.safe_dump(dict(contents), sort_keys=False, default_flow_style=None, width=110)
+    """Return the contents of a scene file as YAML, with one line for each part."""
+    lines = list[str]()
+    for key, value in contents.items():
+        if isinstance(value, dict) and any(isinstance(part, dict) for part in value.values()):
+            lines += [f"{key}:", *(f"  {name}: {_inline(part)}" for name, part in value.items())]
+        elif isinstance(value, list) and any(isinstance(part, dict) for part in value):
+            lines += [f"{key}:", *(f"  - {_inline(part)}" for part in value)]
+        else:
+            lines.append(f"{key}: {_inline(value)}")
+    return "\n".join(lines) + "\n"
+
+
+class _Plain(yaml.SafeDumper):
+    """A writer that repeats equal lists in full."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Return True: nothing is written by an anchor."""
+        return True
+
+
+def _inline(value: Any) -> str:
+    text = yaml.dump([value], Dumper=_Plain, sort_keys=False, default_flow_style=True, width=10_000_000)
+    return text.strip()[1:-1]
 
 
 def _payload(data: Mapping[str, Any], load: Any) -> dict[str, Any]:
