@@ -1,7 +1,7 @@
 """Grasps that parallel grippers may take: antipodal on boxes, cylinders and bars, sampled on meshes.
 
 Fingers close on two opposite sides that are at most `OPENING` apart; the grasp frame (z the approach, fingers close
-along y) is `DEPTH` below the surface at most. Whether an arm reaches a grasp is for the robot to say.
+along y) is `DEPTH` below a flat surface at most, and on the axis of what is round. Whether an arm reaches a grasp is for the robot to say.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 OPENING = 0.08
 """Largest distance of two sides on which fingers close [m], as grippers of arms of this size have it."""
 DEPTH = 0.02
-"""How far below the surface the fingers' middle is held [m]."""
+"""How far below a flat surface the fingers' middle is held [m]."""
 INSET = 0.03
 """Distance of a grasp from the end of a payload [m], where it is long enough."""
 APART = 0.12

@@ -33,13 +33,12 @@ from comove.scenes.model import (
     GraspPart,
     Gripped,
     Manipulator,
-    MeshLoad,
     PartsLoad,
     PayloadPose,
     PolygonLoad,
     SceneFile,
 )
-from comove.scenes.shapes import inside_polygon, spatial
+from comove.scenes.shapes import inside_polygon, parts_of, spatial
 
 Array = NDArray[np.float64]
 
@@ -298,13 +297,21 @@ def grasp_distances(
         lengths = np.linalg.norm(edges, axis=1)
         along = np.abs((hands - group.corners.mean(axis=0)) @ (edges / lengths[:, None]).T)
         return np.linalg.norm(np.maximum(along - lengths / 2, 0.0), axis=1)
-    if isinstance(load, MeshLoad) and decomposition is not None:
+    if isinstance(load, PartsLoad) or decomposition is not None:
         from comove.geometry.polytopes import nearest_in_hull  # most scenes need no polytopes
 
-        last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
-        hulls = np.split(group.corners, last[:-1])
+        hulls, rods = list[Array](), np.zeros(len(hands)) + np.inf
+        if decomposition is not None:
+            last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
+            hulls = np.split(group.corners[: last[-1]], last[:-1])
+        elif isinstance(load, PartsLoad):
+            parts = parts_of(load)
+            hulls = [group.corners[hull] for hull in parts.hulls]
+            for a, b, radius in parts.rods:
+                apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
+                rods = np.minimum(rods, np.maximum(apart, 0.0))
         feet = [nearest_in_hull(np.ascontiguousarray(hull), hands) for hull in hulls]
-        return np.linalg.norm(hands - np.array(feet), axis=2).min(axis=0)
+        return np.min([rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0)
     return np.zeros(len(holders))  # a bar lies between its hands
 
 
@@ -328,13 +335,15 @@ def far_grasps(
     name, load = file.holders[worst], file.load
     shape = "frame" if load is None else load.shape
     return (
-        f"load: '{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
+        f"'{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
         f"nothing between its fingers; {_advice(file)}"
     )
 
 
 def _advice(file: SceneFile) -> str:
     load = file.load
+    if load is not None and load.start is not None:
+        return "move its grasp onto the payload"
     if isinstance(load, FrameLoad):
         return "give the frame an edge that ends at this hand, or leave the hand out of held_by"
     if isinstance(load, Gripped) and load.grasps:

@@ -84,7 +84,7 @@ class Scene:
     surfaces : triangles of the obstacles that are meshes, for certified distances
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
-    words : how keys are called in the scene's file
+    words : names and lines of keys in the scene's file
     """
 
     __repr__ = brief
@@ -151,6 +151,8 @@ class Scene:
     def require_free_ends(self) -> Scene:
         """Return the scene itself, if the load and the hands touch nothing at start and goal.
 
+        Of the ways to hold the payload and to put it down that a scene leaves open, one has to do.
+
         Raises
         ------
         SceneError
@@ -161,6 +163,16 @@ class Scene:
         ComoveWarning
             Names the supports that neither start nor goal is near.
         """
+        if self.file.choices is not None:
+            first: SceneError | None = None
+            for choice in self.alternatives:
+                try:
+                    choice.require_free_ends()
+                    return self
+                except SceneError as error:
+                    first = first or error
+            assert first is not None, "there are several alternatives"
+            raise first
         for end in ENDS:
             # What moves may have left the goal, or not come there yet, when the load does.
             there = [i for i in range(len(self.file.obstacles)) if end == "start" or not self.moving[i]]
@@ -179,7 +191,7 @@ class Scene:
                     entry = self.words.key(f"obstacles[{obstacle}]")
                     way_out += f"; if the payload rests on it, write support: true in {entry}"
                 raise SceneError(
-                    f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
+                    f"at the {end} {self.words.bodies} {where} {nearest}{outside}{need}",
                     file=self.path,
                     key=self.words.key(f"manipulators.{end}"),
                     way_out=way_out,
@@ -294,6 +306,12 @@ class Scene:
         choice = GraspChoice(**{key: value for key, value in part if value is not None and key != "any_of"})
         other, groups = self._changed(grasp=choice), list(self.groups)
         return replace(other, grasp=grasp_of(other.file, groups))
+
+    def held_as_in(self, other: Scene) -> Scene:
+        """Return the alternative of this scene in which the payload is held and put down as in another scene."""
+        file = other.file
+        same = (one for one in self.alternatives if (one.file.grasp, one.file.load) == (file.grasp, file.load))
+        return next(same, self)
 
     def _changed(self, **keys: Any) -> Scene:
         return replace(self, file=self.file.model_copy(update=keys))
@@ -642,14 +660,14 @@ def _offsets_along(scene: Scene, n_steps: int) -> Array:
 def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:
     """Build a scene, and name keys in errors as the file does."""
     try:
-        return replace(_build(file, folder, path), words=words)
+        return replace(_build(file, folder, path, words), words=words)
     except SceneError as error:
         if error.key is not None:
             error.key = words.key(error.key)
         raise
 
 
-def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
+def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Scene:
     meshes = read_meshes(file, folder, path)
     held = {
         whose: mesh.decomposed(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()
@@ -692,7 +710,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     _require_heading(scene, path)
     if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
         place = f"{path}: " if path is not None else ""
-        warnings.warn(f"{place}{said}", ComoveWarning, stacklevel=3)
+        warnings.warn(f"{place}{words.key('load')}: {said}", ComoveWarning, stacklevel=3)
     _require_kept_ends(scene, path)
     return scene
 

@@ -135,7 +135,8 @@ def _grasps(
 ) -> dict[str, Any]:
     return {
         name: {"position": at[name]} | _turned(scene, name, grasp, start.rotation)
-        for name in scene.file.holders
+        for name in scene.file.names
+        if name in scene.file.holders
     }
 
 

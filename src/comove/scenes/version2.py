@@ -61,6 +61,8 @@ Array = NDArray[np.float64]
 ENDS = ("start", "goal")
 MAX_CHOICES = 64
 """Ways to hold and to put down a payload among which is chosen."""
+PROPOSED = 16
+"""Sets of grasps that `auto` proposes at most; every one costs the inverse kinematics of both ends."""
 YAW_STEP = 45.0
 """Step between the orientations of a goal that is free about an axis [deg]."""
 SAME_PLACE = 1e-3
@@ -431,9 +433,9 @@ def _proposed(
         from comove.geometry.meshes import read_mesh  # most scenes need no reader of meshes
 
         mesh = read_mesh((folder or Path()) / payload.file, payload.scale, file=file, key=key)
-        found = on_mesh(mesh.triangles, len(names), up, MAX_CHOICES)
+        found = on_mesh(mesh.triangles, len(names), up, PROPOSED)
     else:
-        found = on_pieces([*_pieces(payload)], len(names), up, MAX_CHOICES) if scene.dimension == 3 else []
+        found = on_pieces([*_pieces(payload)], len(names), up, PROPOSED) if scene.dimension == 3 else []
     if not found:
         raise SceneError(
             f"no grasps of {len(names)} arms are found by which fingers that open {OPENING:g} m close on two "

@@ -55,3 +55,8 @@ class Words(NamedTuple):
     def moved(self, end: str) -> str:
         """Return what is moved in the file to move the payload at an end, in words."""
         return f"the {end} of every manipulator" if self.version == 1 else f"payload.{end}.position"
+
+    @property
+    def bodies(self) -> str:
+        """Return what moves, in words."""
+        return "the load or a hand" if self.version == 1 else "the payload or an end effector"
