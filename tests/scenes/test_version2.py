@@ -152,9 +152,7 @@ def any_scene(rng):
         "name": "any",
         "workspace": {"lower": [-3] * n, "upper": [3] * n},
         "load": load,
-        "manipulators": [
-            {"name": name, "start": start[i], "goal": goal[i]} for i, name in enumerate(names)
-        ],
+        "manipulators": [{"name": name, "start": start[i], "goal": goal[i]} for i, name in enumerate(names)],
         "constraints": [{"type": "upright"}] if upright else [],
     }
 
@@ -280,11 +278,12 @@ def test_a_bar_may_be_held_anywhere_and_by_any_number():
 
 
 def test_end_effectors_without_a_payload_are_manipulators():
-    ends = {"left": {"start": [0.1, 0.2], "goal": [0.9, 0.2]}, "right": {"start": [0.1, 0.8], "goal": [0.9, 0.8]}}
+    ends = {
+        "left": {"start": [0.1, 0.2], "goal": [0.9, 0.2]},
+        "right": {"start": [0.1, 0.8], "goal": [0.9, 0.8]},
+    }
     apart = [{"type": "separation", "between": ["left", "right"], "distance": 0.3}]
-    scene = Scene.from_dict(
-        changed(PLANAR, payload=None, grasps=None, end_effectors=ends, constraints=apart)
-    )
+    scene = Scene.from_dict(changed(PLANAR, payload=None, grasps=None, end_effectors=ends, constraints=apart))
     assert scene.manipulators == ("left", "right")
     assert scene.goal.tolist() == [[0.9, 0.2], [0.9, 0.8]]
     assert len(scene.groups) == 2
@@ -396,7 +395,12 @@ WRONG = [
         "'manipulators' belongs to version 1",
         "payload, grasps, end_effectors",
     ),
-    (("position: [0, 0.3, 1]", "position: [0, 3, 1]"), "payload.start (line 10)", "workspace", "move the start"),
+    (
+        ("position: [0, 0.3, 1]", "position: [0, 3, 1]"),
+        "payload.start (line 10)",
+        "workspace",
+        "move the start",
+    ),
     (("[-0.2, 0, 0]", "[0.2, 0, 0]"), "grasps (line 12)", "hold the payload at the same place", "move one"),
     (
         ("rpy_deg: [0, 35, 90]", "rpy_deg: [0, 35, 90], quaternion_wxyz: [1, 0, 0, 0]"),
@@ -417,8 +421,18 @@ WRONG = [
         "is tilted by 35 deg at the goal",
         "tolerance",
     ),
-    (("closing: [0, 1, 0]", "closing: [0, 0, 2]"), "grasps.left (line 13)", "close along", "across the approach"),
-    ((", closing: [0, 1, 0]", ""), "grasps.left (line 13)", "approach is given without closing", "give closing"),
+    (
+        ("closing: [0, 1, 0]", "closing: [0, 0, 2]"),
+        "grasps.left (line 13)",
+        "close along",
+        "across the approach",
+    ),
+    (
+        (", closing: [0, 1, 0]", ""),
+        "grasps.left (line 13)",
+        "approach is given without closing",
+        "give closing",
+    ),
     (
         ("shape: box\n  size: [0.4, 0.2, 0.05]", "shape: frame\n  edges: [[left, rigth]]"),
         "payload.edges[0][1] (line 9)",

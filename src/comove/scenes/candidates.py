@@ -58,7 +58,10 @@ def on_pieces(pieces: Sequence[Piece], n_arms: int, up: Array, most: int) -> lis
     most : number of sets that are returned at most
     """
     found = [
-        (tuple(piece.rotation @ p + piece.center for p, _ in some), tuple(piece.rotation @ r for _, r in some))
+        (
+            tuple(piece.rotation @ p + piece.center for p, _ in some),
+            tuple(piece.rotation @ r for _, r in some),
+        )
         for piece in pieces
         for some in (_round(piece, n_arms) if piece.is_round else _flat(piece, n_arms))
     ]
@@ -154,7 +157,9 @@ def on_mesh(triangles: Array, n_arms: int, up: Array, most: int) -> list[tuple[H
         _, depth = _hits(triangles, middle, -approach)  # towards the palm the surface is near
         _, beyond = _hits(triangles, middle - (depth + 1e-6)[:, None] * approach, -approach)
         free = (depth <= DEPTH) & np.isinf(beyond)
-        singles += [(m, _frame(a, c)) for m, a, c in zip(middle[free], approach[free], closing[free], strict=True)]
+        singles += [
+            (m, _frame(a, c)) for m, a, c in zip(middle[free], approach[free], closing[free], strict=True)
+        ]
     return _ranked(_spread(singles, n_arms, most), up, most)
 
 

@@ -311,7 +311,9 @@ def grasp_distances(
                 apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
                 rods = np.minimum(rods, np.maximum(apart, 0.0))
         feet = [nearest_in_hull(np.ascontiguousarray(hull), hands) for hull in hulls]
-        return np.min([rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0)
+        return np.min(
+            [rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0
+        )
     return np.zeros(len(holders))  # a bar lies between its hands
 
 

@@ -37,7 +37,10 @@ DATA_SETS = ("meta/info.json", "metadata.yaml")
 _UNFIT = {
     (2, "obstacle", "cylinder"): ("a cylinder needs a spatial scene", "use circle or box"),
     (2, "obstacle", "mesh"): ("a mesh needs a spatial scene", "use box, circle or capsule"),
-    **{(2, "obstacle", shape): ("it needs a spatial scene", "leave it out") for shape in ("moveit", "urdf", "mjcf")},
+    **{
+        (2, "obstacle", shape): ("it needs a spatial scene", "leave it out")
+        for shape in ("moveit", "urdf", "mjcf")
+    },
     (2, "load", "mesh"): ("a mesh needs a spatial scene", "use polygon in the plane"),
     (2, "load", "cylinder"): ("a cylinder needs a spatial scene", "use polygon in the plane"),
     (3, "load", "polygon"): ("a polygon needs a planar scene", "use a box or a frame in space"),
@@ -349,9 +352,7 @@ def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) 
     return read_scene_file(path, changes)[0]
 
 
-def read_scene_file(
-    path: str | Path, changes: Mapping[str, Any] | None = None
-) -> tuple[SceneFile, Words]:
+def read_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> tuple[SceneFile, Words]:
     """Read a scene file as `load_scene_file`; return also how its keys are called."""
     data, lines = read_yaml(path)
     data = _changed(data, changes or {})

@@ -310,7 +310,9 @@ class Scene:
     def held_as_in(self, other: Scene) -> Scene:
         """Return the alternative of this scene in which the payload is held and put down as in another scene."""
         file = other.file
-        same = (one for one in self.alternatives if (one.file.grasp, one.file.load) == (file.grasp, file.load))
+        same = (
+            one for one in self.alternatives if (one.file.grasp, one.file.load) == (file.grasp, file.load)
+        )
         return next(same, self)
 
     def _changed(self, **keys: Any) -> Scene:

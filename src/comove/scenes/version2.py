@@ -204,9 +204,7 @@ def _kind(value: Any) -> str:
 
 Candidates = Annotated[
     Annotated[GraspKeys, Tag("one")]
-    | Annotated[
-        tuple[GraspKeys, ...], BeforeValidator(as_tuple), at_least(1, "grasp"), Tag("several")
-    ]
+    | Annotated[tuple[GraspKeys, ...], BeforeValidator(as_tuple), at_least(1, "grasp"), Tag("several")]
     | Annotated[Literal["auto"], Tag("auto")],
     Discriminator(_kind),
 ]
@@ -289,7 +287,11 @@ def flaws_of(scene: SceneFile2) -> Iterator[Flaw]:
 def _orientation_flaws(scene: SceneFile2) -> Iterator[Flaw]:
     """Yield orientations that the scene's dimension does not have, and those that a robot needs."""
     unfit = ("rpy_deg", "quaternion_wxyz") if scene.dimension == 2 else ("angle_deg",)
-    told = ("the scene is planar", "use angle_deg") if scene.dimension == 2 else ("the scene is spatial", "use rpy_deg")
+    told = (
+        ("the scene is planar", "use angle_deg")
+        if scene.dimension == 2
+        else ("the scene is spatial", "use rpy_deg")
+    )
     if scene.payload is not None:
         parts = enumerate(getattr(scene.payload, "parts", ()))
         turned = [((end,), getattr(scene.payload, end)) for end in ENDS]

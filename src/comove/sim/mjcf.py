@@ -116,7 +116,9 @@ def obstacles_in(file: Path) -> list[dict[str, Any]]:
 
     around = ModelSurroundings(mj, model, roles, no_mesh)
     found = around.obstacles("")
-    moved = [f"'{model.body(root).name or root}' has joints: it is no obstacle" for root in sorted(roles.robot)]
+    moved = [
+        f"'{model.body(root).name or root}' has joints: it is no obstacle" for root in sorted(roles.robot)
+    ]
     for note in (*around.notes, *moved, *around.payloads()):
         warnings.warn(f"{file}: {note}", ComoveWarning, stacklevel=2)
     return found
