@@ -192,7 +192,7 @@ def test_bodies_of_a_urdf(tmp_path):
 def test_a_urdf_that_no_obstacles_can_be(tmp_path):
     with pytest.raises(SceneError, match="the mesh of the link 'lid' has the scale 2 1 2; scale the mesh"):
         scene_of(tmp_path, "urdf", "cell.urdf", WORLD.replace("2 2 2", "2 1 2"))
-    with pytest.raises(SceneError, match="no file 'gate.stl'"):
+    with pytest.raises(SceneError, match=r"no file 'gate\.stl'"):
         scene_of(tmp_path, "urdf", "cell.urdf", WORLD)
     with pytest.raises(SceneError, match=r"'cell.urdf': .*<mujoco>|'cell.urdf': .*MJCF"):
         scene_of(tmp_path, "urdf", "cell.urdf", MODEL)

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from comove.cli.app import VERIFIED, sub_application, verb_of
 from comove.errors import SceneError
+
+if TYPE_CHECKING:
+    from comove.scenes import Scene
 
 group = sub_application("scene", "Scene files: write version 2 of one, print the schema for editors.")
 
@@ -47,9 +50,11 @@ def upgrade(
 
 
 def _names_files(loaded: Scene) -> bool:
+    """Return whether a scene names files, or the description of a robot, by paths from its folder."""
     from comove.results.inputs import files_of_scene
 
-    return bool(files_of_scene(loaded))
+    robot = loaded.file.robot
+    return bool(files_of_scene(loaded)) or (robot is not None and (loaded.folder / robot).is_file())
 
 
 @verb_of(group)

@@ -124,7 +124,7 @@ def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> Sce
     return SceneError("\n  ".join([f"{len(flaws)} errors", *told, *more]), file=file)
 
 
-def place(path: KeyPath, lines: Lines) -> str | None:
+def place(path: KeyPath, lines: Mapping[KeyPath, int]) -> str | None:
     """Return a key and its line, or that of the nearest key around it, as text as far as both are known."""
     known = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in lines), None)
     line = "" if known is None else f" (line {lines[known]})"

@@ -1,7 +1,7 @@
 """Grasps that parallel grippers may take: antipodal on boxes, cylinders and bars, sampled on meshes.
 
-Fingers close on two opposite sides that are at most `OPENING` apart; the grasp frame (z the approach, fingers close
-along y) is `DEPTH` below a flat surface at most, and on the axis of what is round. Whether an arm reaches a grasp is for the robot to say.
+Fingers close on two opposite sides that are at most `OPENING` apart. The grasp frame (z the approach, fingers close
+along y) is `DEPTH` below a flat surface at most, and on the axis of a round body. Reach is not checked here.
 """
 
 from __future__ import annotations

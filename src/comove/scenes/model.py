@@ -109,7 +109,7 @@ class _Obstacle(Sparse):
     Obstacles without these keys keep their checksum.
     """
 
-    LATER = ("name", "motion", "support")
+    LATER: ClassVar[tuple[str, ...]] = ("name", "motion", "support")
     name: Name | None = None
     motion: Motion | None = None
     support: bool | None = None

@@ -20,6 +20,8 @@ from comove.io.files import existing_file
 from comove.io.keys import QUATERNION_TOLERANCE
 
 Array = NDArray[np.float64]
+Triangles = tuple[Array, NDArray[np.int64]]
+"""Vertices of a mesh [m], and three of them for each triangle."""
 
 MAX_BYTES = 100_000_000
 FLOOR, THICK = 10.0, 0.1
@@ -109,7 +111,7 @@ def mesh_in(path: Path, part: int) -> bytes:
     return "\n".join(rows).encode()
 
 
-def _objects(path: Path) -> Iterator[tuple[dict[str, Any], tuple[Array, Array] | None]]:
+def _objects(path: Path) -> Iterator[tuple[dict[str, Any], Triangles | None]]:
     """Yield the shapes as obstacles, with vertices and triangles of meshes."""
     words, n_meshes, has_poses = _Words(path), 0, False
     words.number = min(1, len(words.lines))  # whose first is the scene's name
@@ -140,7 +142,7 @@ def _objects(path: Path) -> Iterator[tuple[dict[str, Any], tuple[Array, Array] |
             words.pose()
 
 
-def _shape(words: _Words) -> tuple[dict[str, Any], tuple[Array, Array] | None]:
+def _shape(words: _Words) -> tuple[dict[str, Any], Triangles | None]:
     """Return the next shape as an obstacle, without its place; of a mesh also vertices and triangles."""
     kind = words.word()
     if kind == "box":

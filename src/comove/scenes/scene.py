@@ -48,7 +48,7 @@ from comove.scenes.shapes import (
     read_meshes,
     spatial,
 )
-from comove.scenes.words import Words
+from comove.scenes.words import VERSION_1, Words
 from comove.ties import first_largest
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class Scene:
     surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
     excess: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
-    words: Words = Words()
+    words: Words = VERSION_1
 
     @classmethod
     def load(

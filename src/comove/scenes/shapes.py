@@ -87,7 +87,7 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
             from comove.geometry.meshes import read_mesh  # most scenes need no reader of meshes
 
             data = None
-            if getattr(part, "part", None) is not None:
+            if isinstance(part, MeshObstacle) and part.part is not None:
                 from comove.scenes.moveit import mesh_in
 
                 data = mesh_in(folder / part.file, part.part), ".off"

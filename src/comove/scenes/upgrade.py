@@ -143,7 +143,7 @@ def _grasps(
 def _of_free_hand(
     scene: Scene, name: str, group: RigidGroup, grasp: Grasp | None, start: GroupPose
 ) -> dict[str, Any]:
-    """Return the orientation of a robot's hand that holds nothing, in the payload's frame if it goes along with it."""
+    """Return the orientation of a robot's free hand, in the payload's frame if it goes along with it."""
     goes_along = scene.manipulators.index(name) in group.members
     return _turned(scene, name, grasp, start.rotation if goes_along else np.eye(3))
 

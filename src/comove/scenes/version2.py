@@ -8,11 +8,9 @@ pose of an end effector's grasp frame (z the approach, fingers open along y) in 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from functools import reduce
 from itertools import combinations, product
-from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,10 +44,15 @@ from comove.scenes.imported import ImportedObstacles
 from comove.scenes.model import (
     CONTRACT,
     ROUNDING,
-    Obstacle,
+    BoxObstacle,
+    CapsuleObstacle,
+    CylinderObstacle,
+    EllipsoidObstacle,
+    MeshObstacle,
     PartShape,
     PayloadPose,
     SceneKeys,
+    SphereObstacle,
     Triple,
     Turned,
     by_name,
@@ -156,7 +159,7 @@ Payload = Annotated[
 
 
 class Oriented(Turned):
-    """The orientation of a grasp frame, by the directions of the `approach` and of `closing` fingers, or as others."""
+    """The orientation of a grasp frame, also by the directions of the `approach` and of `closing` fingers."""
 
     approach: Triple | None = None
     closing: Triple | None = None
@@ -225,7 +228,14 @@ class EndEffector(Oriented):
 
 
 AnyObstacle = Annotated[
-    reduce(or_, (*get_args(get_args(Obstacle)[0]), ImportedObstacles)), Field(discriminator="shape")
+    BoxObstacle
+    | SphereObstacle
+    | CapsuleObstacle
+    | CylinderObstacle
+    | EllipsoidObstacle
+    | MeshObstacle
+    | ImportedObstacles,
+    Field(discriminator="shape"),
 ]
 
 
@@ -236,7 +246,7 @@ class SceneFile2(SceneKeys):
     obstacles: Annotated[tuple[AnyObstacle, ...], BeforeValidator(as_tuple)] = ()
     payload: Payload | None = None
     grasps: Grasps | None = None
-    end_effectors: dict[Name, EndEffector] = {}
+    end_effectors: Annotated[dict[Name, EndEffector], Field(default_factory=dict)]
 
     @property
     def sets(self) -> tuple[dict[str, Any], ...]:
@@ -287,25 +297,27 @@ def flaws_of(scene: SceneFile2) -> Iterator[Flaw]:
 def _orientation_flaws(scene: SceneFile2) -> Iterator[Flaw]:
     """Yield orientations that the scene's dimension does not have, and those that a robot needs."""
     unfit = ("rpy_deg", "quaternion_wxyz") if scene.dimension == 2 else ("angle_deg",)
-    told = (
-        ("the scene is planar", "use angle_deg")
-        if scene.dimension == 2
-        else ("the scene is spatial", "use rpy_deg")
-    )
+    told, instead = "the scene is spatial", "use rpy_deg"
+    if scene.dimension == 2:
+        told, instead = "the scene is planar", "use angle_deg"
     if scene.payload is not None:
         parts = enumerate(getattr(scene.payload, "parts", ()))
         turned = [((end,), getattr(scene.payload, end)) for end in ENDS]
         for path, pose in [*turned, *((("parts", i), part) for i, part in parts)]:
             if pose.turned_by in unfit:
-                yield Flaw(("payload", *path, pose.turned_by), *told)
+                yield Flaw(("payload", *path, pose.turned_by), told, instead)
         if scene.dimension == 2 and scene.payload.goal.free not in (None, "yaw"):
             yield Flaw(("payload", "goal", "free"), "the scene is planar", "write yaw")
+    some_are_turned = any(grasp.turned_by is not None for _, grasp in _grasps(scene))
+    some_are_turned |= any(some == "auto" for given in scene.sets for some in given.values())
     for path, grasp in _grasps(scene):
         if scene.dimension == 2 and grasp.turned_by is not None:
             told = "end effectors are points in the plane"
             yield Flaw((*path, grasp.turned_by), told, "leave the orientation out")
-        elif scene.robot is not None and grasp.turned_by is None:
-            told = f"the robot '{scene.robot}' cannot know how it is to hold the payload"
+        elif grasp.turned_by is None and (scene.robot is not None or some_are_turned):
+            told = "other grasps have an orientation, and this one has none"
+            if scene.robot is not None:
+                told = f"the robot '{scene.robot}' cannot know how it is to hold the payload"
             yield Flaw(path, told, "add approach and closing, such as [0, 0, -1] and [0, 1, 0]")
 
 
@@ -330,12 +342,13 @@ def converted(
     InputError
         If the obstacles of another file cannot be read, or no grasps can be proposed.
     """
-    obstacles = list[dict[str, Any]]()
+    obstacles = list[Any]()
     origin = list[int]()
     for i, obstacle in enumerate(scene.obstacles):
-        own = [obstacle]
+        own: list[Any] = [obstacle]
         if isinstance(obstacle, ImportedObstacles):
-            own = obstacle.obstacles(folder or Path(), file, place(("obstacles", i, "file"), lines))
+            key = place(("obstacles", i, "file"), lines) or ""
+            own = obstacle.obstacles(folder or Path(), file, key)
         obstacles += own
         origin += [i] * len(own)
     hands: list[KeyPath] = [("grasps", name) for name in scene.holders]

@@ -1,12 +1,15 @@
-"""The names of keys in a scene's file, for messages: files of version 2 say what everything else knows as version 1."""
+"""The names of keys in a scene's file, for messages: only files of version 2 have their own."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from comove.io.keys import KeyPath, place
-from comove.io.yaml_reader import Lines
+
+NO_LINES: Mapping[KeyPath, int] = MappingProxyType({})
 
 
 class Words(NamedTuple):
@@ -21,7 +24,7 @@ class Words(NamedTuple):
     """
 
     version: int = 1
-    lines: Lines = {}
+    lines: Mapping[KeyPath, int] = NO_LINES
     hands: tuple[KeyPath, ...] = ()
     obstacles: tuple[int, ...] = ()
 
@@ -60,3 +63,7 @@ class Words(NamedTuple):
     def bodies(self) -> str:
         """Return what moves, in words."""
         return "the load or a hand" if self.version == 1 else "the payload or an end effector"
+
+
+VERSION_1 = Words()
+"""The words of files of version 1, which are those of `SceneFile`."""
