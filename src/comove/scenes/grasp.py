@@ -60,10 +60,10 @@ class Grasp:
     ----------
     holders : numbers of the hands that hold the load; the heading points from the second to the first. A single
         holder carries a load whose heading is always 0
-    at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included; in
-        the frame of the keypoints where there are some
+    at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included;
+        in the frame of the keypoints where there are some
     turning : array of bool, shape (n_manipulators,), True for hands that turn with the load; the others do not turn
-    keypoints : numbers of the three nodes that tell how the load is turned; none where it turns about the vertical only
+    keypoints : numbers of three nodes that tell how the load is turned; none where it turns about the vertical only
     """
 
     holders: tuple[int, ...]
@@ -71,13 +71,23 @@ class Grasp:
     turning: NDArray[np.bool_]
     keypoints: tuple[int, ...] = ()
 
+    def heading(self, hands: Array) -> Array:
+        """Return the heading of the line between the holders [rad], between -pi and pi; array, shape (...).
+
+        Parameters
+        ----------
+        hands : array, shape (..., n_manipulators, 3), [m]
+        """
+        x, y = self._along(hands)
+        return np.asarray(np.arctan2(y, x))
+
     def hand_rotations(self, nodes: Array) -> Array:
         """Return the orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
 
         Parameters
         ----------
-        nodes : array, shape (..., n_nodes, 3), hands first, then the load's corners [m]; where there are no keypoints,
-            hands suffice
+        nodes : array, shape (..., n_nodes, 3), hands first, then the load's corners [m]; without keypoints, hands
+            suffice
         """
         if self.keypoints:
             frames = keypoint_frames(np.asarray(nodes)[..., list(self.keypoints), :])[..., None, :, :]
@@ -143,7 +153,7 @@ def _angular_velocity(points: Array, velocities: Array) -> Array:
     basis = np.concatenate([edges, normal[..., None, :]], axis=-2)
     rates = np.concatenate([rates, turned[..., None, :, :]], axis=-3)
     dual = np.linalg.inv(basis)  # whose columns are g_i
-    return 0.5 * sum(np.cross(dual[..., :, i, None], rates[..., i, :, :], axis=-2) for i in range(3))
+    return 0.5 * np.cross(np.moveaxis(dual, -1, -2)[..., None], rates, axis=-2).sum(axis=-3)
 
 
 def keypoints_of(points: Array) -> tuple[int, int, int]:

@@ -297,8 +297,8 @@ class _Body:
         if off[worst] > POSED:
             i, there = self.members[worst], held[worst, : self.n_dims].round(10) + 0.0
             raise self._error(
-                f"the payload's pose at the {end} places the grasp of '{self.names[i]}' {off[worst]:.3g} m from where "
-                f"this end effector is",
+                f"the payload's pose at the {end} places the grasp of '{self.names[i]}' {off[worst]:.3g} m from "
+                "where this end effector is",
                 f"load.{end}",
                 f"write manipulators[{i}].{end}: {there.tolist()}, or correct the pose",
             )

@@ -57,7 +57,7 @@ class MovingBody:
     ----------
     edges : array of int, shape (n_edges, 2), nodes at the ends of the segments; equal ends make a point
     radii : array, shape (n_edges,), radii of the segments [m]
-    n_nodes : int, nodes that are no end of an edge and no corner of a solid included, which only tell how a load turns
+    n_nodes : int, keypoints that belong to no edge and no solid included
     filled : bool, whether the edges are the border of a filled polygon
     solids : array of int, shape (n_solids, 8), corners of boxes, numbered as in `comove.geometry.solids`;
         or (n_solids, n), nodes at the vertices of convex hulls, where the last node may be repeated

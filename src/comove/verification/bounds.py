@@ -65,7 +65,7 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
 def turn_jerk(motion: CoordinatedMotion, node: int) -> Array:
     """Return bounds of the second derivative of a body's angular velocity; array, shape (n_intervals,).
 
-    In unit duration. The angular velocity of a body with the unit quaternion u is w = 2 u' conj(u), so that |w"| is at
+    In unit duration. A body with the unit quaternion u has the angular velocity w = 2 u' conj(u), so that |w"| is at
     most 2 |u'''| + 6 |u'| |u"|, as the third derivative of a point at unit distance is.
 
     Parameters

@@ -119,7 +119,9 @@ class Carried:
     def swing(self) -> Ranges:
         """Return upper bounds of the second derivative of the load's angular velocity [rad/s^3]; array of width 1.
 
-        Where it turns in any way, that of its coordinates; where it turns about the vertical, of its heading. The unit vector u along a planar vector r has ``|u'''| <= a3 + 2 sqrt(3) a1 a2 + 3 a1^3``, a_i the bounds of
+        Where it turns in any way, that of its coordinates; where it turns about the vertical, of its heading.
+
+        The unit vector u along a planar vector r has ``|u'''| <= a3 + 2 sqrt(3) a1 a2 + 3 a1^3``, a_i the bounds of
         the derivatives of r over the least |r| (see `comove.verification.bounds`), and its angle has
         ``|psi'''| <= |u'''| + |u'|^3``.
         """
