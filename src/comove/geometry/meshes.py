@@ -46,13 +46,16 @@ class Mesh:
         return _decomposed(self, resolution, few)
 
 
-def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
+def read_mesh(
+    path: Path, scale: float, *, file: object, key: str, data: tuple[bytes, str] | None = None
+) -> Mesh:
     """Read the mesh in a file.
 
     Parameters
     ----------
     scale : factor from the file's lengths to metres
     file, key : scene file and key that name the mesh, for messages
+    data : contents and suffix of a mesh that is a part of the file
 
     Raises
     ------
@@ -62,11 +65,11 @@ def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
 
     try:
         suffix = path.suffix.lower()
-        if suffix not in FORMATS:
+        if data is None and suffix not in FORMATS:
             known = ", ".join(name[1:].upper() for name in FORMATS)
             raise MeshError("it is no mesh that can be read", way_out=f"write it in one of {known}")
-        data = read_bytes(path)
-        mesh, told = _read(data, suffix, scale)
+        contents, suffix = data or (read_bytes(path), suffix)
+        mesh, told = _read(contents, suffix, scale)
     except MeshError as error:
         raise SceneError(
             f"'{path.name}': {error.message}", file=file, key=key, way_out=error.way_out
