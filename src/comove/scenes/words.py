@@ -40,8 +40,8 @@ class Words(NamedTuple):
         if first == "obstacles" and rest and isinstance(rest[0], int):
             return ("obstacles", self.obstacles[rest[0]], *rest[1:])
         if first == "manipulators":
-            number = rest.pop(0) if rest and isinstance(rest[0], int) else 0
-            hand = self.hands[number]
+            number = rest.pop(0) if rest else 0
+            hand = self.hands[number if isinstance(number, int) else 0]
             return ("payload", *rest) if hand[0] == "grasps" else (*hand, *rest)
         return path
 
