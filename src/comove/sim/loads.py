@@ -211,7 +211,7 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene, *, near: float 
         hand = first_largest(missed)
         raise SceneError(
             f"the motion begins with the hand '{scene.manipulators[hand]}' {missed[hand]:.3g} m from its start",
-            key=f"manipulators[{hand}].start",
+            key=scene.words.key(f"manipulators[{hand}].start"),
             way_out="play the motion in the scene that it was made for",
         )
 
