@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import comove
-from comove.errors import ComoveWarning, SceneError
+from comove.errors import ComoveWarning, RobotError, SceneError
 from comove.io.yaml_reader import read_yaml
 from comove.scenes.candidates import DEPTH, OPENING
 from comove.scenes.model import canonical
@@ -505,3 +505,27 @@ def test_the_schema_knows_all_keys_of_a_file(tmp_path):
     assert known(schema, data)
     data["payload"]["sise"] = data["payload"].pop("size")
     assert not known(schema, data)
+
+
+def test_a_mesh_without_a_volume_is_no_payload(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv .2 0 .1\nv .2 .2 .1\nv 0 .2 0\nf 1 2 3\nf 1 3 4\n")
+    flat = ("shape: box\n  size: [0.4, 0.2, 0.05]", "shape: mesh\n  file: flat.obj")
+    with (
+        pytest.warns(ComoveWarning, match=r"payload\.file \(line 9\): 'flat.obj' is not closed"),
+        pytest.raises(SceneError, match=r"payload\.file \(line 9\): 'flat.obj' has no volume"),
+    ):
+        tray(tmp_path, flat)
+
+
+def test_arms_that_a_robot_lacks_or_that_reach_no_grasp_are_told(tmp_path):
+    """By the keys of the file, and how far the grasp is away."""
+    from comove.robots import Robot
+    from comove.robots.carrying import RobotCarrier
+
+    robot, limits = Robot.load("two_pandas"), ("payload:", "limits: {speed: 1}\npayload:")
+    third = ("  right:", "  third:")
+    with pytest.raises(RobotError, match=r"grasps \(line 14\): .* has no arm 'third'; known: left, right"):
+        _ = RobotCarrier(robot, tray(tmp_path, ROBOT, limits, third)).holders
+    far = ("goal: {position: [0, -0.3, 1]", "goal: {position: [0, -0.3, 1.9]")
+    with pytest.raises(SceneError, match=r"payload\.goal \(line 13\): the arm .* cannot reach .* \d+ m and"):
+        _ = RobotCarrier(robot, tray(tmp_path, ROBOT, limits, far)).goals

@@ -670,7 +670,7 @@ def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> S
 
 
 def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Scene:
-    meshes = read_meshes(file, folder, path)
+    meshes = read_meshes(file, folder, path, words)
     held = {
         whose: mesh.decomposed(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()
     }

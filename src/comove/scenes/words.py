@@ -52,7 +52,11 @@ class Words(NamedTuple):
         if self.version == 1:
             return key
         paths = [
-            self.path(tuple[str | int, ...](int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", one)))
+            self.path(
+                tuple[str | int, ...](
+                    int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", one)
+                )
+            )
             for one in key.split(", ")
         ]
         return ", ".join(dict.fromkeys(place(path, self.lines) or "" for path in paths))
