@@ -2,8 +2,8 @@
 
 An entry of a list is named by its number, a manipulator also by its name. Besides the keys of a scene there are
 `start` and `goal`, a shift of all hands together, `start.turn_deg` and `goal.turn_deg`, a turn of all hands about
-their common centre, or of the payload about its frame's origin, in space about the vertical, and `scene`, a shift of hands, obstacles and workspace together:
-what a robot meets that stands elsewhere.
+their common centre, or of the payload about its frame's origin, in space about the vertical, and `scene`, a shift of
+hands, obstacles and workspace together: what a robot meets that stands elsewhere.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ class Words(NamedTuple):
         if first == "obstacles" and rest and isinstance(rest[0], int):
             return ("obstacles", self.obstacles[rest[0]], *rest[1:])
         if first == "manipulators":
-            number = rest.pop(0) if rest and isinstance(rest[0], int) else 0
+            number = int(rest.pop(0)) if rest and isinstance(rest[0], int) else 0
             hand = self.hands[number]
             if not rest:
                 return hand[:1]
