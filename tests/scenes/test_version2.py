@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import comove
-from comove.errors import ComoveWarning, SceneError
+from comove.errors import ComoveWarning, RobotError, SceneError
 from comove.io.yaml_reader import read_yaml
 from comove.scenes.candidates import DEPTH, OPENING
 from comove.scenes.model import canonical
@@ -333,6 +333,8 @@ def test_another_turn_of_the_goal_is_taken_where_the_first_has_contact():
     assert result.scene.sha256 in {one.sha256 for one in scene.alternatives[1:]}
     along = result.scene.goal[1] - result.scene.goal[0]
     assert abs(np.rad2deg(np.arctan2(along[1], along[0])) - 90) == pytest.approx(45)
+    assert comove.Executor(scene).scene.sha256 in {one.sha256 for one in scene.alternatives[1:]}
+    assert comove.Executor(scene, plan=result.motion).scene.sha256 == result.scene.sha256
 
 
 SHAPES = {
@@ -505,3 +507,29 @@ def test_the_schema_knows_all_keys_of_a_file(tmp_path):
     assert known(schema, data)
     data["payload"]["sise"] = data["payload"].pop("size")
     assert not known(schema, data)
+
+
+def test_a_mesh_without_a_volume_is_no_payload(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv .2 0 .1\nv .2 .2 .1\nv 0 .2 0\nf 1 2 3\nf 1 3 4\n")
+    flat = ("shape: box\n  size: [0.4, 0.2, 0.05]", "shape: mesh\n  file: flat.obj")
+    with (
+        pytest.warns(ComoveWarning, match=r"payload\.file \(line 9\): 'flat.obj' is not closed"),
+        pytest.raises(SceneError, match=r"payload\.file \(line 9\): 'flat.obj' has no volume"),
+    ):
+        tray(tmp_path, flat)
+
+
+def test_arms_that_a_robot_lacks_or_that_reach_no_grasp_are_told(tmp_path):
+    """By the keys of the file, and how far the grasp is away."""
+    from comove.robots import Robot
+    from comove.robots.carrying import RobotCarrier
+
+    robot, limits = Robot.load("two_pandas"), ("payload:", "limits: {speed: 1}\npayload:")
+    third = ("  right:", "  third:")
+    with pytest.raises(RobotError, match=r"grasps \(line 14\): .* has no arm 'third'; known: left, right"):
+        _ = RobotCarrier(robot, tray(tmp_path, ROBOT, limits, third)).holders
+    far = ("goal: {position: [0, -0.3, 1]", "goal: {position: [0, -0.3, 1.7]")
+    with pytest.raises(
+        SceneError, match=r"payload\.goal \(line 13\): the arm .* cannot reach .* [0-9.]+ m and"
+    ):
+        _ = RobotCarrier(robot, tray(tmp_path, ROBOT, limits, far)).goals

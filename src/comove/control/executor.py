@@ -223,6 +223,7 @@ class Executor:
         demonstration: DMP | PoseDMP | ProMP | tuple[DMP, ...] | None = None,
         plan: VerifiedMotion | None = None,
     ):
+        scene = scene.in_one_way() if plan is None else scene.held_as_in(plan.motion.scene)
         require_no_rest(scene)
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         if np.isfinite(scene.jerk_limit):

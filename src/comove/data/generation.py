@@ -294,7 +294,11 @@ class Study:
         found += [
             self.folder / name for part in self.file.draws for name in (part.library, part.recordings) if name
         ]
-        parts = [*(self.template.get("obstacles") or []), self.template.get("load")]
+        parts = [
+            *(self.template.get("obstacles") or []),
+            self.template.get("load"),
+            self.template.get("payload"),
+        ]
         found += [self.folder / part["file"] for part in parts if isinstance(part, dict) and part.get("file")]
         if self.on_robot:
             from comove.data.carried import robot_named

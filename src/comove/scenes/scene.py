@@ -164,15 +164,8 @@ class Scene:
             Names the supports that neither start nor goal is near.
         """
         if self.file.choices is not None:
-            first: SceneError | None = None
-            for choice in self.alternatives:
-                try:
-                    choice.require_free_ends()
-                    return self
-                except SceneError as error:
-                    first = first or error
-            assert first is not None, "there are several alternatives"
-            raise first
+            self.in_one_way()
+            return self
         for end in ENDS:
             # What moves may have left the goal, or not come there yet, when the load does.
             there = [i for i in range(len(self.file.obstacles)) if end == "start" or not self.moving[i]]
@@ -222,7 +215,8 @@ class Scene:
             replace(group, start=start, start_twist=twist * duration)
             for group, start, twist in zip(self.groups, starts, twists, strict=True)
         )
-        later = replace(self.timed(duration), groups=groups, begins=self.begins + time)
+        later = self.timed(duration)._changed(choices=None)  # it is held in one way by now
+        later = replace(later, groups=groups, begins=self.begins + time)
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
@@ -314,6 +308,25 @@ class Scene:
             one for one in self.alternatives if (one.file.grasp, one.file.load) == (file.grasp, file.load)
         )
         return next(same, self)
+
+    def in_one_way(self) -> Scene:
+        """Return the first alternative in which start and goal are free; the scene itself where it has no choices.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
+        if self.file.choices is None:
+            return self
+        first: SceneError | None = None
+        for choice in self.alternatives:
+            try:
+                return choice.require_free_ends()
+            except SceneError as error:
+                first = first or error
+        assert first is not None, "a scene with choices has alternatives"
+        raise first
 
     def _changed(self, **keys: Any) -> Scene:
         return replace(self, file=self.file.model_copy(update=keys))
@@ -670,7 +683,7 @@ def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> S
 
 
 def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Scene:
-    meshes = read_meshes(file, folder, path)
+    meshes = read_meshes(file, folder, path, words)
     held = {
         whose: mesh.decomposed(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()
     }

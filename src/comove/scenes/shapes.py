@@ -32,6 +32,7 @@ from comove.scenes.model import (
     PolygonLoad,
     SceneFile,
 )
+from comove.scenes.words import VERSION_1, Words
 
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
@@ -76,8 +77,11 @@ class MovingBody:
         return first[first != second]
 
 
-def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
-    """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load"."""
+def read_meshes(file: SceneFile, folder: Path, path: Path | None, words: Words = VERSION_1) -> Meshes:
+    """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load".
+
+    Errors name keys of `SceneFile`, warnings those of the file, which `words` are.
+    """
     parts: list[tuple[int | str, str, Obstacle | Load | None]] = [
         (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
     ]
@@ -91,13 +95,27 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
                 from comove.scenes.moveit import mesh_in
 
                 data = mesh_in(folder / part.file, part.part), ".off"
-            mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file", data=data)
+            mesh = read_mesh(
+                folder / part.file,
+                part.scale,
+                file=path,
+                key=f"{key}.file",
+                data=data,
+                called=words.key(f"{key}.file"),
+            )
             if part.resolution is not None and not part.resolution < mesh.width:
                 raise SceneError(
                     f"'{part.file}' is {mesh.width:.3g} m long, and the resolution is {part.resolution:g} m",
                     file=path,
                     key=f"{key}.resolution",
                     way_out="give a finer resolution",
+                )
+            if isinstance(part, MeshLoad) and part.start is not None and mesh.is_flat:
+                raise SceneError(
+                    f"'{part.file}' has no volume: all its points are in one plane",
+                    file=path,
+                    key=f"{key}.file",
+                    way_out="give it a thickness, or write a box in its place",
                 )
             meshes[whose] = mesh, part
     return meshes

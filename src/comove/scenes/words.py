@@ -40,8 +40,10 @@ class Words(NamedTuple):
         if first == "obstacles" and rest and isinstance(rest[0], int):
             return ("obstacles", self.obstacles[rest[0]], *rest[1:])
         if first == "manipulators":
-            number = rest.pop(0) if rest else 0
-            hand = self.hands[number if isinstance(number, int) else 0]
+            number = int(rest.pop(0)) if rest and isinstance(rest[0], int) else 0
+            hand = self.hands[number]
+            if not rest:
+                return hand[:1]
             return ("payload", *rest) if hand[0] == "grasps" else (*hand, *rest)
         return path
 
@@ -50,7 +52,11 @@ class Words(NamedTuple):
         if self.version == 1:
             return key
         paths = [
-            self.path(tuple(int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", one)))
+            self.path(
+                tuple[str | int, ...](
+                    int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", one)
+                )
+            )
             for one in key.split(", ")
         ]
         return ", ".join(dict.fromkeys(place(path, self.lines) or "" for path in paths))
