@@ -514,7 +514,7 @@ def test_without_the_planner_nothing_is_planned(monkeypatch):
     def plan(*_, **__):
         pytest.fail("the planner ran")
 
-    monkeypatch.setattr("comove.planning.methods.plan", plan)
+    monkeypatch.setattr("comove.planning.kinematics.plan", plan)
     method = Comove(settings=MethodSettings(restarts=1))
     assert not comove.solve(closed(), method=method, planner=False, budget=3.0).verified
 
