@@ -75,11 +75,9 @@ def blocks(language: str) -> list[tuple[str, str]]:
 
 
 def commands() -> list:
-    """The blocks of commands, each once, on its first page; those that take long are slow tests."""
-    once: dict[str, str] = {}
-    for page, code in blocks("sh"):
-        once.setdefault(code, page)
-    return [pytest.param(page, code, marks=how_long(code)) for code, page in once.items()]
+    """The blocks of commands, on each page once; those that take long are slow tests."""
+    once = dict.fromkeys(blocks("sh"))
+    return [pytest.param(page, code, marks=how_long(code)) for page, code in once]
 
 
 def how_long(code: str) -> list:
