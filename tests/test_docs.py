@@ -30,9 +30,11 @@ SAVED = re.compile(r"save it as `([\w.-]+)`:\n\n```yaml\n(.*?)^```", re.MULTILIN
 SCENES = ROOT / "src" / "comove" / "examples"
 LONG = (
     *(
-        "robot simulate",
-        "robot solve",
-        "robot run",
+        "comove simulate",
+        "comove export",
+        "examples/robots/",
+        "examples/baxter/",
+        "solve baxter_",
         "library combine",
         "comove run",
         "bench run",

@@ -147,7 +147,7 @@ def test_verbs_that_use_joints_say_what_they_are_verified_against_and_take_what_
     simulated, tmp_path
 ):
     copy = shutil.copytree(simulated, tmp_path / "copy")
-    done = invoke("robot", "export", copy, "--format", "npz", "--no-transfers")
+    done = invoke("export", copy, "--format", "npz", "--no-transfers")
     assert done.exit_code == 0, done.stderr
     assert "verified against the folder's own scene" in done.stderr and "'baxter'" in done.stderr
     scene = tmp_path / "other.yaml"
@@ -155,7 +155,7 @@ def test_verbs_that_use_joints_say_what_they_are_verified_against_and_take_what_
     contents["obstacles"].append({"shape": "sphere", "center": [0.58, 0.0, 0.1], "radius": 0.05})
     scene.write_text(json.dumps(contents))
     for options in (("--scene", scene), ("--robot", "pr2")):
-        done = invoke("robot", "export", copy, "--format", "csv", *options)
+        done = invoke("export", copy, "--format", "csv", *options)
         assert done.exit_code == 2, done.output
 
 

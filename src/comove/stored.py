@@ -8,7 +8,7 @@ else in a folder may loosen what it is verified by. Measures are told in words, 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
@@ -17,13 +17,14 @@ from typing import TYPE_CHECKING, Any
 
 from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import ExtraError, ResultError
+from comove.errors import ExtraError, OptionError, ResultError
 from comove.io.folders import require_folder
 from comove.results.reference import Reference, reference_of
 from comove.results.sealed import Arrays, Summary
 from comove.results.solution import StoredResult, read_result, rebuild, verify_result
 from comove.scenes.scene import Scene
-from comove.verification.verify import Report
+from comove.verification.verify import Check, Report, Verdict
+from comove.verification.verify import verify as verify_motion
 
 Row = tuple[str, str, str]
 """A measure: of what, by how much, and what was asked for."""
@@ -223,7 +224,7 @@ def parts_of(folder: Path) -> tuple[Part, ...]:
         raise ResultError(
             f"it holds no {Part.MOTION.file} and no {Part.RUN.file}",
             file=folder,
-            way_out="name a folder of comove solve, robot solve or run",
+            way_out="name a folder of comove solve or comove run",
         )
     return found
 
@@ -232,7 +233,7 @@ if TYPE_CHECKING:  # robots are an extra
     from comove.robots.files import RobotSource, StoredJoints
     from comove.robots.model import Robot
     from comove.robots.motion import JointMotion
-    from comove.robots.verification.verify import VerifiedJointMotion
+    from comove.robots.verification.verify import JointVerdict, VerifiedJointMotion
     from comove.sim.live_record import OnlineRecord
     from comove.verification.record import Record
 
@@ -289,6 +290,59 @@ class Verification:
     def verified(self) -> bool:
         """Return whether nothing speaks against it."""
         return not self.reasons
+
+
+def verify(
+    thing: Any,
+    *,
+    scene: Scene | None = None,
+    robot: str | Path | None = None,
+    checks: Sequence[Check] = (),
+) -> Verdict | JointVerdict | tuple[Verification, ...]:
+    """Verify a motion, a solution or a result folder anew.
+
+    Parameters
+    ----------
+    thing
+        A `comove.coordination.CoordinatedMotion`, or a `Solution`: the motion of its end effectors and, where a robot
+        carries, of its joints. Or the path of a result folder.
+    scene, robot
+        The scene, and the robot's name or description, that you trust; those that the folder names unless given.
+        Of folders only.
+    checks
+        Further checks of a motion of end effectors.
+
+    Returns
+    -------
+    Verdict of the motion, JointVerdict of a solution with joints, or one `Verification` for each part of the folder
+
+    Raises
+    ------
+    OptionError
+        If it is nothing of the kind, or an argument is of something else.
+    ResultError
+        If a part of the folder is missing, incomplete or unreadable.
+    """
+    if isinstance(thing, (str, Path)):
+        if checks:
+            raise OptionError("further checks are of motions", key="checks", way_out="leave them out")
+        return verify_folder(thing, scene, robot)
+    if scene is not None or robot is not None:
+        key = "robot" if scene is None else "scene"
+        raise OptionError("a motion has its own", key=key, way_out="leave it out, or name a result folder")
+    motion, joints = getattr(thing, "attempt", thing), getattr(thing, "joints", None)
+    if not isinstance(motion, CoordinatedMotion):
+        raise OptionError(
+            f"a {type(thing).__name__} cannot be verified",
+            key="thing",
+            way_out="give a motion, a solution, or the path of a result folder",
+        )
+    if joints is None:
+        return verify_motion(motion, checks)
+    from comove.robots import verify_joints
+
+    verdict: JointVerdict = verify_joints(joints.robot, motion, joints.attempt)
+    return verdict
 
 
 def verify_folder(

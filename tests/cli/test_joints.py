@@ -3,9 +3,9 @@
 import json
 from pathlib import Path
 
+import comove.cli.joints as joints
 import pytest
 
-import comove.cli.joints as joints
 from comove.errors import ComoveWarning
 from comove.planning import Budget, solve
 from comove.scenes import Scene

@@ -22,7 +22,7 @@ FOLDERS = {
     "run": ("run", "scene.yaml"),
     "demo": ("demo",),
     "reproduce": ("reproduce",),
-    "robot solve": ("robot", "solve", "scene.yaml", "--robot", "two_pandas"),
+    "solve by a robot": ("solve", "scene.yaml", "--robot", "two_pandas"),
     "bench draw": ("bench", "draw", "easy"),
     "bench scaling": ("bench", "scaling"),
 }
@@ -51,7 +51,7 @@ def place(tmp_path, monkeypatch):
 
     for name in ("planning.solve", "planning.load_kernels", "planning.combine", "dmp.learn"):
         monkeypatch.setattr(f"comove.{name}", working)
-    for name in ("control.Executor", "robots.carry", "lab.paper.page.reproduce"):
+    for name in ("control.Executor", "solving.solve", "lab.paper.page.reproduce"):
         monkeypatch.setattr(f"comove.{name}", working)
     for name in ("sets.drawn", "scaling.measure"):
         monkeypatch.setattr(f"comove.lab.bench.{name}", working)

@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.geometry.surfaces import Placed, holds, nearest, signed_distance, surface_distance, surfaces_of
+from comove.geometry.surfaces import (
+    Placed,
+    holds,
+    nearest,
+    point_distances,
+    signed_distance,
+    surface_distance,
+    surfaces_of,
+)
 from comove.geometry.topology import solids_and_sheets
 from tests import brute_force
 from tests.cases import examples
@@ -117,6 +125,20 @@ def test_a_body_within_a_solid_is_as_deep_as_it_is_far_from_outside():
     assert signed_distance(surfaces, 0, np.array([[0.0, 0.0, 1.2], [0.0, 0.0, 1.5]]), 1.0) == pytest.approx(
         0.2
     )
+
+
+@examples(20)
+@given(seeds)
+def test_distances_of_points_are_those_that_brute_force_finds(seed):
+    rng = np.random.default_rng(seed)
+    vertices, faces = ring() if seed % 2 else star(rng)
+    points = rng.uniform(-0.3, 0.3, (200, 3))
+    truth = brute_force.segments_from_triangles(points, points, vertices[faces])
+    depth = np.where(are_inside(vertices, faces, points), -truth, truth)
+    surfaces = placed(vertices, faces)
+    assert point_distances(surfaces, 0, points, np.inf, True) == pytest.approx(depth, abs=1e-7)
+    near = point_distances(surfaces, 0, points, 0.1, False)
+    assert near == pytest.approx(np.clip(depth, 0.0, 0.1), abs=1e-7)
 
 
 def test_many_triangles_are_found_through_their_tree():

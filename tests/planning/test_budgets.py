@@ -7,7 +7,8 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.planning import Budget, Comove, LeastJerk, LeastTime, Paper, PaperCost, Projection, solve
+from comove.lab.evolution import Paper, Projection
+from comove.planning import Budget, Comove, LeastJerk, LeastTime, PaperCost, solve
 from comove.planning.methods import Quick
 from comove.processes import one_blas_thread
 from comove.results.sealed import checksum

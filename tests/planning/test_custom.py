@@ -6,6 +6,7 @@ import pytest
 import comove
 from comove import Equality, LeastJerk, Samples
 from comove.errors import OptionError
+from comove.lab.evolution import Projection
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import example
@@ -101,7 +102,7 @@ def test_the_least_jerk_through_a_point_is_found():
         ({"constraints": fast}, "give a list"),
         ({"objective": height, "planner": False}, "a planner"),
         ({"objective": "low"}, "or a function"),
-        ({"constraints": [fast], "method": comove.Projection()}, "comove's own method"),
+        ({"constraints": [fast], "method": Projection()}, "comove's own method"),
     ],
 )
 def test_bad_functions_are_told(options, words):

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Comove, Demonstration, PaperCost, Projection
+from comove import DMP, Comove, Demonstration, PaperCost
 from comove.errors import OptionError
+from comove.lab.evolution import Projection
 from comove.planning import carried_demonstration
 from comove.planning.methods import MethodSettings
 from comove.planning.objective import N_STEPS

@@ -3,145 +3,27 @@
 Boxes are halved until the part of the solid in each of them is nearly convex. A piece is described by its extreme
 points: the vertices of the triangles' parts inside the box, and the corners of the box that are inside the solid. So
 a convex set that contains these points contains the piece, and a set that contains all pieces contains the solid.
-
-Whether a point is inside is decided by a ray in a direction to which hardly any edge of a mesh is parallel: each
-triangle that the ray crosses counts +1 or -1, by the side on which it is crossed. Triangles must be closed and turned
-outwards (`comove.geometry.meshes`).
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.surfaces import AXES, side_of
+from comove.geometry.surfaces import holds
 
-Array = NDArray[np.float64]
-
-N_BINS = 64  # of the rays' plane, along each axis
 INWARD = 1e-6  # of a box, by which its corners are moved into it before they are asked for
 FLAT = 1e-9  # of the solid's size, below which a piece has no inside
 MAX_POLYGON = 16  # corners: a triangle cut by six planes has nine
 
 
-class Solid(NamedTuple):
-    """A solid bounded by triangles, prepared for point-in-solid tests.
-
-    Attributes
-    ----------
-    corners : array, shape (n_triangles, 3, 3), corners of the triangles [m]
-    seen : array, shape (n_triangles, 3, 3), the corners' coordinates along the axes of the ray's frame [m]
-    axes : array, shape (3, 3), the axes of the ray's frame as rows: two across the ray, the third along it
-    low, width : array, shape (2,), and number: lower corner of the grid of bins across the ray, and width of a bin
-        [m]
-    first, member : arrays of int, shapes (N_BINS^2 + 1,) and (n,): the triangles of bin i are
-        ``member[first[i] : first[i + 1]]``
-    """
-
-    corners: Array
-    seen: Array
-    axes: Array
-    low: Array
-    width: float
-    first: NDArray[np.int64]
-    member: NDArray[np.int64]
-
-
-def solid_of(corners: Array) -> Solid:
-    """Return the solid that triangles bound, array of shape (n_triangles, 3, 3) [m]."""
-    axes = AXES
-    seen = np.ascontiguousarray(corners @ axes.T)
-    low, high = seen[:, :, :2].min(axis=(0, 1)), seen[:, :, :2].max(axis=(0, 1))
-    width = float((high - low).max()) / N_BINS * (1 + 1e-9)
-    first, member = _binned(seen, low, width)
-    return Solid(np.ascontiguousarray(corners), seen, axes, low, width, first, member)
-
-
-def no_solid(corners: Array) -> Solid:
-    """Return a `Solid` without inside, of triangles that bound nothing, array of shape (n_triangles, 3, 3) [m]."""
-    none = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64), np.zeros(0, dtype=np.int64)
-    return Solid(np.ascontiguousarray(corners), np.zeros((0, 3, 3)), np.eye(3), np.zeros(2), 1.0, *none)
-
-
 @kernel
-def _bins(triangle, low, width):
-    """Return the first and last bin, along both axes across the ray, that a triangle may overlap."""
-    u = min(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
-    v = min(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - low[1]
-    s = max(triangle[0, 0], triangle[1, 0], triangle[2, 0]) - low[0]
-    t = max(triangle[0, 1], triangle[1, 1], triangle[2, 1]) - low[1]
-    return (
-        max(0, int(u / width)),
-        min(N_BINS - 1, int(s / width)),
-        max(0, int(v / width)),
-        min(N_BINS - 1, int(t / width)),
-    )
-
-
-@kernel
-def _binned(seen, low, width):
-    first = np.zeros(N_BINS * N_BINS + 1, dtype=np.int64)
-    for k in range(seen.shape[0]):
-        a, b, c, d = _bins(seen[k], low, width)
-        for i in range(a, b + 1):
-            for j in range(c, d + 1):
-                first[i * N_BINS + j + 1] += 1
-    for i in range(N_BINS * N_BINS):
-        first[i + 1] += first[i]
-    member, at = np.empty(first[-1], dtype=np.int64), first.copy()
-    for k in range(seen.shape[0]):
-        a, b, c, d = _bins(seen[k], low, width)
-        for i in range(a, b + 1):
-            for j in range(c, d + 1):
-                member[at[i * N_BINS + j]] = k
-                at[i * N_BINS + j] += 1
-    return first, member
-
-
-@kernel
-def is_inside(solid, x, y, z):
-    """Return whether a point is inside a solid; for a point on the surface the answer may be either."""
-    axes = solid.axes
-    u = axes[0, 0] * x + axes[0, 1] * y + axes[0, 2] * z
-    v = axes[1, 0] * x + axes[1, 1] * y + axes[1, 2] * z
-    w = axes[2, 0] * x + axes[2, 1] * y + axes[2, 2] * z
-    i, j = int(np.floor((u - solid.low[0]) / solid.width)), int(np.floor((v - solid.low[1]) / solid.width))
-    if i < 0 or j < 0 or i >= N_BINS or j >= N_BINS:
-        return False
-    turns = 0
-    for m in range(solid.first[i * N_BINS + j], solid.first[i * N_BINS + j + 1]):
-        triangle = solid.seen[solid.member[m]]
-        if triangle[0, 2] < w and triangle[1, 2] < w and triangle[2, 2] < w:
-            continue
-        e = side_of(triangle[0], triangle[1], u, v)
-        f = side_of(triangle[1], triangle[2], u, v)
-        g = side_of(triangle[2], triangle[0], u, v)
-        if (e > 0.0) == (f > 0.0) and (f > 0.0) == (g > 0.0):
-            total = e + f + g
-            if total != 0.0 and (f * triangle[0, 2] + g * triangle[1, 2] + e * triangle[2, 2]) / total > w:
-                turns += 1 if total > 0.0 else -1
-    return turns != 0
-
-
-@kernel
-def are_inside(solid, points):
-    """Return which of the points, array of shape (n, 3), are inside a solid; array of bool, shape (n,)."""
-    inside = np.empty(points.shape[0], dtype=np.bool_)
-    for k in range(points.shape[0]):
-        inside[k] = is_inside(solid, points[k, 0], points[k, 1], points[k, 2])
-    return inside
-
-
-@kernel
-def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
+def pieces(surfaces, planes, first_plane, low, high, bend, smallest, most):
     """Cut a solid, or a sheet that bounds nothing, into nearly convex pieces.
 
     Parameters
     ----------
-    solid : in the frame of the planes
+    surfaces : one mesh, in the frame of the planes
     planes : array, positions of the planes at which it is cut in any case: along x, then y, then z, each in order [m]
     first_plane : array of int, shape (4,), index of each axis's first plane in `planes`
     low, high : arrays, shape (3,), corners of a box around the solid [m]
@@ -153,7 +35,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
     points : array, shape (n, 3), extreme points of the pieces [m]
     first : array of int, shape (n_pieces + 1,), index of each piece's first point in `points`
     """
-    n_triangles = solid.corners.shape[0]
+    n_triangles = surfaces.triangles.shape[0]
     flat = FLAT * (high - low).max()
     pool = np.empty(8 * n_triangles + 1024, dtype=np.int64)
     for k in range(n_triangles):
@@ -173,10 +55,10 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
         axis, at = _cut(planes, first_plane, a, b)
         if axis < 0 or begin == end:
             x, y, z = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]), 0.5 * (a[2] + b[2])
-            if begin == end and not is_inside(solid, x, y, z):
+            if begin == end and not holds(surfaces, 0, x, y, z):
                 continue
             if axis < 0:
-                n_own, off, own = _piece(solid, pool[begin:end], a, b, polygon, other, own, flat)
+                n_own, off, own = _piece(surfaces, pool[begin:end], a, b, polygon, other, own, flat)
                 if n_own == 0:
                     continue
                 longest = int(np.argmax(b - a))
@@ -190,7 +72,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
                     first[n_pieces] = n_points
                     continue
                 axis, at = longest, 0.5 * (a[longest] + b[longest])
-        pool, n_low, n_high = _halved(solid, pool, begin, end, axis, at)
+        pool, n_low, n_high = _halved(surfaces, pool, begin, end, axis, at)
         if top + 2 > boxes.shape[0]:
             boxes = np.concatenate((boxes, np.empty_like(boxes)))
             spans = np.concatenate((spans, np.empty_like(spans)))
@@ -205,7 +87,7 @@ def pieces(solid, planes, first_plane, low, high, bend, smallest, most):
 
 
 @kernel
-def _halved(solid, pool, begin, end, axis, at):
+def _halved(surfaces, pool, begin, end, axis, at):
     """Divide the triangles of a box, the last of the pool, into those that reach below a plane and those above it.
 
     Returns
@@ -219,13 +101,13 @@ def _halved(solid, pool, begin, end, axis, at):
     kept = begin + count
     n_low = 0
     for m in range(begin, end):
-        corners = solid.corners[pool[m]]
+        corners = surfaces.triangles[pool[m]]
         if min(corners[0, axis], corners[1, axis], corners[2, axis]) <= at:
             pool[kept + n_low] = pool[m]
             n_low += 1
     n_high = 0
     for m in range(begin, end):
-        corners = solid.corners[pool[m]]
+        corners = surfaces.triangles[pool[m]]
         if max(corners[0, axis], corners[1, axis], corners[2, axis]) >= at:
             pool[kept + n_low + n_high] = pool[m]
             n_high += 1
@@ -251,7 +133,7 @@ def _cut(planes, first_plane, a, b):
 
 
 @kernel
-def _piece(solid, members, a, b, polygon, other, own, flat):
+def _piece(surfaces, members, a, b, polygon, other, own, flat):
     """Collect the extreme points of the part of a solid within a box.
 
     Returns
@@ -261,10 +143,10 @@ def _piece(solid, members, a, b, polygon, other, own, flat):
     own : array whose first `n_own` rows are the extreme points [m]
     """
     n_own, n_faces = 0, 0
-    sheet = solid.member.shape[0] == 0
+    sheet = not surfaces.closed[0]
     faces = np.empty((members.shape[0], 4))
     for m in range(members.shape[0]):
-        corners = solid.corners[members[m]]
+        corners = surfaces.triangles[members[m]]
         n = 3
         for i in range(3):
             polygon[i] = corners[i]
@@ -294,7 +176,7 @@ def _piece(solid, members, a, b, polygon, other, own, flat):
     for corner in range(8):
         if members.shape[0] > 0:  # else the whole box is inside
             x = _inward(a, b, corner, 0)
-            if not is_inside(solid, x, _inward(a, b, corner, 1), _inward(a, b, corner, 2)):
+            if not holds(surfaces, 0, x, _inward(a, b, corner, 1), _inward(a, b, corner, 2)):
                 continue
         for axis in range(3):
             own[n_own, axis] = b[axis] if corner >> axis & 1 else a[axis]

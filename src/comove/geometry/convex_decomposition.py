@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.cells import Solid, are_inside, no_solid, pieces, solid_of
+from comove.geometry.cells import pieces
 from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of, thickened
-from comove.geometry.topology import Parts
+from comove.geometry.surfaces import Parts, Surfaces, point_distances, surface_of
 
 Array = NDArray[np.float64]
 
@@ -246,12 +246,12 @@ class _Groups:
         self.size = float((self.high - self.low).max())
         self.resolution, self.near = resolution, settings.near * resolution
         self.thickness, self.settings = thickness, settings
-        self.solid = no_solid(self.corners) if thickness else solid_of(self.corners)
+        self.surface = surface_of(self.corners, 0 if thickness else len(corners))
         planes = [self._planes(axis) for axis in range(3)]
         first = np.cumsum([0, *map(len, planes)])
         out = ROUNDING * self.size
         self.points, self.first = pieces(
-            self.solid,
+            self.surface,
             np.concatenate(planes),
             first,
             self.low - out,
@@ -293,7 +293,7 @@ class _Groups:
 
         It is None where the hulls are too many.
         """
-        self.distance = Distance(self.corners, self.solid, self.resolution, self.settings)
+        self.distance = Distance(self.surface, self.low, self.high, self.resolution, self.settings)
         apart = self._apart()
         rng = np.random.default_rng(0)
         middle = np.add.reduceat(self.points, self.first[:-1]) / np.diff(self.first)[:, None]
@@ -441,50 +441,32 @@ def _main_direction(normals: Array, area: Array) -> Array:
 
 
 class Distance:
-    """Distances from a solid that are 0 inside and never less than the true ones.
+    """Distances from a solid or a sheet, 0 inside.
 
     Parameters
     ----------
-    corners : array, shape (n_triangles, 3, 3), the triangles that bound the solid [m]
-    resolution : distance up to which the grid holds accurate distances; about the spacing of the grid [m]
+    surface : the triangles that bound the solid
+    low, high : arrays, shape (3,), corners of the box around it [m]
+    resolution : distance up to which the grid holds distances; about the spacing of the grid [m]
     """
 
-    def __init__(self, corners: Array, solid: Solid, resolution: float, settings: DecompositionSettings):
-        from scipy.ndimage import distance_transform_edt
-        from scipy.spatial import cKDTree
-
-        self.corners, self.solid = corners, solid
-        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    def __init__(
+        self, surface: Surfaces, low: Array, high: Array, resolution: float, settings: DecompositionSettings
+    ):
+        self.surface = surface
         wide = high - low + 2 * resolution
         step = min(float((high - low).max()) / settings.n_nodes, 0.5 * resolution)
         self.step = max(step, float(np.cbrt(wide.prod() / settings.most_nodes)))
-        samples, self._owner = _samples(corners, self.step)
-        self._tree = cKDTree(samples)
         count = np.ceil(wide / self.step).astype(int) + 3
         self.origin = 0.5 * (low + high) - 0.5 * self.step * (count - 1)
         axes = [self.origin[k] + self.step * np.arange(count[k]) for k in range(3)]
-        nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-        inside = are_inside(solid, nodes)
-        there = inside.copy()
-        there[np.ravel_multi_index(np.round((samples - self.origin) / self.step).astype(int).T, count)] = True
-        # Approximate: exact distances are computed near the solid only.
-        field = self.step * distance_transform_edt(~there.reshape(count)).ravel()
-        field[inside] = 0.0
-        near = ~inside & (field < resolution + 3 * self.step)
-        field[near] = self._outside(nodes[near])
-        self.field = field.reshape(count)
-        self._nodes, self._field = nodes, field
+        self._nodes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+        self._field = self(self._nodes, resolution + 3 * self.step)
+        self.field = self._field.reshape(count)
 
-    def __call__(self, points: Array) -> Array:
-        """Return the distances of points, array of shape (n, 3), from the solid; array, shape (n,) [m]."""
-        result = np.zeros(len(points))
-        outside = ~are_inside(self.solid, np.ascontiguousarray(points))
-        result[outside] = self._outside(points[outside])
-        return result
-
-    def _outside(self, points: Array) -> Array:
-        away, nearest = self._tree.query(points)
-        return np.minimum(away, _from_triangles(points, self.corners[self._owner[nearest]]))
+    def __call__(self, points: Array, cutoff: float = np.inf) -> Array:
+        """Return the distances of points, array of shape (n, 3), `cutoff` at most; array, shape (n,) [m]."""
+        return point_distances(self.surface, 0, np.ascontiguousarray(points), cutoff, False)
 
     def is_near(self, hull: Polytope, most: float) -> bool:
         """Return whether no grid node inside a hull is farther than `most` [m] from the solid."""
@@ -506,54 +488,16 @@ class Distance:
         while len(middles):
             reach = np.sqrt(3.0) * half
             middles = middles[_behind(middles, hull.planes, reach)]
-            away = self(middles)
+            away = point_distances(self.surface, 0, middles, np.inf, True)
             if reach <= 0.25 * most:
                 return max(most, float((away + reach).max(initial=0.0)))
             inside = _behind(middles, hull.planes, 0.0)
             most = max(most, float(away[inside].max(initial=0.0)))
             half *= 0.5
-            # Drop boxes deep inside the solid, and boxes that cannot be farther than the largest distance found.
-            deep = away == 0.0
-            deep[deep] = self._tree.query(middles[deep])[0] > reach + self.step
-            middles = middles[~deep & (away + reach > most)]
+            # Drop boxes that cannot be farther than the largest distance found, as those inside the solid.
+            middles = middles[away + reach > most]
             middles = (middles[:, None] + half * corners).reshape(-1, 3)
         return most
-
-
-def _samples(corners: Array, spacing: float) -> tuple[Array, NDArray[np.int64]]:
-    """Return points that sample triangles, and the triangle of each point.
-
-    No point of a triangle is farther than `spacing` [m] from a sample.
-    """
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    count = np.maximum(1, np.ceil(longest / spacing).astype(int))
-    points, owner = [], []
-    for n in np.unique(count):
-        own = np.flatnonzero(count == n)
-        i, j = (index.ravel() for index in np.meshgrid(np.arange(n + 1), np.arange(n + 1)))
-        u, v = i[i + j <= n] / n, j[i + j <= n] / n
-        shares = np.stack([1 - u - v, u, v], axis=1)
-        points.append(np.einsum("sk,tkd->tsd", shares, corners[own]).reshape(-1, 3))
-        owner.append(np.repeat(own, len(u)))
-    return np.concatenate(points), np.concatenate(owner)
-
-
-def _from_triangles(points: Array, corners: Array) -> Array:
-    """Return the distance [m] of each point (n, 3) from the triangle of the same number (n, 3, 3)."""
-    a, b, c = np.moveaxis(corners, 1, 0)
-    ab, ac, ap = b - a, c - a, points - a
-    aa, bb, mixed = (ab * ab).sum(axis=1), (ac * ac).sum(axis=1), (ab * ac).sum(axis=1)
-    p, q = (ab * ap).sum(axis=1), (ac * ap).sum(axis=1)
-    area = np.maximum(aa * bb - mixed**2, 1e-300)
-    u, v = (bb * p - mixed * q) / area, (aa * q - mixed * p) / area
-    foot = np.linalg.norm(ap - u[:, None] * ab - v[:, None] * ac, axis=1)
-    best = np.where((u >= 0) & (v >= 0) & (u + v <= 1), foot, np.inf)
-    for s, e in ((a, b), (b, c), (c, a)):
-        along = e - s
-        share = ((points - s) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-300)
-        share = np.clip(share, 0.0, 1.0)[:, None]
-        best = np.minimum(best, np.linalg.norm(points - s - share * along, axis=1))
-    return best
 
 
 @kernel

@@ -13,17 +13,15 @@ Triangles are stored in trees of boxes, one for each mesh, so that far ones are 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import sqrt
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.distances import has_last_before, nearest_of_simplex
-
-if TYPE_CHECKING:
-    from comove.geometry.topology import Parts
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -111,6 +109,24 @@ def surfaces_or_none(surfaces: Surfaces) -> Surfaces | None:
     return surfaces if len(surfaces.root) else None
 
 
+@dataclass(frozen=True, eq=False)
+class Parts:
+    """The triangles of a mesh, sorted by the solids and sheets that they form.
+
+    Attributes
+    ----------
+    vertices : array, shape (n_vertices, 3) [m], no two at one place
+    solids : closed triangles, turned outwards, the cavities of a solid included; arrays, shape (n_faces, 3)
+    sheets : connected triangles that close nothing, degenerate triangles included; arrays, shape (n_faces, 3)
+    slack : largest distance of a vertex from its position in the file [m]
+    """
+
+    vertices: Array
+    solids: tuple[Integers, ...]
+    sheets: tuple[Integers, ...]
+    slack: float
+
+
 class Placed(NamedTuple):
     """A mesh among the obstacles, which holds its parts and their place.
 
@@ -130,32 +146,44 @@ class Placed(NamedTuple):
 
 def surfaces_of(meshes: list[Placed]) -> Surfaces:
     """Return the triangles of meshes, sorted into trees of boxes."""
-    trees, roots, closed = [], [], []
-    n_boxes = n_triangles = 0
+    if not meshes:
+        none, numbers, corners = np.zeros(0), np.zeros(0, dtype=np.int64), np.zeros((0, 3))
+        boxes = corners, corners, *3 * (numbers,)
+        return Surfaces(np.zeros((0, 3, 3)), none, *boxes, numbers, none > 0, numbers, numbers, corners, none)
+    own, n_boxes, n_triangles = [], 0, 0
     for mesh in meshes:
         vertices = np.ascontiguousarray(mesh.parts.vertices @ mesh.rotation.T + mesh.center)
-        solids = [vertices[solid] for solid in mesh.parts.solids]
-        others = [vertices[sheet] for sheet in mesh.parts.sheets]
-        side = np.repeat([1.0, 0.0], [sum(map(len, solids)), sum(map(len, others))])
-        triangles, order, *boxes = _built(np.concatenate([*solids, *others]))
-        lower, upper, right, first, count = boxes
-        roots.append(n_boxes)
-        closed.append(bool(solids))
-        right = np.where(right >= 0, right + n_boxes, right)
-        trees.append((triangles, side[order], lower, upper, right, first + n_triangles, count))
-        n_boxes, n_triangles = n_boxes + len(lower), n_triangles + len(triangles)
-    if not trees:
-        corners, numbers = np.zeros((0, 3)), np.zeros(0, dtype=np.int64)
-        trees = [(np.zeros((0, 3, 3)), np.zeros(0), corners, corners, numbers, numbers, numbers)]
-    return Surfaces(
-        *(np.concatenate(fields) for fields in zip(*trees, strict=True)),  # type: ignore[call-arg]
-        np.array(roots, dtype=np.int64),
-        np.array(closed, dtype=bool),
-        np.array([mesh.owner for mesh in meshes], dtype=np.int64),
-        np.array([mesh.row for mesh in meshes], dtype=np.int64),
-        np.array([mesh.center for mesh in meshes], dtype=float).reshape(-1, 3),
-        np.array([mesh.parts.slack for mesh in meshes], dtype=float),
-    )
+        n_closed = sum(map(len, mesh.parts.solids))
+        tree = surface_of(vertices[np.concatenate([*mesh.parts.solids, *mesh.parts.sheets])], n_closed)
+        own.append(
+            tree._replace(
+                right=np.where(tree.right >= 0, tree.right + n_boxes, tree.right),
+                first=tree.first + n_triangles,
+                root=tree.root + n_boxes,
+                owner=np.array([mesh.owner], dtype=np.int64),
+                row=np.array([mesh.row], dtype=np.int64),
+                center=np.array([mesh.center], dtype=float),
+                slack=np.array([mesh.parts.slack], dtype=float),
+            )
+        )
+        n_boxes, n_triangles = n_boxes + len(tree.lower), n_triangles + len(tree.triangles)
+    return Surfaces(*map(np.concatenate, zip(*own, strict=True)))
+
+
+def surface_of(triangles: Array, n_closed: int) -> Surfaces:
+    """Return one mesh, at the origin.
+
+    Parameters
+    ----------
+    triangles : array, shape (n_triangles, 3, 3) [m]
+    n_closed : number of the first triangles that close solids, which are turned outwards
+    """
+    side = np.repeat([1.0, 0.0], [n_closed, len(triangles) - n_closed])
+    sorted_, order, *boxes = _built(np.ascontiguousarray(triangles))
+    zero = np.zeros(1, dtype=np.int64)
+    closed = np.array([n_closed > 0])
+    own = zero, closed, zero, zero, np.zeros((1, 3)), np.zeros(1)
+    return Surfaces(sorted_, side[order], *boxes, *own)  # type: ignore[call-arg]
 
 
 @kernel
@@ -236,6 +264,22 @@ def signed_distance(surfaces, mesh, points, cutoff):
             corner[0] = points[i]
             distance = min(distance, -surface_distance(surfaces, mesh, corner, np.inf))
     return distance
+
+
+@kernel
+def point_distances(surfaces, mesh, points, cutoff, depths):
+    """Return the distances [m] of points (n, 3) from a mesh at 0 s, `cutoff` if that is less.
+
+    Inside a solid they are 0, or with `depths` negative.
+    """
+    found, point = np.zeros(points.shape[0]), np.empty((1, 3))
+    for i in range(points.shape[0]):
+        point[0] = points[i]
+        inside = surfaces.closed[mesh] and holds(surfaces, mesh, points[i, 0], points[i, 1], points[i, 2])
+        if depths or not inside:
+            distance = surface_distance(surfaces, mesh, point, cutoff)
+            found[i] = -distance if inside else distance
+    return found
 
 
 @kernel

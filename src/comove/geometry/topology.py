@@ -9,36 +9,16 @@ solids, are examined apart from the rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.cells import are_inside, solid_of
+from comove.geometry.surfaces import Parts, holds, surface_of
 
 Array = NDArray[np.float64]
 Faces = NDArray[np.int64]
 
 SAME = 1e-9  # of a mesh's size, within which vertices are one
 FLAT = 1e-12  # of the cube of a part's size: a smaller volume counts as 0
-
-
-@dataclass(frozen=True, eq=False)
-class Parts:
-    """The triangles of a mesh, sorted by the solids and sheets that they form.
-
-    Attributes
-    ----------
-    vertices : array, shape (n_vertices, 3) [m], no two at one place
-    solids : closed triangles, turned outwards, the cavities of a solid included; arrays, shape (n_faces, 3)
-    sheets : connected triangles that close nothing, degenerate triangles included; arrays, shape (n_faces, 3)
-    slack : largest distance of a vertex from its position in the file [m]
-    """
-
-    vertices: Array
-    solids: tuple[Faces, ...]
-    sheets: tuple[Faces, ...]
-    slack: float
 
 
 def solids_and_sheets(vertices: Array, faces: Faces) -> Parts:
@@ -206,8 +186,8 @@ def _outwards(vertices: Array, parts: list[Faces]) -> list[Faces]:
             if i == k or not ((other[0] < low).all() and (other[1] > high).all()):
                 continue
             if i not in solids:
-                solids[i] = solid_of(vertices[parts[i]])
-            if are_inside(solids[i], vertices[parts[k][:1, 0]])[0]:
+                solids[i] = surface_of(vertices[parts[i]], len(parts[i]))
+            if holds(solids[i], 0, *vertices[parts[k][0, 0]]):
                 around.setdefault(k, []).append(i)
         if k not in around:
             turned[k] = parts[k][:, ::-1]

@@ -5,11 +5,9 @@ from comove.planning.choice import Candidate, Choice, best_movement
 from comove.planning.clock import Budget
 from comove.planning.combination import Combination, combine
 from comove.planning.kernels import SceneKind, load_kernels
-from comove.planning.methods import Comove, Projection
+from comove.planning.methods import Comove
 from comove.planning.objective import Cost
 from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost, Samples
-from comove.planning.paper import Paper
-from comove.planning.printed import Printed
 from comove.planning.solution import Progress, Solution
 from comove.planning.solver import check_method, solve
 
@@ -23,11 +21,8 @@ __all__ = [
     "Equality",
     "LeastJerk",
     "LeastTime",
-    "Paper",
     "PaperCost",
-    "Printed",
     "Progress",
-    "Projection",
     "Samples",
     "SceneKind",
     "Solution",

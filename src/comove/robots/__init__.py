@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from comove.robots.motion import JointCommand as JointCommand, JointMotion as JointMotion
     from comove.robots.recorded import end_effector_path as end_effector_path
     from comove.robots.solving import (
-        RobotSolution as RobotSolution,
+        JointSolution as JointSolution,
         carry as carry,
         robot_method as robot_method,
     )
@@ -48,7 +48,7 @@ __all__, __getattr__, __dir__ = lazily(
         "robots.model": ["Arm", "Robot"],
         "robots.motion": ["JointCommand", "JointMotion"],
         "robots.recorded": ["end_effector_path"],
-        "robots.solving": ["RobotSolution", "carry", "robot_method"],
+        "robots.solving": ["JointSolution", "carry", "robot_method"],
         "robots.transfers": ["Transfers", "plan_transfers"],
         "robots.verification.verify": ["JointReport", "JointVerdict", "VerifiedJointMotion", "verify_joints"],
     },

@@ -15,6 +15,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import RobotError
 from comove.planning.configurations import Space, configuration_space, way_length
+from comove.planning.kinematics import LimitedKinematics
 from comove.planning.seeds import targets_along
 from comove.robots.effort import carried_masses, overburdened, shortest_duration
 from comove.robots.ends import (
@@ -75,8 +76,8 @@ class CarrierSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class RobotCarrier:
-    """A robot that carries the load of a scene, as `comove.planning.search.Carrier` describes.
+class RobotCarrier(LimitedKinematics):
+    """A robot that carries the load of a scene, as `comove.planning.kinematics.LimitedKinematics` describes.
 
     A search asks quickly, by kernels (`plan`, `ask`, `shortest`); whether a motion can be carried out is verified
     exactly, by `reasons`.
@@ -119,7 +120,7 @@ class RobotCarrier:
                 scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
         if scene.moving.any():
-            way_out = "carry it out step by step: comove robot run SCENE"
+            way_out = "carry it out step by step: comove run SCENE"
             raise unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")

@@ -210,8 +210,6 @@ def _reader(name: str) -> Callable[[bytes], tuple[Array, Ints]]:
 
 def as_stl(vertices: Array, faces: Ints) -> bytes:
     """Return triangles as a binary STL."""
-    from comove.geometry.triangles.stl import HEADER
-
     rows = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
     rows["corners"] = vertices[faces]
-    return b"\0" * (HEADER - 4) + len(faces).to_bytes(4, "little") + rows.tobytes()
+    return bytes(80) + len(faces).to_bytes(4, "little") + rows.tobytes()

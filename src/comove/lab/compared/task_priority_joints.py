@@ -40,14 +40,14 @@ class JointController(Controller):
     Parameters
     ----------
     method : method that holds the controller's parameters
-    search : search whose carrier is a `RobotCarrier`
+    search : search whose kinematics is a `RobotCarrier`
     period : control period [s]
     taught : the hands' taught movement, along which the joints at the start are chosen
     """
 
     def __init__(self, method: TaskPriority, search: Search, period: float, taught: CoordinatedMotion):
         super().__init__(method, search.scene, period)
-        carrier = search.carrier
+        carrier = search.kinematics
         if not isinstance(carrier, RobotCarrier):
             raise TypeError(f"joints are those of a RobotCarrier, not of {type(carrier).__name__}")
         if carrier.grasp.keypoints:

@@ -400,16 +400,17 @@ class JointExecutor:
     def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
         begun = clock.perf_counter()
         budget = Budget(work=self.settings.leisure)
-        found = carry(standing, self.robot, seed=self.seed, budget=budget, progress=False)
+        found = carry(standing, self.robot, seed=self.seed, budget=budget)
         self.log.planning.append(clock.perf_counter() - begun)
-        if found.motion is None:
+        if found.joints.motion is None:
             raise RobotError(
-                f"no carry is found among what stands: {found.solution.reasons[0]}",
+                f"no carry is found among what stands: {found.reasons[0]}",
                 file=self.scene.path,
-                way_out="solve it with 'comove robot solve' first",
+                way_out="solve it with 'comove solve' first",
             )
-        self._tell(f"a plan of {found.motion.scene.duration:.2f} s")
-        return found.motion
+        motion: VerifiedJointMotion = found.joints.motion
+        self._tell(f"a plan of {motion.scene.duration:.2f} s")
+        return motion
 
     def _keep_a_course(self, seen: Sighting) -> None:
         """Let the pilot look on, and choose another course where that is worth it."""

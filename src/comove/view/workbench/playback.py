@@ -293,7 +293,10 @@ def playback_of(thing: Any) -> Playback:
     if isinstance(thing, Scene):
         return playback_of_scene(thing)
     if isinstance(thing, Solution):
-        return playback_of_motion(thing.attempt, thing.report, thing.reasons)
+        if (joints := thing.joints) is None:
+            return playback_of_motion(thing.attempt, thing.report, thing.reasons)
+        reasons = tuple(dict.fromkeys([*thing.reasons, *joints.verdict.reasons]))
+        return playback_of_joints(joints.robot, thing.attempt, joints.attempt, joints.report, reasons)
     if isinstance(thing, VerifiedMotion):
         return playback_of_motion(thing.motion, thing.report)
     if isinstance(thing, CoordinatedMotion):
@@ -306,15 +309,9 @@ def playback_of(thing: Any) -> Playback:
 
 def _of_robot(thing: Any) -> Playback:
     try:
-        from comove.robots import RobotSolution, VerifiedJointMotion
+        from comove.robots import VerifiedJointMotion
     except ExtraError:
-        RobotSolution = VerifiedJointMotion = ()  # type: ignore[assignment,misc]  # of which nothing is one
-    if isinstance(thing, RobotSolution):
-        solution, reasons = (
-            thing.solution,
-            tuple(dict.fromkeys([*thing.solution.reasons, *thing.verdict.reasons])),
-        )
-        return playback_of_joints(thing.robot, solution.attempt, thing.joints, thing.report, reasons)
+        VerifiedJointMotion = ()  # type: ignore[assignment,misc]  # of which nothing is one
     if isinstance(thing, VerifiedJointMotion):
         return playback_of_joints(thing.robot, thing.motion.motion, thing.joints, thing.report)
     raise TypeError(
