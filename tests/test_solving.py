@@ -88,7 +88,9 @@ def test_motions_solutions_and_folders_are_verified_by_one_call(carried, tmp_pat
     found = comove.verify(carried)
     assert isinstance(found, JointVerdict) and found.verified is not None
     parts = comove.verify(write(tmp_path / "known"))
-    assert [part.part for part in parts] == [ResultPart.MOTION, ResultPart.JOINTS] and all(p.verified for p in parts)
+    assert [part.part for part in parts] == [ResultPart.MOTION, ResultPart.JOINTS] and all(
+        p.verified for p in parts
+    )
     assert comove.verify(carried.attempt, checks=[lambda motion: ["no"]]).reasons == ("no",)
 
 
