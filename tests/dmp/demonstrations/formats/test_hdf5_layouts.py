@@ -162,7 +162,7 @@ def test_datasets_whose_names_say_nothing_need_a_unit_and_those_of_forces_are_no
         load(path, dataset="log")
     np.testing.assert_array_equal(load(path, **printed_options(caught.value)).position, PATH)
     written(path, {"time": 0.1 * np.arange(N), "torque": PATH, "joint_vel": PATH})
-    with pytest.raises(DemonstrationError, match="record positions as well: here are .*torque") as caught:
+    with pytest.raises(DemonstrationError, match=r"record positions as well: here are .*torque") as caught:
         load(path)
     assert "run:" not in caught.value.way_out
     with pytest.raises(DemonstrationError, match="'torque' are no positions"):
