@@ -205,7 +205,7 @@ def columns_of(path: Path) -> Movement:
         text = path.read_bytes().decode() if path.is_file() and path.suffix not in BINARY else ""
     except UnicodeDecodeError:
         text = ""
-    rows = [re.split(r"[;,\t ]+", line.strip(" ;,\t")) for line in text.splitlines()]
+    rows = [re.split(r"\s*[;,\t]\s*|\s+", line.strip()) for line in text.splitlines()]
     width = Counter(map(len, rows)).most_common(1)[0][0] if rows else 0
     cells = [row for row in rows if len(row) == width]
     numbers = []
@@ -218,8 +218,8 @@ def unknown_columns(taken: Demonstration, held: Movement) -> str:
     """Return which coordinates are no column of a text in any unit; "" if all are, or it is no text."""
     for k, values in enumerate(taken.position.T):
         scales = (1.0, 0.1, 0.01, 1e-3, 1e-6, np.pi / 180)
-        rows = np.isfinite(held.position).all(axis=1).sum()
-        near = 1e-6 if len(values) >= rows else 0.3 * np.ptp(values)  # rows were left out, or merged
+        are_all = len(values) > len(held.position) - 5  # else rows were left out, or merged
+        near = 1e-6 if are_all else 0.3 * np.ptp(values)
         ends = [column[np.isfinite(column)] for column in held.position.T]
         close = (
             abs(one.max() * scale - values.max()) < near and abs(one.min() * scale - values.min()) < near
