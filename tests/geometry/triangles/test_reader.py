@@ -126,6 +126,8 @@ def test_collada_polygons_strips_and_fans():
             WEDGE.replace(old, f'<{tag} count="2">{given}{rest}</{tag}><lines count="0"/>'), "x.dae"
         )
         assert len(found) == 3
+    twice = WEDGE.replace("<p>0 2 1", "<p>0 0 1")
+    assert len(corners(twice, "x.dae")) == 3, "a corner that is named twice"
     strip = WEDGE.replace(old, f'<tristrips count="1">{given}<p>0 1 2 3</p></tristrips>')
     assert len(corners(strip, "x.dae")) == 2
 
