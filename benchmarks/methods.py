@@ -28,6 +28,7 @@ import numpy as np
 from timing import number, on_one_thread, print_table
 
 from comove import optimisers
+from comove.lab.evolution import Paper, Projection
 from comove.lab.examples import example
 from comove.lab.peers.common import Peer, PeerOutOfTime
 from comove.lab.peers.shapes import Shapes
@@ -41,7 +42,7 @@ from comove.lab.systems import (
     cost_of,
     measured,
 )
-from comove.planning import Comove, Paper, Projection
+from comove.planning import Comove
 from comove.scenes import demonstration_of
 
 SCENES = ("wide", "narrow", "complex")

@@ -2,11 +2,13 @@
 
 One movement is written in the layouts of trackers, simulators, ROS tools, spreadsheets and scripts. Each file is
 given to `comove learn FILE --out OUT.json` without further options; where that is refused with a command, the command
-is run as it was printed. What was learned is compared with an independent reading: the numbers that were written, or
-what rosbags, pyarrow and h5py read.
+is run as it was printed; `HZ` and `UNIT`, which stand there for what the file does not tell, are replaced as somebody
+does who recorded it. What was learned is compared with an independent reading: the numbers that were written, or what
+rosbags, pyarrow and h5py read.
 
 - right: the numbers are those of the file, without options or with the printed command
 - refused: the file has no movement that could be read, and the message says why
+- asked: of a file of others, the command has `HZ` or `UNIT`, which only its documentation tells
 - WRONG: other numbers, a movement where there is none, a refusal without a command that works, or a traceback
 
     python benchmarks/recordings.py [--only NAME ...] [--files FOLDER]
@@ -63,6 +65,10 @@ FRAME, BEGIN = np.arange(N), 1_700_000_000_000_000_000
 NS = BEGIN + 10_000_000 * FRAME
 GRIPPER = np.where(T > 1.0, 0.04, 0.0)
 MOST_COMMANDS = 4
+BINARY = (".bag", ".db3", ".mcap")
+NUMBER = re.compile(r"[-+]?[0-9]*\.?[0-9]+\.?([eE][-+]?[0-9]+)?")
+KNOWN = {"HZ": str(RATE), "UNIT": "m"}
+"""What somebody who recorded the layouts writes for these words; units of some files by their names."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +99,7 @@ def main() -> None:
     sums: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder, chdir(folder):
         for path, truth in own_files(asked.only) if asked.files is None else files_of(asked.files):
-            verdict, printed = judged(path, truth)
+            verdict, printed = judged(path, truth, KNOWN if asked.files is None else {})
             sums[verdict.partition(":")[0]] += 1
             print_row((path.name, verdict, " ".join(printed.split()).replace("|", "\\|")))
     print(f"\n{sum(sums.values())} recordings: " + ", ".join(f"{n} {what}" for what, n in sums.items()))
@@ -123,8 +129,8 @@ def files_of(folder: Path) -> Iterator[tuple[Path, Truth]]:
 # Learning as it is typed.
 
 
-def judged(path: Path, truth: Truth) -> tuple[str, str]:
-    """Return the verdict about a recording, and what was printed last."""
+def judged(path: Path, truth: Truth, known: Mapping[str, str]) -> tuple[str, str]:
+    """Return the verdict about a recording, and what was printed last; `known` is what a person fills in."""
     out = f"learned-{path.name}.json"
     words = ["comove", "learn", str(path), "--out", out]
     for n_commands in range(MOST_COMMANDS):
@@ -142,6 +148,10 @@ def judged(path: Path, truth: Truth) -> tuple[str, str]:
         if found is None:
             return ("refused" if truth is columns_of else "WRONG: refused without a command"), result.output
         words = shlex.split(found[1])
+        unit = known.get(path.name, known.get("UNIT", "UNIT"))
+        words = [{"HZ": known.get("HZ", "HZ"), "UNIT": unit}.get(word, word) for word in words]
+        if "HZ" in words or any("UNIT" in re.split(r"\W", word) for word in words):
+            return "asked", result.output
     return "WRONG: commands without end", result.output
 
 
@@ -192,7 +202,7 @@ def differences(taken: Demonstration, held: Movement) -> str:
 def columns_of(path: Path) -> Movement:
     """Return all columns of numbers of a text, by splitting its lines at any mark; of other files none."""
     try:
-        text = path.read_bytes().decode() if path.is_file() else ""
+        text = path.read_bytes().decode() if path.is_file() and path.suffix not in BINARY else ""
     except UnicodeDecodeError:
         text = ""
     rows = [re.split(r"[;,\t ]+", line.strip(" ;,\t")) for line in text.splitlines()]
@@ -200,18 +210,19 @@ def columns_of(path: Path) -> Movement:
     cells = [row for row in rows if len(row) == width]
     numbers = []
     for column in zip(*cells, strict=True):
-        values = [float(cell) if re.fullmatch(r"[-+.0-9eE]+", cell) else np.nan for cell in column]
-        numbers.append(values)
-    return Movement(np.array(numbers).T.reshape(-1, width), axes=("any",))
+        numbers.append([float(cell) if NUMBER.fullmatch(cell) else np.nan for cell in column])
+    return Movement(np.array(numbers).T.reshape(len(cells), len(numbers)), axes=("any",))
 
 
 def unknown_columns(taken: Demonstration, held: Movement) -> str:
     """Return which coordinates are no column of a text in any unit; "" if all are, or it is no text."""
     for k, values in enumerate(taken.position.T):
         scales = (1.0, 0.1, 0.01, 1e-3, 1e-6, np.pi / 180)
+        rows = np.isfinite(held.position).all(axis=1).sum()
+        near = 1e-6 if len(values) >= rows else 0.3 * np.ptp(values)  # rows were left out, or merged
         ends = [column[np.isfinite(column)] for column in held.position.T]
         close = (
-            abs(one.max() * scale - values.max()) < 1e-6 and abs(one.min() * scale - values.min()) < 1e-6
+            abs(one.max() * scale - values.max()) < near and abs(one.min() * scale - values.min()) < near
             for one in ends
             if len(one) > 1
             for scale in scales
@@ -779,8 +790,8 @@ LAYOUTS |= {
         bag(ee_pose=("geometry_msgs/PoseStamped", stamped), joint_states=("sensor_msgs/JointState", joints)),
         POSE,
     ),
+    "json.mcap": (json_mcap, POSE),
     # What cannot be read.
-    "json.mcap": (json_mcap, "its messages are JSON"),
     "circle": (
         bag(tf=("tf2_msgs/TFMessage", lambda i: transform(i, *(("a", "b"), ("b", "a"))[i % 2]))),
         "circle|cycle|itself|parent",

@@ -23,11 +23,12 @@ from pathlib import Path
 import numpy as np
 from timing import print_head, print_row
 
+from comove import solve
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import RobotError, SceneError
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
-from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, carry, plan_transfers
+from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, plan_transfers
 from comove.robots.kernels import load_robot_kernels
 from comove.scenes import Scene, demonstration_of
 from comove.sim import Friction, Perturbation, Weld, simulate
@@ -61,24 +62,24 @@ def solved(path: Path, seed: int, timed: bool = True) -> tuple[VerifiedJointMoti
 
     scene, heard = Scene.load(path), list[VerifiedJointMotion]()
     wanted = {"demonstration": demonstration_of(scene), "seed": seed, "progress": told, "found": heard.append}
-    found = carry(scene if timed else scene.timed(None), robot, **wanted)
+    found = solve(scene if timed else scene.timed(None), robot=robot, **wanted)
     seconds, processor = time.perf_counter() - begun, time.process_time() - used
-    solution, report = found.solution, found.report
-    return found.motion, {
+    joints, report = found.joints.attempt, found.joints.report
+    return found.joints.motion, {
         "seconds": seconds,
         "processor": processor,
         "first": first[0],
         "first processor": first[1],
         "first lasts": heard[0].joints.duration if heard else np.nan,
-        "lasts": found.joints.duration,
-        "J": solution.cost.total,
-        "taught": np.nan if solution.followed is None else solution.followed.distance,
-        "distance": distance_error(robot, scene, found.joints.position),
+        "lasts": joints.duration,
+        "J": found.cost.total,
+        "taught": np.nan if found.followed is None else found.followed.distance,
+        "distance": distance_error(robot, scene, joints.position),
         "margin": report.joint_margin_min,
         "speed": report.velocity_ratio_max,
         "torque": report.torque_ratio_max,
         "links": min(report.clearance_scene, report.clearance_load, report.clearance_self),
-        "load": solution.report.clearance_min,
+        "load": found.report.clearance_min,
     }
 
 

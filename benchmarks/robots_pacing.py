@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 from timing import by_toppra, number, on_one_thread, peer, print_table
 
-from comove import LeastTime
+from comove import LeastTime, solve
 from comove.lab.bench.sets import scenes_of
-from comove.robots import Robot, carry
+from comove.robots import Robot
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def main() -> None:
         columns = np.concatenate([robot.arm(name).columns for name in scene.manipulators])
         fastest = None
         for name, objective in (("comove, in the duration", None), ("comove, in least time", LeastTime())):
-            motion = carry(scene, robot, objective=objective).motion
+            motion = solve(scene, robot=robot, objective=objective).joints.motion
             if motion is not None:
                 found.setdefault(name, []).append(seen(motion.joints.curve, motion.joints.duration, columns))
                 fastest = motion.joints if objective is not None else None

@@ -37,10 +37,11 @@ from robots_peers_roboplan import RoboPlan, by_roboplan
 from robots_peers_terms import BUDGET, N_SAMPLES, Outcome, Terms, flaws
 from timing import print_head, print_row
 
+from comove import solve
 from comove.lab.bench.sets import own_scenes, scenes_of
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
-from comove.robots import Robot, RobotCarrier, carry
+from comove.robots import Robot, RobotCarrier
 from comove.robots.free_space import Room, way
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.verification.bodies import LOAD
@@ -68,12 +69,13 @@ def carried(scene: Scene, robot: Robot, seed: int) -> Outcome:
         if np.isnan(first[0]) and progress.best is not None:
             first[0] = time.process_time() - begun
 
-    found = carry(scene, robot, seed=seed, budget=BUDGET, progress=told)
+    found = solve(scene, robot=robot, seed=seed, budget=BUDGET, progress=told)
     whole = time.process_time() - begun
     if not found.verified:
         return Outcome(None, np.nan, whole)
-    times = np.linspace(0.0, found.joints.time[-1], N_SAMPLES)
-    return Outcome(found.joints.curve(times), first[0], whole, True)
+    joints = found.joints.attempt
+    times = np.linspace(0.0, joints.time[-1], N_SAMPLES)
+    return Outcome(joints.curve(times), first[0], whole, True)
 
 
 SYSTEMS: dict[str, System] = {

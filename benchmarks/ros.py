@@ -32,7 +32,8 @@ from timing import number, print_table
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
-from comove.robots import Robot, VerifiedJointMotion, carry  # noqa: E402
+from comove import solve  # noqa: E402
+from comove.robots import VerifiedJointMotion  # noqa: E402
 from comove.ros import Ros1Client, SendError, Tolerances, send  # noqa: E402
 from comove.scenes import Scene, demonstration_of  # noqa: E402
 from tests.ros.ros1_robot import INSTALL, Process, arm_server, has_ros, ros_master  # noqa: E402
@@ -46,7 +47,7 @@ TOLERANCES = Tolerances(connect=10.0)
 def solved(path: Path) -> VerifiedJointMotion:
     """A verified carry; leaves where there is none."""
     scene = Scene.load(path)
-    found = carry(scene, Robot.load(scene.file.robot), demonstration=demonstration_of(scene))
+    found = solve(scene, demonstration=demonstration_of(scene)).joints
     if found.motion is None:
         sys.exit(f"{path}: no verified motion was found: {found.verdict.reasons[0]}")
     return found.motion

@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 from timing import number, on_one_thread, print_table
 
-from comove.planning import SceneKind, load_kernels, movements_of
-from comove.robots import JointMotion, Robot, carry
+from comove import solve
+from comove.planning import SceneKind, load_kernels
+from comove.robots import JointMotion, Robot
 from comove.scenes import Scene, demonstration_of
 from comove.sim import GRASPS, Execution, Perturbation, simulate
 
@@ -41,18 +42,18 @@ def main() -> None:
     on_one_thread()
     scene, robot = Scene.load(SCENE), Robot.load("baxter")
     load_kernels(SceneKind.of(scene))
-    found = carry(scene, robot, demonstration=movements_of(demonstration_of(scene), scene))
+    found = solve(scene, robot=robot, demonstration=demonstration_of(scene))
     if not found.verified:
-        raise SystemExit(f"{SCENE.name} was not solved: {'; '.join(found.solution.reasons)}")
+        raise SystemExit(f"{SCENE.name} was not solved: {'; '.join(found.reasons)}")
     rows = []
     for name, kind in GRASPS.items():
         grasp = kind()
-        planned = simulate(found.joints, scene, robot, grasp)
-        hurried = simulate(at_pace(found.joints, 2.0), scene, robot, grasp)
+        planned = simulate(found.joints.attempt, scene, robot, grasp)
+        hurried = simulate(at_pace(found.joints.attempt, 2.0), scene, robot, grasp)
         drawn = [
             Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names)) for seed in range(count)
         ]
-        perturbed = [simulate(found.joints, scene, robot, grasp, one) for one in drawn]
+        perturbed = [simulate(found.joints.attempt, scene, robot, grasp, one) for one in drawn]
         rows.append([name, "as planned", *worst([planned]), number(planned.steps_per_second, 3)])
         rows.append([name, "at twice the pace", *worst([hurried]), ""])
         rows.append([name, f"perturbed, worst of {count}", *worst(perturbed), ""])

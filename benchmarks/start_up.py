@@ -2,7 +2,7 @@
 
 - first run: ``comove solve narrow.yaml`` with no compiled kernels and no font cache yet, once;
 - later runs: the same with both in place, a new process each, median;
-- the same of ``comove robot solve examples/baxter/gap_30.yaml``, where the scenes of the repository are there;
+- the same of ``comove solve examples/baxter/gap_30.yaml``, where the scenes of the repository are there;
 - help: ``comove --help``, median.
 
 Wall time counts all from the start of the process to its end; processor time, of the process and of the one that
@@ -72,7 +72,7 @@ def main() -> None:
 
     table = rows(["solve"], Path(options.scene), options.repeats)
     if options.robot_scene.is_file():
-        table += rows(["robot", "solve"], options.robot_scene, options.repeats)
+        table += rows(["solve"], options.robot_scene, options.repeats)
     asked = [run(["--help"], dict(os.environ)) for _ in range(options.repeats)]
     print_table(HEADER, [*table, row("`comove --help`", asked)])
 

@@ -30,7 +30,7 @@ from random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scen
 from timing import number, on_one_thread, print_table, quantile
 
 import comove
-from comove.planning import Paper
+from comove.lab.evolution import Paper
 from comove.scenes import recording_of
 
 Problem = tuple[comove.Scene, int]

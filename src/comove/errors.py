@@ -187,7 +187,7 @@ class ExportError(RobotError):
     """Raised when a motion cannot be exported, or not to this place.
 
     Only what was verified in joint space is exported, never over files that are there, and never so coarsely that
-    interpolation bends the load. Mend it by `comove robot solve`, another folder or a higher rate.
+    interpolation bends the load. Mend it by `comove solve`, another folder or a higher rate.
 
     Examples
     --------
@@ -234,23 +234,6 @@ class OptionError(InputError):
     """
 
     says_all = True
-
-
-class ConstraintError(InputError):
-    """Raised when the constraints cannot be met together near a movement.
-
-    They contradict each other, start and goal miss them, or hands would have to jump from one way of meeting them to
-    another. Leave one out to see which, or begin from a movement that nearly meets them.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> from comove.dmp.projection import HandDistance, Poses, project
-    >>> poses = Poses(("left", "right"), np.array([[[0, 0, 0], [0.5, 0, 0]]]), np.tile([1.0, 0, 0, 0], (1, 2, 1)))
-    >>> project(poses, [HandDistance("left", "right", 0.4), HandDistance("left", "right", 0.5)])
-    Traceback (most recent call last):
-    comove.errors.ConstraintError: the constraints cannot be met together: ...
-    """
 
 
 class ExtraError(ComoveError):

@@ -25,7 +25,7 @@ class MethodName:
     @property
     def is_compared(self) -> bool:
         """Return whether it is a system of others, for comparison."""
-        return self.place.startswith("comove.lab.")
+        return self.place.startswith("comove.lab.compared.")
 
     @property
     def kind(self) -> Any:
@@ -37,10 +37,10 @@ class MethodName:
 METHODS = {
     method.name: method
     for method in (
-        MethodName("comove", "comove.Comove", serves_robots=True),
-        MethodName("projection", "comove.Projection"),
-        MethodName("paper", "comove.planning.Paper", serves_robots=True),
-        MethodName("printed", "comove.planning.Printed"),
+        MethodName("comove", "comove.planning.Comove", serves_robots=True),
+        MethodName("projection", "comove.lab.evolution.Projection"),
+        MethodName("paper", "comove.lab.evolution.Paper", serves_robots=True),
+        MethodName("printed", "comove.lab.evolution.Printed"),
         MethodName("unconstrained", "comove.lab.compared.Unconstrained"),
         MethodName("leader-follower", "comove.lab.compared.LeaderFollower"),
         MethodName("speed-scaled", "comove.lab.compared.SpeedScaled"),

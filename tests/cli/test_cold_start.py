@@ -113,14 +113,11 @@ def cases(folder):
             ["run", plain, "--out", "o", *words.split()]
             for words in ("--period 0", "--period 1e-9", "--budget -1", "--budget 1e9", "--grasp weld")
         ),
+        *(["solve", name, "--out", "o"] for name in (nobody, loose, "third.yaml")),
+        ["solve", robot, "--out", "full"],
+        ["solve", plain, "--out", "o", "--robot", "baxter"],
         *(
-            ["robot", "solve", name, "--out", "o"]
-            for name in ("none.yaml", plain, nobody, loose, "third.yaml")
-        ),
-        ["robot", "solve", robot, "--out", "full"],
-        ["robot", "solve", plain, "--out", "o", "--robot", "baxter"],
-        *(
-            ["robot", "solve", robot, "--out", "o", *words.split()]
+            ["solve", robot, "--out", "o", *words.split()]
             for words in (
                 "--robot nobody",
                 "--method nothing",
@@ -130,13 +127,14 @@ def cases(folder):
                 "--resemblance 9",
             )
         ),
-        *(["robot", "run", name, "--out", "o"] for name in (plain, "third.yaml")),
+        ["run", "third.yaml", "--out", "o"],
+        *(["robot", verb, plain, "--out", "o"] for verb in ("solve", "run")),
         *(
-            ["robot", "run", robot, "--out", "o", *words.split()]
+            ["run", robot, "--out", "o", *words.split()]
             for words in ("--rate 3", "--rate 333", "--grasp nothing", "--robot two_ur10 --grasp friction")
         ),
-        *(["robot", verb, "none"] for verb in ("simulate", "export", "send")),
-        ["robot", "simulate", "full", "--grasp", "nothing"],
+        *([verb, "none"] for verb in ("simulate", "export", "send")),
+        ["simulate", "full", "--grasp", "nothing"],
         ["generate", "study.yaml", "--out", "o"],
         ["generate", planar, "--out", "full"],
         ["generate", planar, "--out", "o", "--workers", "0"],

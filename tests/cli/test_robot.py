@@ -1,4 +1,4 @@
-"""`comove robot ...` as a user runs it: from a scene to files that a robot plays, and what is refused."""
+"""Verbs with a robot as a user runs them: from a scene to files that a robot plays, and what is refused."""
 
 import json
 import re
@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 import yaml
 
-from comove.cli import robot
+from comove.cli import export
 from comove.errors import RobotError
 from comove.lab.examples import example_path
 from comove.robots import Robot, read_joints
@@ -35,7 +35,7 @@ def text_of(result):
 @pytest.fixture(scope="module")
 def solved(tmp_path_factory):
     folder = tmp_path_factory.mktemp("robot") / "result"
-    result = invoke("robot", "solve", SCENE, "--out", folder)
+    result = invoke("solve", SCENE, "--out", folder)
     assert result.exit_code == 0, text_of(result)
     return folder
 
@@ -118,7 +118,7 @@ def test_a_folder_cannot_bring_a_robot_of_its_own(copy, tmp_path):
     """The scene names none: a bundled one may be named by the folder, another by the command alone."""
     nameless = scene_with(tmp_path, robot=None)
     out = tmp_path / "out"
-    assert invoke("robot", "solve", nameless, "--out", out, "--robot", "baxter").exit_code == 0
+    assert invoke("solve", nameless, "--out", out, "--robot", "baxter").exit_code == 0
     assert invoke("verify", nameless, out).exit_code == 0
     shutil.copy(descriptions.BUNDLED / "baxter.yaml", tmp_path / "mine.yaml")
     edited(out, robot_file=str(tmp_path / "mine.yaml"))
@@ -164,23 +164,23 @@ def test_verify_and_show_speak_of_the_robot(solved):
 
 
 def test_export_writes_what_it_says_and_nothing_twice(copy):
-    result = invoke("robot", "export", copy, "--no-transfers")
+    result = invoke("export", copy, "--no-transfers")
     assert result.exit_code == 0, text_of(result)
     header, *rows = (copy / "baxter.csv").read_text().splitlines()
     assert header.split(",")[:3] == ["time", "left_s0", "left_s1"] and header.count(",") == 16
     assert len(rows) == 1001
-    again = invoke("robot", "export", copy, "--no-transfers")
+    again = invoke("export", copy, "--no-transfers")
     assert again.exit_code == 2 and "baxter.csv" in text_of(again)
-    assert invoke("robot", "solve", SCENE, "--out", copy, "--budget", "0").exit_code == 2
+    assert invoke("solve", SCENE, "--out", copy, "--budget", "0").exit_code == 2
     assert (copy / "baxter.csv").is_file()
 
 
 def test_without_motions_from_home_the_carry_alone_is_exported(copy, monkeypatch):
     none = dict.fromkeys(("start", "goal"), RobotError("home and the load touch", way_out="move home"))
     monkeypatch.setattr("comove.robots.transfers.possible_transfers", lambda *_, **__: (None, none))
-    asked = invoke("robot", "export", copy, "--transfers")
+    asked = invoke("export", copy, "--transfers")
     assert asked.exit_code == 2 and not (copy / "baxter.csv").exists()
-    result = invoke("robot", "export", copy)
+    result = invoke("export", copy)
     assert result.exit_code == 0, text_of(result)
     assert "the carry alone" in result.stderr and "home and the load touch" in result.stderr
     assert (copy / "baxter.csv").is_file() and not (copy / "approach.csv").exists()
@@ -202,10 +202,10 @@ def under_a_shelf(tmp_path):
 def test_what_export_advises_leads_to_approach_and_release(under_a_shelf, tmp_path):
     scene, joints, present = under_a_shelf
     assert invoke("solve", scene, "--out", tmp_path / "carry").exit_code == 0
-    refused = invoke("robot", "export", tmp_path / "carry", "--transfers")
+    refused = invoke("export", tmp_path / "carry", "--transfers")
     assert refused.exit_code == 2 and "solve the scene with --approach" in text_of(refused)
     assert not list((tmp_path / "carry").glob("motion*.csv"))
-    alone = invoke("robot", "export", tmp_path / "carry")
+    alone = invoke("export", tmp_path / "carry")
     assert alone.exit_code == 0 and "one of approach and release is missing: " in alone.stderr
     assert (tmp_path / "carry" / "motion_release.csv").is_file()
 
@@ -215,7 +215,7 @@ def test_what_export_advises_leads_to_approach_and_release(under_a_shelf, tmp_pa
     words = json.loads((tmp_path / "both" / "inputs.json").read_text())["command"]
     kept = tmp_path / "both" / words[words.index("--present") + 1]
     assert json.loads(kept.read_text()) == present and "--approach" in words
-    written = invoke("robot", "export", tmp_path / "both", "--transfers")
+    written = invoke("export", tmp_path / "both", "--transfers")
     assert written.exit_code == 0, text_of(written)
     header, first, *_ = (tmp_path / "both" / "motion_approach.csv").read_text().splitlines()
     values = dict(zip(header.split(","), map(float, first.split(",")), strict=True))
@@ -237,7 +237,7 @@ def test_present_joints_that_cannot_be_are_refused_before_anything_is_written(
 ):
     scene, joints, present = under_a_shelf
     joints.write_text(json.dumps(present | changes))
-    result = invoke("robot", "solve", scene, "--present", joints, "--out", tmp_path / "out")
+    result = invoke("solve", scene, "--present", joints, "--out", tmp_path / "out")
     assert result.exit_code == 2 and re.search(told, " ".join(text_of(result).split()))
     assert not (tmp_path / "out").exists()
 
@@ -249,12 +249,12 @@ def test_present_joints_that_cannot_be_are_refused_before_anything_is_written(
             ("solve", "{scene}", "--hands-alone", "--approach", "--out", "{out}"),
             "--approach: no robot's joints",
         ),
-        (("robot", "export", "{out}", "--no-transfers", "--approach"), "--approach: --transfers is both"),
+        (("export", "{out}", "--no-transfers", "--approach"), "--approach: --transfers is both"),
         (
-            ("robot", "export", "{out}", "--release", "--present", "{scene}"),
+            ("export", "{out}", "--release", "--present", "{scene}"),
             "--present: no approach is asked for",
         ),
-        (("robot", "send", "{out}", "--present", "{scene}"), "--present: no approach is asked for"),
+        (("send", "{out}", "--present", "{scene}"), "--present: no approach is asked for"),
     ],
 )
 def test_options_of_approaches_that_contradict_each_other_are_refused(
@@ -266,7 +266,7 @@ def test_options_of_approaches_that_contradict_each_other_are_refused(
 
 
 def test_the_formats_that_the_help_names_are_those_there_are():
-    assert tuple(FORMATS) == robot.FORMATS
+    assert tuple(FORMATS) == export.FORMATS
 
 
 @pytest.mark.parametrize(
@@ -277,12 +277,12 @@ def test_what_cannot_be_exported_is_told_before_ways_are_planned(copy, monkeypat
     planned = "comove.robots.transfers.possible_transfers"
     monkeypatch.setattr(planned, lambda *_, **__: pytest.fail("it was planned"))
     (copy / "motion_release.npz").write_text("of somebody else")
-    result = invoke("robot", "export", copy, *arguments)
+    result = invoke("export", copy, *arguments)
     assert result.exit_code == 2 and word in text_of(result)
 
 
 def test_simulate_delivers(copy):
-    result = invoke("robot", "simulate", copy, "--no-pictures")
+    result = invoke("simulate", copy, "--no-pictures")
     assert result.exit_code == 0, text_of(result)
     summary = json.loads((copy / "simulation.json").read_text())
     assert summary["delivered"] is True and not summary["contacts"]
@@ -305,7 +305,7 @@ def test_an_edited_folder_is_refused_everywhere(copy, name):
     else:
         path.write_text(path.read_text().replace("0.25", "0.26", 1))  # the load's mass
     for verb in (["export", copy], ["simulate", copy], ["send", copy]):
-        result = invoke("robot", *verb)
+        result = invoke(*verb)
         assert result.exit_code == 2 and "not verified" in text_of(result), (verb, text_of(result))
     assert invoke("verify", SCENE, copy).exit_code == 1
 
@@ -314,26 +314,26 @@ def test_what_to_do_is_told_once(copy):
     with np.load(copy / "joints.npz") as arrays:
         data = dict(arrays)
     np.savez(copy / "joints.npz", **data | {"position": data["position"][:, :13]})
-    assert invoke("robot", "export", copy).stderr.count("solve the scene again") == 1
+    assert invoke("export", copy).stderr.count("solve the scene again") == 1
 
 
 @pytest.mark.slow
 def test_a_duration_that_is_too_short_is_told_with_one_that_is_not(tmp_path):
     scene = scene_with(tmp_path, duration=1.0, limits={"speed": 5.0})
-    result = invoke("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 8)
+    result = invoke("solve", scene, "--out", tmp_path / "out", "--budget", 8)
     assert result.exit_code == 1, text_of(result)
     needed = re.search(r"(\S+) s would do", text_of(result))[1]
-    again = invoke("robot", "solve", scene, "--out", tmp_path / "again", "--budget", 20, "--duration", needed)
+    again = invoke("solve", scene, "--out", tmp_path / "again", "--budget", 20, "--duration", needed)
     assert again.exit_code == 0, text_of(again)
     assert json.loads((tmp_path / "out" / "solution.json").read_text())["verified"] is False
-    exported = invoke("robot", "export", tmp_path / "out")
+    exported = invoke("export", tmp_path / "out")
     assert exported.exit_code == 2 and "not verified" in text_of(exported)
 
 
 @pytest.mark.slow
 def test_a_duration_left_out_is_as_short_as_joints_and_hands_allow(tmp_path):
     scene = scene_with(tmp_path, duration=None, limits={"speed": 5.0, "acceleration": 20.0, "jerk": 500.0})
-    result = invoke("robot", "solve", scene, "--out", tmp_path / "out", "--budget", 10)
+    result = invoke("solve", scene, "--out", tmp_path / "out", "--budget", 10)
     assert result.exit_code == 0, text_of(result)
     report = read_joints(tmp_path / "out").summary
     used = [report[f"{what}_ratio_max"] for what in ("velocity", "acceleration", "torque")]
@@ -354,7 +354,6 @@ LONG = [{"name": "left", "start": [0.6, 0.9, 0.05], "goal": [0.6, 0.8, 0.05]},
     [
         ({"robot": "baxxter"}, ["scene.yaml: robot:", "baxxter", "baxter"]),
         ({"manipulators": THIRD}, ["scene.yaml: manipulators:", "no arm 'third'", "known: left, right"]),
-        ({"robot": None}, ["robot", "baxter", "two_pandas"]),
         ({"grasp": None}, ["grasp", "orientation: down"]),
         ({"manipulators": FAR, "workspace": WIDE, "obstacles": []}, ["left", "start", "missing"]),
         ({"manipulators": LONG, "workspace": WIDE, "obstacles": [],
@@ -363,7 +362,7 @@ LONG = [{"name": "left", "start": [0.6, 0.9, 0.05], "goal": [0.6, 0.8, 0.05]},
     ],
 )  # fmt: skip
 def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
-    result = invoke("robot", "solve", scene_with(tmp_path, **changes), "--out", tmp_path / "out")
+    result = invoke("solve", scene_with(tmp_path, **changes), "--out", tmp_path / "out")
     assert result.exit_code == 2, text_of(result)
     assert not (tmp_path / "out").exists()
     for word in words:
@@ -382,7 +381,10 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
         (["send", ".", "--timeout", "0"], "--timeout: 0.0 is not possible"),
         (["send", ".", "--start-tolerance", "-1"], "--start-tolerance: -1.0 is not possible"),
         (["send", ".", "--path-tolerance", "nan"], "--path-tolerance: nan is not possible"),
-        (["solve", SCENE, "--out", "never", "--method", "printed"], "--method: unknown method 'printed'"),
+        (
+            ["solve", SCENE, "--out", "never", "--method", "printed"],
+            "--method: the method 'printed' moves hands",
+        ),
         (["solve", SCENE, "--out", "never", "--method", "paper"], "method: free hands"),
         (["solve", SCENE, "--out", "never", "--library", "nowhere"], "none of the 0 movements"),
         (["solve", SCENE, "--out", "never", "--robot", "baxxter"], "--robot: there is no robot 'baxxter'"),
@@ -401,7 +403,7 @@ def test_the_papers_pipeline_with_a_robot(passage, tmp_path):
         result = invoke("library", "add", f"lasa:{shape}", "--folder", tmp_path / "library")
         assert result.exit_code == 0, text_of(result)
     result = invoke(
-        *("robot", "solve", example_path(f"baxter_{passage}"), "--out", tmp_path / "arms", "--budget", 60),
+        *("solve", example_path(f"baxter_{passage}"), "--out", tmp_path / "arms", "--budget", 60),
         *("--method", "paper", "--library", tmp_path / "library", "--weights", "1,0.2,10"),
     )
     assert result.exit_code == 0, text_of(result)
@@ -409,12 +411,12 @@ def test_the_papers_pipeline_with_a_robot(passage, tmp_path):
     summary = json.loads((tmp_path / "arms" / "solution.json").read_text())
     assert summary["verified"] and summary["method"] == "paper"
     assert invoke("verify", tmp_path / "arms" / "scene.json", tmp_path / "arms").exit_code == 0
-    assert invoke("robot", "simulate", tmp_path / "arms").exit_code == 0
+    assert invoke("simulate", tmp_path / "arms").exit_code == 0
 
 
 def test_a_robot_that_is_not_there(solved, monkeypatch):
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
-    result = invoke("robot", "send", solved, "--timeout", "1")
+    result = invoke("send", solved, "--timeout", "1")
     assert result.exit_code == 2 and "ros" in text_of(result).lower()
 
 
@@ -478,8 +480,8 @@ def test_a_first_scene_is_written_and_can_be_solved(tmp_path):
     made = invoke("robot", "scene", robot, "--out", file)
     assert made.exit_code == 0, text_of(made)
     assert Scene.load(file).file.robot == "../two.yaml"
-    assert f"comove robot solve {file}" in made.output
-    solved = invoke("robot", "solve", file, "--out", tmp_path / "carried", "--budget", "8")
+    assert f"comove solve {file}" in made.output
+    solved = invoke("solve", file, "--out", tmp_path / "carried", "--budget", "8")
     assert solved.exit_code == 0, text_of(solved)
     before = file.read_bytes()
     again = invoke("robot", "scene", robot, "--out", file)

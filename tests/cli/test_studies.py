@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -48,31 +49,23 @@ def rows(folder):
     return runs, [motion for _, motion in store.motions()]
 
 
-def test_a_script_for_slurm_repeats_what_was_asked_for(tmp_path):
-    script = tmp_path / "jobs.sh"
-    words = ("--episodes", 9, "--seed", 3)
-    invoke("generate", study(tmp_path), *words, "--out", tmp_path / "parts", "--slurm", script, "--shards", 3)
-    assert "comove generate --episodes 9 --seed 3 " in script.read_text()
-
-
 @pytest.mark.slow
 def test_workers_and_parts_give_the_same_rows_bit_by_bit(tmp_path):
-    """One process, two processes, and three parts sent by the script for Slurm."""
+    """One process, two processes, and three parts by the script and the command of the guide for clusters."""
     file = study(tmp_path)
     for workers in (1, 2):
         outcome = invoke("generate", file, "--out", tmp_path / f"{workers}", "--workers", workers)
         assert outcome.exit_code == 0, outcome.output
-    script = tmp_path / "jobs.sh"
-    invoke("generate", file, "--out", tmp_path / "parts", "--workers", 1, "--slurm", script, "--shards", 3)
-    assert "#SBATCH --array=1-3" in script.read_text()
+    guide = (ROOT / "docs/guides/cluster.md").read_text(encoding="utf-8")
+    script, merge = re.findall(r"^```bash\n(.*?)^```", guide, re.MULTILINE | re.DOTALL)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    for job in (1, 2, 3):
+    for job, words in ((1, script), (2, script), (3, script), (0, merge)):
         environment = {**os.environ, "PATH": path, "SLURM_ARRAY_TASK_ID": str(job)}
-        done = subprocess.run(["bash", script], env=environment, capture_output=True, text=True, timeout=600)
+        done = subprocess.run(
+            ["bash", "-c", words], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=600
+        )
         assert done.returncode == 0, done.stderr
-    parts = sorted((tmp_path / "parts").glob("part-*"))
-    outcome = invoke("sweep", "merge", *parts, "--out", tmp_path / "whole")
-    assert "holds 4 of 4 runs" in outcome.stdout, outcome.output
+    assert "holds 4 of 4 runs" in done.stdout
     first = rows(tmp_path / "1")
     assert len(first[1]) == 4
     assert first == rows(tmp_path / "2") == rows(tmp_path / "whole")
@@ -161,8 +154,6 @@ def test_bad_input_is_one_sentence(tmp_path):
     refused(invoke("generate", EXAMPLES / "posts.yaml", "--out", out), "unknown key")
     refused(invoke("generate", file, "--out", out, "--workers", 0), "--workers")
     refused(invoke("generate", file, "--out", out, "--shard", "3/2"), "--shard", "i from 1 to n")
-    refused(invoke("generate", file, "--out", out, "--shard", "1/2", "--slurm", tmp_path / "x"), "leave one")
-    refused(invoke("generate", file, "--out", out, "--slurm", tmp_path / "x", "--shards", 0), "--shards")
     refused(invoke("sweep", file, "--out", out), "unknown key", "scene")
     refused(invoke("sweep", "merge", tmp_path / "none", "--out", out), "no such file", "comove generate")
     blocked = study(tmp_path, draws=[{"key": "obstacles.0.center", "choice": [[0.15, 0.5]]}])

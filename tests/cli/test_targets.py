@@ -22,7 +22,7 @@ FOLDERS = {
     "run": ("run", "scene.yaml"),
     "demo": ("demo",),
     "reproduce": ("reproduce",),
-    "robot solve": ("robot", "solve", "scene.yaml", "--robot", "two_pandas"),
+    "solve by a robot": ("solve", "scene.yaml", "--robot", "two_pandas"),
     "bench draw": ("bench", "draw", "easy"),
     "bench scaling": ("bench", "scaling"),
 }
@@ -49,9 +49,9 @@ def place(tmp_path, monkeypatch):
     def working(*_, **__):
         pytest.fail("work was begun")
 
-    for name in ("planning.solve", "planning.load_kernels", "planning.combine", "dmp.learn"):
+    for name in ("planning.solve", "planning.load_kernels", "lab.evolution.combine", "dmp.learn"):
         monkeypatch.setattr(f"comove.{name}", working)
-    for name in ("control.Executor", "robots.carry", "lab.paper.page.reproduce"):
+    for name in ("control.Executor", "solving.solve", "lab.paper.page.reproduce"):
         monkeypatch.setattr(f"comove.{name}", working)
     for name in ("sets.drawn", "scaling.measure"):
         monkeypatch.setattr(f"comove.lab.bench.{name}", working)

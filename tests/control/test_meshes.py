@@ -11,8 +11,7 @@ from comove.lab.modulation.obstacles import level_obstacle
 from comove.scenes import Scene
 from comove.verification.record import verify_execution
 from comove.view.figures.run import draw_run
-
-from ..meshes import l_profile, ring, write_obj
+from tests.meshes import l_profile, ring, write_obj
 
 
 @pytest.fixture(scope="module")

@@ -106,14 +106,12 @@ def test_datasets_hold_what_the_cameras_saw(done):
     study, out, episode = done
     for format in FORMATS.values():
         export_episodes(out, study.folder, format)
-    for root, name in ((out / "lerobot", "front"), (out / "lerobot-2.1", "wrist")):
-        info = json.loads((root / "meta/info.json").read_text())
+    root = out / "lerobot"
+    info = json.loads((root / "meta/info.json").read_text())
+    for name in ("front", "wrist"):
         feature = info["features"][f"observation.images.{name}"]
         assert feature["dtype"] == "video" and feature["shape"] == [64, 96, 3] and info["fps"] == RATE
-        chunk, number = (
-            ("chunk_index", "file_index") if name == "front" else ("episode_chunk", "episode_index")
-        )
-        place = {chunk: 0, number: 0, "video_key": f"observation.images.{name}"}
+        place = {"chunk_index": 0, "file_index": 0, "video_key": f"observation.images.{name}"}
         video = Video((root / info["video_path"].format(**place)).read_bytes(), "of the dataset")
         assert np.array_equal(video.pictures, episode.videos[name].pictures)
     stats = json.loads((out / "lerobot/meta/stats.json").read_text())["observation.images.front"]

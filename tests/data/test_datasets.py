@@ -134,36 +134,10 @@ def test_lerobot_reads_back(done):
         assert again.sha256 == episode.scene.sha256
     tasks = parquet.read_schema(folder / "lerobot/meta/tasks.parquet").pandas_metadata
     assert tasks["index_columns"] == ["task"]
-
-
-def test_lerobot_2_1_holds_what_3_0_holds(done):
-    """The reader finds the same hands, file by file, and all that is known of an episode stands in its line."""
-    parquet = pytest.importorskip("pyarrow.parquet")
-    folder, episodes = done
-    new, old = (comove.Demonstration.load_recordings(folder / name) for name in ("lerobot", "lerobot-2.1"))
-    for one, other in zip(new, old, strict=True):
-        for name in one:
-            assert np.array_equal(one[name].position, other[name].position)
-            assert np.array_equal(one[name].time, other[name].time)
-    rows = parquet.read_table(folder / "lerobot/data/chunk-000/file-000.parquet")
-    meta = folder / "lerobot-2.1/meta"
-    lines, stats = (
-        [json.loads(line) for line in (meta / name).read_text().splitlines()]
-        for name in ("episodes.jsonl", "episodes_stats.jsonl")
-    )
-    info = json.loads((meta / "info.json").read_text())
-    assert (info["total_frames"], info["total_episodes"]) == (rows.num_rows, len(episodes))
-    begin = 0
-    for row, own, episode in zip(lines, stats, episodes, strict=True):
-        place = {"episode_chunk": 0, "episode_index": row["episode_index"]}
-        table = parquet.read_table(folder / "lerobot-2.1" / info["data_path"].format(**place))
-        assert table.equals(rows.slice(begin, row["length"]))
-        begin += row["length"]
-        assert row["comove/motion_sha256"] == episode.run.motion_sha256
-        assert row["comove/scene_file"]["name"] == episode.scene.name
-        states = np.array(table.column(STATE).to_pylist())
-        assert np.allclose(own["stats"][STATE]["std"], states.std(axis=0), rtol=1e-9)
-        assert own["stats"]["index"]["max"] == [begin - 1]
+    states = np.array(rows.column(STATE).to_pylist())
+    stats = json.loads((folder / "lerobot/meta/stats.json").read_text())
+    assert np.allclose(stats[STATE]["std"], states.std(axis=0), rtol=1e-9)
+    assert stats["index"]["max"] == [rows.num_rows - 1]
 
 
 def test_mcap_reads_back(done):
@@ -290,7 +264,7 @@ def test_a_dataset_is_complete_or_not_there(done, tmp_path, monkeypatch):
         assert {path.name for path in copy.iterdir()} <= {RUNS, f"{RUNS}-wal", f"{RUNS}-shm"}
 
 
-@pytest.mark.parametrize("name", ["lerobot", "lerobot-2.1", "mcap", "robomimic"])
+@pytest.mark.parametrize("name", ["lerobot", "mcap", "robomimic"])
 def test_a_missing_library_is_told_before_anything_is_run(name, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, FORMATS[name].library, None)
     out = tmp_path / "out"
@@ -380,7 +354,7 @@ def test_bad_rates(done, rate):
 def test_lerobot_itself_reads_it(done):
     """Where the package is installed, its loader gives the same numbers, and finds single episodes."""
     package = pytest.importorskip("lerobot.datasets.lerobot_dataset")
-    folder, episodes = done[0] / {"v2.1": "lerobot-2.1"}.get(package.CODEBASE_VERSION, "lerobot"), done[1]
+    folder, episodes = done[0] / "lerobot", done[1]
     dataset = package.LeRobotDataset("comove/posts", root=folder)
     assert (dataset.num_episodes, dataset.num_frames) == (3, sum(len(e.time) for e in episodes))
     alone = package.LeRobotDataset("comove/posts", root=folder, episodes=[1])

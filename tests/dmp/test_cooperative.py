@@ -1,7 +1,5 @@
 """Hands with orientations on one phase: relative poses hold whatever happens, prescribed ones are followed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,17 +9,7 @@ from scipy.spatial.transform import Rotation
 from comove.dmp.cooperative import CooperativeDMP
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.poses import VERTICAL, Pose, PoseDMP
-from comove.dmp.projection import (
-    HandDistance,
-    Poses,
-    ProjectionSettings,
-    RelativePose,
-    SameHeight,
-    Separation,
-    Upright,
-    project,
-)
-from comove.errors import ConstraintError, DemonstrationError, OptionError
+from comove.errors import DemonstrationError, OptionError
 from tests.cases import examples
 
 from .movements import recording
@@ -136,150 +124,23 @@ def test_from_the_demonstration_of_one_hand():
         CooperativeDMP.from_hand(shown, "lefft", grasps)
 
 
-def alone(constraints, seed=4):
-    """Two hands that move for themselves, half a metre apart."""
-    one = PoseDMP.fit(recording(seed, reach=0.6))
-    start, goal = one.start, one.goal
-    other = one.towards(
-        start=Pose.of(start.position + [0.1, 0.5, 0.05], start.rotation),
-        goal=Pose.of(goal.position + [0.05, 0.45, -0.1], goal.rotation),
-    )
-    return CooperativeDMP(None, {"left": one, "right": other}, constraints)
-
-
-def average_height(poses):
-    """A user's own constraint: the mean height is a quarter of a metre."""
-    return 0.5 * (poses.position("left")[:, 2] + poses.position("right")[:, 2]) - 0.25
-
-
-CASES = {
-    "distance": [HandDistance("left", "right", 0.5)],
-    "height": [SameHeight("left", "right")],
-    "both": [SameHeight("left", "right"), HandDistance("left", "right", 0.45)],
-    "separation": [Separation("left", "right", 0.52)],
-    "pose": [RelativePose("left", "right", Pose.of([0.1, 0.45, 0.0], Rotation.from_rotvec([0.2, 0, 0])))],
-    "level": [Upright("left"), Upright("right")],
-    "own": [average_height],
-}
-
-
-@pytest.mark.parametrize("constraints", CASES.values(), ids=CASES)
-@pytest.mark.few(3)
-def test_constraints_between_independent_hands(constraints):
-    dmp = alone(constraints)
-    path = dmp.rollout(n_steps=101)
-    poses = Poses(path.manipulators, path.position, path.orientation)
-    for constraint in constraints:
-        assert np.abs(constraint(poses)).max() < 1e-10
-    time = np.linspace(0.1, 2.9, 15)
-    velocity, spin = differences(dmp, time)
-    assert np.abs(velocity - dmp.at(time).velocity).max() < 1e-4 * (1 + np.abs(velocity).max())
-    assert np.abs(spin - dmp.at(time).angular_velocity).max() < 1e-4 * (1 + np.abs(spin).max())
-
-
-@pytest.mark.parametrize("constraints", CASES.values(), ids=CASES)
-def test_and_online_at_any_pace(constraints):
-    dmp = alone(constraints)
-    state = dmp.initial_state()
-    for k, rate in enumerate([1.0, 2.0, 0.0, -1.0, 0.5, 1.0, 1.0, 1.0]):
-        state = dmp.step(state, 0.3, rate=rate)
-        if k == 4:
-            moved = dmp.hands["left"].goal
-            state = dmp.redirected(state, Pose.of(moved.position + [0.1, 0, 0], moved.rotation), "left")
-        poses = dmp.poses(state)
-        single = Poses(
-            dmp.manipulators, *(np.stack([getattr(p, what) for p in poses.values()])[None] for what in
-                                ("position", "orientation"))
-        )  # fmt: skip
-        for constraint in constraints:
-            assert np.abs(constraint(single)).max() < 1e-10
-
-
-@examples(30)
-@given(seeds)
-def test_the_projection_is_the_nearest_point_for_a_distance(seed):
-    """Both hands move by half of what is missing, along the line between them."""
-    rng = np.random.default_rng(seed)
-    positions = rng.uniform(-1, 1, (4, 2, 3))
-    positions[:, 1] += 2.0
-    poses = Poses(("a", "b"), positions, np.tile([1.0, 0, 0, 0], (4, 2, 1)))
-    moved = project(poses, [HandDistance("a", "b", 0.7)])
-    middle, away = positions.mean(axis=1), positions[:, 1] - positions[:, 0]
-    half = 0.35 * away / np.linalg.norm(away, axis=1, keepdims=True)
-    assert np.abs(moved.positions - np.stack([middle - half, middle + half], axis=1)).max() < 1e-6
-    assert np.abs(moved.orientations - poses.orientations).max() < 1e-9
-
-
-@pytest.mark.parametrize("turn_length", [0.1, 0.3, 1.0])
-def test_a_radian_counts_as_a_length(turn_length):
-    """The tip of a pointer is to be lowered: it moves and turns as much as the metric says."""
-
-    def tip(poses):
-        return poses.position("a")[:, 2] + 0.6 * poses.rotation("a")[:, 2, 0] + 1e-4
-
-    poses = Poses(("a",), np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]]))
-    moved = project(poses, [tip], settings=ProjectionSettings(turn_length=turn_length))
-    share = (0.6 / turn_length) ** 2
-    assert moved.positions[0, 0, 2] == pytest.approx(-1e-4 / (1 + share), rel=1e-3)
-    assert moved.rotation("a")[0, 2, 0] * 0.6 == pytest.approx(-1e-4 * share / (1 + share), rel=1e-3)
-
-
-def test_what_is_met_is_left_alone():
-    poses = Poses(("a", "b"), np.array([[[0, 0, 0], [0, 0.8, 0.0]]]), np.tile([1.0, 0, 0, 0], (1, 2, 1)))
-    assert project(poses, [Separation("a", "b", 0.5), SameHeight("a", "b")]) is poses
-
-
-def test_a_tray_is_not_turned_upside_down():
-    turned = Rotation.from_rotvec([[2.0, 0.5, 0]]).as_quat(scalar_first=True)
-    moved = project(Poses(("a",), np.zeros((1, 1, 3)), turned[None]), [Upright("a")])
-    assert np.abs(moved.rotation("a")[0] @ VERTICAL - VERTICAL).max() < 1e-9
-
-
-def test_constraints_that_contradict_each_other():
-    with pytest.raises(ConstraintError, match="cannot be met together"):
-        alone([HandDistance("left", "right", 0.4), HandDistance("left", "right", 0.5)]).rollout()
-
-
-@pytest.mark.slow
-def test_projections_that_jump_are_refused():
-    one = PoseDMP.fit(recording(5, reach=3.0))
-    other = one.towards(start=Pose([0, 0.4, 0.1]), goal=Pose([1, 0.5, 0.4]))
-    wanted = Pose.of([0.1, 0.4, 0], Rotation.from_rotvec([0, 3.0, 0.0]))
-    dmp = CooperativeDMP(None, {"a": one, "b": other}, [RelativePose("a", "b", wanted)])
-    try:
-        path = dmp.rollout(n_steps=601)
-    except ConstraintError as error:
-        assert "times as fast" in str(error)
-    else:
-        steps = np.linalg.norm(np.diff(path.position, axis=0), axis=2)
-        assert steps.max() < 0.1
-
-
-def straight(start, goal, vector=(0.0, 0, 0)):
-    """A hand on a straight line from rest to rest in 4 s, turning by a rotation vector."""
-    s = np.linspace(0, 1, 201)
-    way = s**3 * (10 - 15 * s + 6 * s**2)
-    turns = Rotation.from_rotvec(np.outer(way, vector)).as_quat(scalar_first=True)
-    return PoseDMP.fit(
-        Demonstration(4 * s, start + np.outer(way, np.subtract(goal, start)), orientation=turns)
-    )
-
-
-@pytest.mark.parametrize("n_steps", [51, 101, 201, 401])
-def test_jumps_are_refused_however_they_are_sampled(n_steps):
-    """Two hands pass through each other: pushed apart, they change sides in no time."""
-    hands = {"a": straight([0, 0, 0.0], [1, 0, 0]), "b": straight([1, 1e-3, 0.0], [0, 1e-3, 0])}
-    with pytest.raises(ConstraintError, match="times as fast"):
-        CooperativeDMP(None, hands, [Separation("a", "b", 0.2)]).rollout(n_steps=n_steps)
-    apart = {"a": hands["a"], "b": straight([1, 0.1, 0.0], [0, 0.1, 0])}
-    assert CooperativeDMP(None, apart, [Separation("a", "b", 0.2)]).rollout(n_steps=n_steps).position.shape[0]
-
-
-@pytest.mark.parametrize("n_steps", [301, 901, 1001])
-def test_upright_through_right_angles(n_steps):
-    dmp = CooperativeDMP(None, {"a": straight([0, 0, 0.0], [1, 0, 0], [0, 2.5, 0])}, [Upright("a")])
-    path = dmp.rollout(n_steps=n_steps)
-    assert np.abs(path.rotation.apply(VERTICAL) - VERTICAL).max() < 1e-9
+def test_hands_that_move_for_themselves_share_the_phase():
+    """Online, at any pace, each hand does what its own movement says; one is redirected, the other not."""
+    one = PoseDMP.fit(recording(4))
+    other = one.towards(start=Pose.of(one.start.position + [0.1, 0.5, 0.05], one.start.rotation))
+    dmp = CooperativeDMP(None, {"left": one, "right": other})
+    path = dmp.rollout(n_steps=41)
+    for i, hand in enumerate((one, other)):
+        own = hand.rollout(n_steps=41)
+        assert np.array_equal(path.position[:, i], own.position)
+        assert np.array_equal(path.orientation[:, i], own.orientation)
+    goal = random_pose(np.random.default_rng(5))
+    state = dmp.redirected(dmp.step(dmp.initial_state(), 0.7, rate=2.0), goal, "left")
+    ends = dmp.poses(dmp.step(state, 30.0))
+    assert np.abs(ends["left"].position - goal.position).max() < 1e-9
+    assert np.abs(ends["right"].position - other.goal.position).max() < 1e-9
+    with pytest.raises(OptionError, match="no common start or goal"):
+        dmp.towards(goal_velocity=np.ones(6))
 
 
 def test_slips_are_told():
@@ -290,41 +151,27 @@ def test_slips_are_told():
     for grasps in ([grasp], None, {"a": Pose([0.0, 1.0])}, {"a": [0, 0, 0]}):
         with pytest.raises(OptionError, match="grasps"):
             CooperativeDMP.from_hand(shown, "a", grasps)
-    for constraints in (["distance"], HandDistance("a", "b", 1.0), "x"):
-        with pytest.raises(OptionError, match="constraints"):
-            CooperativeDMP(load, {"a": grasp}, constraints)
-    for wrong in (lambda: HandDistance("a", "b", "1"), lambda: Separation("a", "b", -1.0),
-                  lambda: RelativePose("a", "b", [0, 1, 0]), lambda: Upright("a", "z"),
-                  lambda: CooperativeDMP(load, [grasp])):  # fmt: skip
-        with pytest.raises(OptionError):
-            wrong()
-    assert len(alone([SameHeight("left", "right")]).at([]).time) == 0
-    assert np.isfinite(alone([SameHeight("left", "right")]).at([-1e-6, 0.0]).velocity).all()
-    with pytest.raises(OptionError, match="gives"):
-        CooperativeDMP(None, {"a": load, "b": load}, [lambda poses: "text"]).rollout()
+    with pytest.raises(OptionError, match="mapping of names"):
+        CooperativeDMP(load, [grasp])
+    assert len(CooperativeDMP(load, {"a": grasp}).at([]).time) == 0
 
 
 def test_what_is_refused():
     load, grasp = PoseDMP.fit(recording(0)), Pose([0, 0, 0.1])
-    for hands, constraints, message in [
-        ({}, (), "names"),
-        ({"": grasp}, (), "names"),
-        ({"a": Pose([0.0, 1.0])}, (), "planar"),
-        ({"a": load.towards(duration=9.0)}, (), "3, 9 s"),
-        ({"a": np.zeros(3)}, (), "'a' is ndarray"),
+    for hands, message in [
+        ({}, "names"),
+        ({"": grasp}, "names"),
+        ({"a": Pose([0.0, 1.0])}, "planar"),
+        ({"a": load.towards(duration=9.0)}, "3, 9 s"),
+        ({"a": np.zeros(3)}, "'a' is ndarray"),
     ]:
         with pytest.raises(OptionError, match=message):
-            CooperativeDMP(load, hands, constraints)
+            CooperativeDMP(load, hands)
     with pytest.raises(OptionError, match="nothing moves"):
         CooperativeDMP(None, {"a": grasp})
     with pytest.raises(OptionError, match="'b' does not move"):
         CooperativeDMP(None, {"a": load, "b": grasp})
-    dmp = CooperativeDMP(None, {"a": load, "b": load}, [lambda poses: poses.position("c")[:, 0]])
-    with pytest.raises(OptionError, match="no manipulator 'c'"):
-        dmp.rollout()
-    dmp = CooperativeDMP(None, {"a": load, "b": load}, [lambda poses: 3.0])
-    with pytest.raises(OptionError, match=r"shape \(n_steps,\)"):
-        dmp.rollout()
+    dmp = CooperativeDMP(None, {"a": load, "b": load})
     with pytest.raises(OptionError, match="no common start or goal"):
         dmp.rollout(goal=grasp)
     with pytest.raises(OptionError, match="the load has no movement"):
@@ -334,59 +181,11 @@ def test_what_is_refused():
 
 
 @pytest.mark.parametrize("time", [1.0, "x", ["x"], [[0.0], [1.0]], [0.0, np.nan], None])
-@pytest.mark.parametrize("constraints", [(), (HandDistance("a", "b", 0.5),)])
-def test_times_that_are_none(time, constraints):
+def test_times_that_are_none(time):
     load = PoseDMP.fit(recording(0))
-    aside = load.towards(start=Pose(load.start.position + 0.3, load.start.orientation))
-    for movement in (load, CooperativeDMP(None, {"a": load, "b": aside}, constraints)):
+    for movement in (load, CooperativeDMP(load, {"a": Pose([0, 0, 0.1])})):
         with pytest.raises(OptionError, match="give an array of finite numbers"):
             movement.at(time)
-
-
-@examples(30)
-@given(seeds, st.floats(0.0, 5.0), st.floats(0.1, 5.0))
-def test_who_is_twice_as_mobile_makes_way_twice_as_far(seed, one, other):
-    """For a distance both move along the line between them, in the proportion of their mobilities; a leader stays."""
-    rng = np.random.default_rng(seed)
-    positions = rng.uniform(-1, 1, (3, 2, 3))
-    positions[:, 1] += 2.0
-    turned = Rotation.random(6, random_state=seed).as_quat(scalar_first=True).reshape(3, 2, 4)
-    poses = Poses(("a", "b"), positions, turned)
-    moved = project(poses, [HandDistance("a", "b", 0.7)], (one, other))
-    ways = np.linalg.norm(moved.positions - positions, axis=2)
-    assert np.abs(ways[:, 0] * other - ways[:, 1] * one).max() < 1e-6
-    assert np.abs(np.linalg.norm(moved.positions[:, 1] - moved.positions[:, 0], axis=1) - 0.7).max() < 1e-11
-    if one == 0.0:
-        assert np.array_equal(moved.positions[:, 0], positions[:, 0])
-
-
-@pytest.mark.parametrize("name", ["distance", "height", "pose"])
-def test_a_leader_keeps_its_movement_and_the_follower_comes_along(name):
-    dmp = replace(alone(CASES[name]), mobility={"left": 0.0})
-    path, own = dmp.rollout(n_steps=41), dmp.hands["left"].rollout(n_steps=41)
-    assert np.array_equal(path.position[:, 0], own.position)
-    assert np.array_equal(path.orientation[:, 0], own.orientation)
-    poses = Poses(path.manipulators, path.position, path.orientation)
-    assert max(np.abs(constraint(poses)).max() for constraint in CASES[name]) < 1e-10
-    alike = alone(CASES[name]).rollout(n_steps=41)
-    assert np.abs(alike.position[:, 0] - own.position).max() > 1e-3  # where both make way
-    state = dmp.step(dmp.initial_state(), 0.5)
-    leader = dmp.hands["left"].at([0.5])
-    assert np.abs(dmp.poses(state)["left"].position - leader.position[0]).max() < 1e-12
-
-
-def test_mobilities_that_are_none():
-    distance = [HandDistance("left", "right", 0.5)]
-    for mobility in ({"left": -1.0}, {"left": np.nan}, {"lefft": 0.0}, [0.0, 1.0], {"left": "0"}):
-        with pytest.raises(OptionError, match="mobility"):
-            replace(alone(distance), mobility=mobility)
-    with pytest.raises(OptionError, match="no hand may make way"):
-        replace(alone(distance), mobility={"left": 0.0, "right": 0.0})
-    with pytest.raises(ConstraintError, match="cannot be met"):
-        replace(alone([*distance, Upright("left")]), mobility={"left": 0.0}).rollout()
-    poses = Poses(("a",), np.zeros((1, 1, 3)), np.array([[[1.0, 0, 0, 0]]]))
-    with pytest.raises(OptionError, match="mobility"):
-        project(poses, [Upright("a")], (1.0, 2.0))
 
 
 def test_the_load_is_pushed_and_the_grasps_hold():
@@ -419,5 +218,3 @@ def test_a_load_may_be_caught_and_handed_on_in_motion():
     played = dmp.at([0.1, 2.9])
     assert np.abs(velocity - played.velocity).max() < 1e-6
     assert np.abs(spin - played.angular_velocity).max() < 1e-5
-    with pytest.raises(OptionError, match="no common start or goal"):
-        alone([]).towards(goal_velocity=twist)

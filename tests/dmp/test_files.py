@@ -25,7 +25,6 @@ from comove.dmp.files import (
     write_primitive,
 )
 from comove.dmp.poses import Pose, PoseDMP
-from comove.dmp.projection import HandDistance, RelativePose, SameHeight, Separation, Upright
 from comove.errors import LibraryError, OptionError
 from tests.cases import examples
 
@@ -378,28 +377,21 @@ def test_learning_is_fitting():
         learn(turning(), poses=True, period=1.0)
 
 
-def cooperating(constraints=(), **options):
+def cooperating():
     """Two hands that move for themselves."""
     one = PoseDMP.fit(turning(), n_basis=6)
     moved = Pose(one.start.position + [0.1, 0.6, 0.0], one.start.orientation)
-    return CooperativeDMP(None, {"left": one, "right": one.towards(start=moved)}, constraints, **options)
+    return CooperativeDMP(None, {"left": one, "right": one.towards(start=moved)})
 
 
 def several():
     """One of every kind that is no single movement."""
     held = {"left": Pose([0, -0.3, 0.1]), "right": Pose([0, 0.3, 0], [0.0, 1.0, 0.0, 0.0])}
     lid = PoseDMP.fit(turning(), n_basis=4)
-    everything = (
-        HandDistance("left", "right", 0.6),
-        Separation("left", "right", 0.3),
-        SameHeight("left", "right"),
-        RelativePose("left", "right", Pose([0.0, 0.6, 0.0], [0.6, 0.0, 0.0, 0.8])),
-        Upright("left", (0.0, 1.0, 1.0)),
-    )
     return {
         "load": CooperativeDMP(PoseDMP.fit(turning(), n_basis=5), held),
         "lid": CooperativeDMP(PoseDMP.fit(turning(), n_basis=5), {**held, "lid": lid}),
-        "alone": cooperating(everything, mobility={"left": 0.0}),
+        "alone": cooperating(),
         "average": average([Demonstration.from_lasa("Angle", k) for k in range(3)], n_basis=7),
     }
 
@@ -435,15 +427,22 @@ def test_what_is_made_of_several_movements_is_stored_too(name, tmp_path):
         assert np.array_equal(read.dmp.spread(11), dmp.spread(11))
     else:
         time = np.linspace(0, 2, 5)
-        free = replace(dmp, constraints=()), replace(read.dmp, constraints=())
-        assert np.array_equal(free[0].at(time).position, free[1].at(time).position)
+        assert np.array_equal(dmp.at(time).position, read.dmp.at(time).position)
 
 
-def test_constraints_of_the_user_are_refused_with_the_way_out(tmp_path):
-    own = cooperating((lambda poses: poses.position("left")[:, 2],))
-    with pytest.raises(LibraryError, match="cannot be written to a file; write the movement without it"):
-        write_primitive(tmp_path / "own.json", Primitive("own", own))
-    assert not list(tmp_path.iterdir())
+def test_hands_that_constraints_held_are_refused_and_others_of_that_time_are_read(tmp_path):
+    """Files of earlier versions name constraints and mobilities of hands."""
+    now = json.loads(dumps(Primitive("hands", cooperating())))
+    for constraints in ([], [{"kind": "same height", "first": "left", "second": "right"}]):
+        then = {**now, "movement": {**now["movement"], "mobility": {}, "constraints": constraints}}
+        del then["sha256"]
+        text = json.dumps(then, sort_keys=True, separators=(",", ":"))
+        then["sha256"] = hashlib.sha256(text.encode()).hexdigest()
+        if not constraints:
+            assert same(loads(json.dumps(then).encode()).dmp, cooperating())
+            continue
+        with pytest.raises(LibraryError, match=r"constraints: its hands are held by constraints.*scene"):
+            loads(json.dumps(then).encode())
 
 
 def test_a_library_holds_them_and_a_scene_follows_them(tmp_path):

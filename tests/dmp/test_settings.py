@@ -9,7 +9,6 @@ from comove.dmp import DMP, PoseProMP, slowed
 from comove.dmp.alignment import WarpingSettings
 from comove.dmp.estimation import EstimationSettings
 from comove.dmp.pacing import PacingSettings
-from comove.dmp.projection import ProjectionSettings
 from comove.errors import DemonstrationError, OptionError
 
 
@@ -18,8 +17,6 @@ from comove.errors import DemonstrationError, OptionError
     [
         (PacingSettings, "n_rounds", 0),
         (PacingSettings, "margin", np.nan),
-        (ProjectionSettings, "n_halvings", 0),
-        (ProjectionSettings, "turn_length", 0.0),
         (WarpingSettings, "n_instants", 2.5),
         (EstimationSettings, "n_folds", 1),
         (EstimationSettings, "lengths", ()),

@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 import pytest
 
-import comove
 from comove.errors import OptionError
-from comove.planning import Budget, Comove, LeastJerk, LeastTime, Paper, PaperCost, Projection, solve
+from comove.lab.evolution import Paper, Projection, combine
+from comove.planning import Budget, Comove, LeastJerk, LeastTime, PaperCost, solve
 from comove.planning.methods import Quick
 from comove.processes import one_blas_thread
 from comove.results.sealed import checksum
@@ -60,7 +60,7 @@ SEARCHES = {
     "projection": lambda: solve(example("wide"), method=Projection()),
     "paper": lambda: solve(example("wide"), method=Paper()),
     "moving": lambda: solve(door()),
-    "combination": lambda: comove.combine(bumps(), two_gaps()),
+    "combination": lambda: combine(bumps(), two_gaps()),
 }
 
 

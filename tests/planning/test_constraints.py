@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
-from comove import Projection
 from comove.constraints import SameHeightConstraint, SeparationConstraint, UprightConstraint
 from comove.coordination import load_coordinates, rollouts
 from comove.errors import OptionError
-from comove.planning import Paper
+from comove.lab.evolution import Paper, Projection
 from comove.planning.configurations import configuration_space
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import plan

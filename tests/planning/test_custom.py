@@ -4,8 +4,10 @@ import numpy as np
 import pytest
 
 import comove
-from comove import Equality, LeastJerk, Samples
+from comove import LeastJerk
 from comove.errors import OptionError
+from comove.lab.evolution import Projection
+from comove.planning import Equality, Samples
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import example
@@ -101,7 +103,7 @@ def test_the_least_jerk_through_a_point_is_found():
         ({"constraints": fast}, "give a list"),
         ({"objective": height, "planner": False}, "a planner"),
         ({"objective": "low"}, "or a function"),
-        ({"constraints": [fast], "method": comove.Projection()}, "comove's own method"),
+        ({"constraints": [fast], "method": Projection()}, "comove's own method"),
     ],
 )
 def test_bad_functions_are_told(options, words):

@@ -114,7 +114,7 @@ TWO_XARM7 = {
 @pytest.mark.skipif(find_spec("pinocchio") is None, reason="robots need the extra 'robot'")
 def test_two_arms_lift_a_bar_as_straight_as_can_be(tmp_path):
     """In the open: the straight way of least jerk, to a percent, at rest neither before nor after its time."""
-    from comove.robots import Robot, carry
+    from comove.robots import Robot
 
     (tmp_path / "robot.yaml").write_text(yaml.safe_dump(TWO_XARM7), encoding="utf-8")
     scene = Scene.from_dict(
@@ -131,9 +131,9 @@ def test_two_arms_lift_a_bar_as_straight_as_can_be(tmp_path):
             "limits": {"speed": 0.5, "acceleration": 1.0, "clearance": 0.01},
         }
     )
-    found = carry(scene, Robot.load(tmp_path / "robot.yaml"))
+    found = comove.solve(scene, robot=Robot.load(tmp_path / "robot.yaml"))
     assert found.verified
-    measures = smoothness(found.solution.attempt)
+    measures = smoothness(found.attempt)
     assert measures.jerk_ratio < 1.02
     assert measures.halfway == pytest.approx(0.5, abs=0.01)
     assert measures.nearly_there > 0.75
@@ -142,13 +142,13 @@ def test_two_arms_lift_a_bar_as_straight_as_can_be(tmp_path):
 @pytest.mark.skipif(find_spec("pinocchio") is None, reason="robots need the extra 'robot'")
 def test_two_arms_go_straight_where_nothing_is_in_the_way():
     """They do not wander, and do not stand still after half of the time."""
-    from comove.robots import Robot, carry
+    from comove.robots import Robot
 
     path = Path(__file__).parents[2] / "examples" / "robots" / "two_pandas.yaml"
     scene = Scene.load(path, {"obstacles": []})
-    found = carry(scene, Robot.load("two_pandas"), budget=30.0)
+    found = comove.solve(scene, robot=Robot.load("two_pandas"), budget=30.0)
     assert found.verified
-    motion = found.solution.attempt
+    motion = found.attempt
     hands, velocity, _ = motion.hands(S)
     for i in range(2):
         way = np.linalg.norm(scene.goal[i] - scene.start[i])

@@ -171,7 +171,7 @@ def test_a_robot_of_ones_own_carries_and_is_simulated_again(place):
     scene = gantry_scene().file.model_dump(mode="json", exclude_none=True)
     (place / "carried.yaml").write_text(json.dumps(scene))
     made(place, "solve", "carried.yaml", "--robot", "robots/robot.yaml", "--seed", "1")
-    simulate = ["robot", "simulate", "--seed", "4", "--no-pictures"]
+    simulate = ["simulate", "--seed", "4", "--no-pictures"]
     simulate += ["--robot", "inputs/robots/robot.yaml"]
     folder = moved(place)
     same_again(folder)

@@ -13,10 +13,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import comove
-from comove import PaperCost, Projection
+from comove import PaperCost
 from comove.cli.texts import summary_text
 from comove.errors import ResultError
 from comove.io.folders import check_target, whole_folder
+from comove.lab.evolution import Projection
 from comove.results import RESULT, read_result, verify_result, write_solution
 from comove.results.sealed import checksum
 from comove.results.solution import SOLUTION, rebuild

@@ -2,9 +2,9 @@
 
 import pytest
 
+import comove
 from comove.results.sealed import checksum
 from comove.results.solution import motion_arrays
-from comove.robots import carry
 from tests.robots.small_robots import gantry_scene, robot
 from tests.slow_clock import ticking
 
@@ -22,10 +22,10 @@ LONG = ("too short", "open grasp")
 
 def outcome(name, budget=6.0):
     """All of a carry that must not depend on the machine."""
-    found = carry(SCENES[name](), robot("gantry"), budget=budget)
-    solution = found.solution
+    found = comove.solve(SCENES[name](), robot=robot("gantry"), budget=budget)
+    solution = found
     told = (found.verified, solution.timed_out, solution.reasons, solution.evaluations, solution.work)
-    return checksum(motion_arrays(solution.attempt)), found.joints.position.tobytes(), *told
+    return checksum(motion_arrays(solution.attempt)), found.joints.attempt.position.tobytes(), *told
 
 
 @pytest.mark.parametrize(
@@ -41,11 +41,11 @@ def test_a_slower_machine_comes_to_the_same_joints(name, monkeypatch):
 @pytest.mark.parametrize("name", SCENES)
 def test_a_budget_that_runs_out_is_told_of(name, monkeypatch):
     ticking(monkeypatch, 40.0)
-    found = carry(SCENES[name](), robot("gantry"), budget=30.0)
-    assert not found.verified and found.solution.timed_out
+    found = comove.solve(SCENES[name](), robot=robot("gantry"), budget=30.0)
+    assert not found.verified and found.timed_out
     told = "the time budget of 30 s ran out before a motion was verified: --budget 60 lets the search go on"
-    assert found.solution.reasons[0] == told and found.solution.reasons.count(told) == 1
-    assert not any("would do" in reason or "too short" in reason for reason in found.solution.reasons)
+    assert found.reasons[0] == told and found.reasons.count(told) == 1
+    assert not any("would do" in reason or "too short" in reason for reason in found.reasons)
 
 
 @pytest.mark.slow
@@ -54,7 +54,7 @@ def test_advice_about_the_duration_comes_from_a_search_that_has_ended(monkeypatc
     ticking(monkeypatch, TICK)
     scene = SCENES["too short"]()
     (told,) = (
-        text for text in carry(scene, robot("gantry"), budget=6.0).solution.reasons if "would do" in text
+        text for text in comove.solve(scene, robot=robot("gantry"), budget=6.0).reasons if "would do" in text
     )
     advised = float(told.removeprefix("a duration of ").removesuffix(" s would do"))
-    assert carry(scene.timed(advised), robot("gantry"), budget=6.0).verified
+    assert comove.solve(scene.timed(advised), robot=robot("gantry"), budget=6.0).verified

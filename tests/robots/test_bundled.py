@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+import comove
 from comove.errors import SceneError
-from comove.robots import Robot, RobotCarrier, carry
+from comove.robots import Robot, RobotCarrier
 from comove.scenes import Scene
 from comove.sim import simulate
 from tests.robots.small_robots import EXAMPLES, robot, urdf, written
@@ -28,9 +29,9 @@ def example(name):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["g1", "pr2", "two_fr3", "two_so101"])
 def test_a_load_is_carried_and_delivered(name):
-    found = carry(example(name), Robot.load(name), seed=0)
+    found = comove.solve(example(name), robot=Robot.load(name), seed=0)
     assert found.verified
-    done = simulate(found.joints, found.motion.scene, found.robot)
+    done = simulate(found.joints.attempt, found.scene, found.joints.robot)
     assert done.delivered
     assert not done.contacts
 

@@ -11,10 +11,11 @@ import pinocchio as pin
 import pytest
 import yaml
 
+import comove
 from comove.errors import RobotError, SceneError
 from comove.planning import solve
 from comove.planning.methods import UNPOLISHED
-from comove.robots import Robot, VerifiedJointMotion, carry, robot_method
+from comove.robots import Robot, VerifiedJointMotion, robot_method
 from comove.robots.carrying import RobotCarrier
 from comove.robots.ends import EndSettings
 from comove.robots.search.following import MET
@@ -177,7 +178,7 @@ def test_an_arm_that_touches_something_near_its_home_holds_the_load_otherwise(na
         from_post(machine, joints, post, there) > 0.01 for joints in RobotCarrier(machine, scene).goals[0]
     ]
     assert keeps[0] and keeps == sorted(keeps, reverse=True)
-    assert carry(scene, machine, method=replace(robot_method(), n_ways=1)).verified
+    assert comove.solve(scene, robot=machine, method=replace(robot_method(), n_ways=1)).verified
 
 
 def from_post(machine, joints, shape, place):
@@ -432,7 +433,7 @@ def test_two_pandas_find_a_way_within_few_plans_wherever_the_load_lies(shift):
             return carrying.plan(*args, **options)
 
     method = replace(robot_method(), n_plans=1, n_polishings=1, polishing=UNPOLISHED)
-    found = solve(scene, method=method, budget=600, carrier=Counted())
+    found = solve(scene, method=method, budget=600, kinematics=Counted())
     assert found.verified
     assert sum(plans) <= 30_000
 
@@ -524,7 +525,7 @@ def test_a_search_with_the_gantry_ends_with_verified_joints():
     """From a scene whose straight way is blocked to verified joints."""
     carrier = task("gantry")
     carrier.require_reach()
-    solution = solve(carrier.scene, method=robot_method(), carrier=carrier, budget=20.0, seed=1)
+    solution = solve(carrier.scene, method=robot_method(), kinematics=carrier, budget=20.0, seed=1)
     assert solution.verified
     _, verdict = carrier.carried_out(solution.attempt)
     assert verdict.reasons == ()
@@ -538,7 +539,7 @@ def test_where_the_duration_is_open_the_first_motion_is_not_much_slower_than_a_k
     motion, _ = known_carry()
     known, heard = RobotCarrier(robot("baxter"), motion.scene).shortest(motion), []
     wanted = {"found": heard.append, "stop": lambda: bool(heard)}
-    carry(motion.scene.timed(None), robot("baxter"), seed=seed, budget=600, **wanted)
+    comove.solve(motion.scene.timed(None), robot=robot("baxter"), seed=seed, budget=600, **wanted)
     assert heard[0].joints.duration < 2.0 * known
 
 
@@ -547,5 +548,5 @@ def test_where_the_duration_is_open_the_first_motion_is_not_much_slower_than_a_k
 def test_where_the_duration_is_open_what_is_returned_is_the_fastest_motion_that_was_found(seed):
     """Whichever joints later plans lead through: by others the same motion of the hands may take longer."""
     scene, heard = Scene.load(EXAMPLES / "robots" / "two_xarm7.yaml").timed(None), []
-    found = carry(scene, robot("two_xarm7"), seed=seed, budget=600, found=heard.append)
-    assert found.motion.joints.duration == min(verified.joints.duration for verified in heard)
+    found = comove.solve(scene, robot=robot("two_xarm7"), seed=seed, budget=600, found=heard.append)
+    assert found.joints.motion.joints.duration == min(verified.joints.duration for verified in heard)

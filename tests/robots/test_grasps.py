@@ -6,12 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import comove
 from comove.errors import SceneError
-from comove.planning import Budget, solve
-from comove.robots import Robot, carry, solving
+from comove.planning import Budget
+from comove.planning.solver import problem_of
+from comove.robots import Robot, solving
 from comove.robots.files import read_joints
 from comove.scenes import Scene
-from comove.view.figures import save_robot_result
+from comove.view.figures import save_result
 from tests.robots.small_robots import CAMERA, lifts_scene, robot
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "robots" / "from_the_side.yaml"
@@ -25,13 +27,13 @@ def example(**grasp):
 @pytest.mark.slow
 def test_a_bar_is_carried_from_the_side_where_hands_from_above_do_not_reach():
     robot, scene = Robot.load("two_xarm7"), example()
-    found = carry(scene, robot, seed=0)
+    found = comove.solve(scene, robot=robot, seed=0)
     assert found.verified
-    chosen = found.motion.scene
+    chosen = found.scene
     assert len(chosen.alternatives) == 1
     assert chosen.file.grasp.orientation == "forward"
     assert chosen.sha256 in {choice.sha256 for choice in scene.alternatives}
-    for q in found.joints.position[::200]:
+    for q in found.joints.attempt.position[::200]:
         poses = [robot.tool_pose(q, arm) for arm in (robot.arm("left"), robot.arm("right"))]
         places = np.array([pose[:3, 3] for pose in poses])
         for pose, wanted in zip(poses, chosen.grasp.hand_rotations(places), strict=True):
@@ -45,18 +47,16 @@ def test_a_grasp_by_which_nobody_reaches_is_told():
         warnings.simplefilter("ignore")
         scene = example(any_of=[{"orientation": "down"}, {"orientation": "forward", "offset_deg": 90}])
     with pytest.raises(SceneError, match="cannot reach"):
-        carry(scene, Robot.load("two_xarm7"), budget=1.0)
+        comove.solve(scene, robot=Robot.load("two_xarm7"), budget=1.0)
 
 
 @pytest.mark.slow
 def test_the_mesh_of_a_scene_is_found_from_the_results_folder(tmp_path):
     scene = Scene.load(EXAMPLE.with_name("over_a_sill.yaml"))
-    found = carry(scene, Robot.load("two_ur10"), seed=0)
+    found = comove.solve(scene, robot=Robot.load("two_ur10"), seed=0)
     assert found.verified
-    save_robot_result(found, tmp_path, wall_time_s=1.0)
-    assert read_joints(tmp_path).scene.sha256 == found.motion.scene.sha256, (
-        "the mesh is found, and the same one"
-    )
+    save_result(found, tmp_path, wall_time_s=1.0)
+    assert read_joints(tmp_path).scene.sha256 == found.scene.sha256, "the mesh is found, and the same one"
 
 
 def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(monkeypatch):
@@ -71,9 +71,9 @@ def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(
 
     def counted(scene, **how):
         searched.append(scene.file.grasp.offset_deg)
-        return solve(scene, **how)
+        return problem_of(scene, **how)
 
-    monkeypatch.setattr(solving, "solve", counted)
+    monkeypatch.setattr(solving, "problem_of", counted)
     balls = []
     scene = lifts_scene(**wanted)
     for choice in scene.alternatives:
@@ -82,11 +82,12 @@ def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(
         balls.append({"shape": "sphere", "center": place.tolist(), "radius": 0.02})
     for ball, other in zip(balls, reversed(grasps), strict=True):
         searched.clear()
-        assert not carry(lifts_scene((ball,), **wanted), robot("lifts"), budget=Budget(work=0.2)).verified
+        scene = lifts_scene((ball,), **wanted)
+        assert not comove.solve(scene, robot=robot("lifts"), budget=Budget(work=0.2)).verified
         assert set(searched) == {other["offset_deg"]}
     searched.clear()
     with pytest.raises(
         SceneError, match=r"left_wrist and obstacles\[0\] \(sphere\) come too near .* at the start"
     ):
-        carry(lifts_scene(tuple(balls), **wanted), robot("lifts"))
+        comove.solve(lifts_scene(tuple(balls), **wanted), robot=robot("lifts"))
     assert not searched

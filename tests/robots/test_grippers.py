@@ -15,8 +15,9 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+import comove
 from comove.errors import ComoveWarning, RobotError
-from comove.robots import Robot, carry, verify_joints
+from comove.robots import Robot, verify_joints
 from comove.robots.grippers import COLOUR, gripper_links, without_gripper
 from comove.robots.proposal import examine, propose
 from comove.scenes import Scene
@@ -474,17 +475,17 @@ def test_two_arms_with_grippers_pass_between_walls_and_not_where_only_bare_arms_
         return Scene.from_dict(scene)
 
     closed = beams((-0.7, 0.7))
-    through = carry(closed, bare, seed=0)
+    through = comove.solve(closed, robot=bare, seed=0)
     assert through.verified  # with the beam between the payload and the hands
     assert through.report.without_gripper == ("left", "right")
-    verdict = verify_joints(machine, through.solution.attempt, through.joints)
+    verdict = verify_joints(machine, through.attempt, through.joints.attempt)
     assert verdict.verified is None
     assert any("_gripper_body" in reason and "beam0" in reason for reason in verdict.reasons)
-    assert not carry(closed, machine, seed=0, budget=5.0).verified
-    found = carry(beams((-0.7, -0.42), (-0.18, 0.18), (0.42, 0.7)), machine, seed=0)
+    assert not comove.solve(closed, robot=machine, seed=0, budget=5.0).verified
+    found = comove.solve(beams((-0.7, -0.42), (-0.18, 0.18), (0.42, 0.7)), robot=machine, seed=0)
     assert found.verified
-    assert found.report.without_gripper == ()
-    done = simulate(found.joints, found.motion.scene, machine)
+    assert found.joints.report.without_gripper == ()
+    done = simulate(found.joints.attempt, found.scene, machine)
     assert done.delivered and not done.contacts
 
 
@@ -506,7 +507,7 @@ def test_commands_carry_a_gripper_into_the_result_and_say_where_there_is_none(tm
     assert line in done.stdout
     out.rename(tmp_path / "moved")
     shutil.rmtree(tmp_path / "made")
-    for command in ("verify", "show", "robot simulate"):
+    for command in ("verify", "show", "simulate"):
         done = invoke(*command.split(), str(tmp_path / "moved"))
         assert done.exit_code == 0, done.stderr
         assert line in done.stdout, command

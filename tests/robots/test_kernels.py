@@ -8,8 +8,9 @@ import pytest
 
 LOADED = """
 from numba.core.dispatcher import Dispatcher
+import comove
 from comove.planning.kernels import SceneKind
-from comove.robots import Robot, carry
+from comove.robots import Robot
 from comove.robots.kernels import load_robot_kernels
 from comove.scenes import Scene
 
@@ -24,7 +25,7 @@ scene = Scene.load("examples/%s.yaml")
 load_robot_kernels(SceneKind.of(scene))
 assert [name for name in names if name.startswith("comove.robots.")]
 names.clear()
-assert carry(scene, Robot.load(scene.file.robot)).verified
+assert comove.solve(scene, robot=Robot.load(scene.file.robot)).verified
 print(*names, sep="\\n")
 """
 

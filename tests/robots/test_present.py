@@ -6,8 +6,9 @@ import math
 import numpy as np
 import pytest
 
+import comove
 from comove.errors import OptionError, RobotError
-from comove.robots import RobotCarrier, carry
+from comove.robots import RobotCarrier
 from comove.robots.present import present_joints, read_present, stored_present
 from tests.robots.small_robots import lifts_scene, robot
 
@@ -108,18 +109,18 @@ def test_of_two_elbows_the_one_near_the_present_joints_is_taken():
     assert len(ways) == 2
     for near in ways:
         shifted = near + np.tile([0.1, 0.05, 0.0, 0.0], 2)
-        found = carry(scene, machine, present=shifted, budget=20.0)
-        assert found.verified and np.abs(found.joints.position[0] - near).max() < 1e-6
-        assert (found.present == shifted).all()
+        found = comove.solve(scene, robot=machine, present=shifted, budget=20.0)
+        assert found.verified and np.abs(found.joints.attempt.position[0] - near).max() < 1e-6
+        assert (found.joints.present == shifted).all()
 
 
 def test_who_holds_the_payload_already_approaches_nothing():
     scene, machine = lifts_scene(), robot("lifts")
     begin = np.concatenate([starts[-1] for starts in RobotCarrier(machine, scene).starts])
-    held = carry(scene, machine, begin=begin, budget=20.0).joints.position[0]
+    held = comove.solve(scene, robot=machine, begin=begin, budget=20.0).joints.attempt.position[0]
     np.testing.assert_allclose(held, begin, atol=1e-6)
     for more in ({"approach": True}, {"present": machine.home}):
         with pytest.raises(OptionError, match="begin: the robot holds the load already"):
-            carry(scene, machine, begin=begin, **more)
+            comove.solve(scene, robot=machine, begin=begin, **more)
     with pytest.raises(RobotError, match=r"begin\.left_elbow_joint: it is 2.7 rad, outside"):
-        carry(scene, machine, begin=begin + np.array([0, 0, 2.7 - begin[2], 0, 0, 0, 0, 0]))
+        comove.solve(scene, robot=machine, begin=begin + np.array([0, 0, 2.7 - begin[2], 0, 0, 0, 0, 0]))

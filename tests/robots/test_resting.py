@@ -6,7 +6,8 @@ import coal
 import numpy as np
 import pytest
 
-from comove.robots import Robot, carry
+import comove
+from comove.robots import Robot
 from comove.robots.verification.checks import calibration
 from comove.scenes import Scene
 from comove.scenes.resting import SLOPE, TOLERANCE
@@ -40,10 +41,10 @@ def stands(support=True):
 @pytest.mark.slow
 def test_arms_lift_a_payload_off_its_stand_and_set_it_down():
     scene, robot = Scene.from_dict(stands()), Robot.load("two_fr3")
-    found = carry(scene, robot, seed=0)
-    assert found.motion is not None, found.solution.reasons
+    found = comove.solve(scene, robot=robot, seed=0)
+    assert found.verified, found.reasons
     assert found.report.clearance_scene >= 0.005  # of links, which nothing relieves
-    joints = found.joints
+    joints = found.joints.attempt
     time = np.linspace(0.0, joints.duration, 1501)
     hands = hand_poses(robot, scene, joints.at(time)[0])[..., :3, 3]
     moved = [np.linalg.norm(hands - end, axis=2).max(axis=1) for end in (scene.start, scene.goal)]

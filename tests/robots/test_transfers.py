@@ -10,9 +10,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import comove
 from comove import Scene
 from comove.errors import OptionError, RobotError
-from comove.robots import carry, verify_joints
+from comove.robots import verify_joints
 from comove.robots.free_space import Room
 from comove.robots.transfers import Transfers, plan_transfers, possible_transfers
 from comove.robots.verification.bodies import bodies_of
@@ -233,16 +234,16 @@ def test_what_is_free_together_is_free_one_by_one():
 def on_lifts(*shelves, goal_is_home=False, **wanted):
     """A carry of the arms on lifts, below shelves; on demand their hands at home are in the payload at its goal."""
     machine, scene = robot("lifts"), lifts_scene(tuple(map(dict, shelves)))
-    found = carry(scene, machine, budget=20.0, **wanted)
+    found = comove.solve(scene, robot=machine, budget=20.0, **wanted)
     if not goal_is_home:
         return found
-    last = found.joints.position[-1] - np.tile([0.03, 0.0, 0.0, 0.0], 2)
+    last = found.joints.attempt.position[-1] - np.tile([0.03, 0.0, 0.0, 0.0], 2)
     arms = tuple(replace(arm, home=last[arm.columns]) for arm in machine.arms)
-    return carry(scene, replace(machine, arms=arms), budget=20.0, **wanted)
+    return comove.solve(scene, robot=replace(machine, arms=arms), budget=20.0, **wanted)
 
 
 def elbow_of_left(found):
-    return np.sign(found.joints.position[0, found.robot.joint_names.index("left_elbow_joint")])
+    return np.sign(found.joints.attempt.position[0, found.joints.robot.joint_names.index("left_elbow_joint")])
 
 
 def test_joints_without_an_approach_do_not_win_where_one_is_asked_for():
@@ -251,22 +252,22 @@ def test_joints_without_an_approach_do_not_win_where_one_is_asked_for():
     with pytest.raises(
         RobotError, match=r"behind the grasp at the start, left_elbow and .*solve .* with --approach"
     ):
-        plan_transfers(alone.motion)
-    assert both.verified and not both.without
+        plan_transfers(alone.joints.motion)
+    assert both.verified and not both.joints.without
     assert elbow_of_left(alone) == -elbow_of_left(both)
-    assert both.transfers.carry is both.motion
-    again = plan_transfers(both.motion)
+    assert both.joints.transfers.carry is both.joints.motion
+    again = plan_transfers(both.joints.motion)
     for part in ("approach", "release"):
-        assert (getattr(again, part).position == getattr(both.transfers, part).position).all()
+        assert (getattr(again, part).position == getattr(both.joints.transfers, part).position).all()
 
 
 def test_a_shelf_above_all_elbows_is_told_before_anything_is_searched(monkeypatch):
-    monkeypatch.setattr("comove.robots.solving.solve", lambda *_, **__: pytest.fail("it was searched"))
+    monkeypatch.setattr("comove.robots.solving.problem_of", lambda *_, **__: pytest.fail("it was searched"))
     roof = {"shape": "box", "center": [0.2, 0.0, 0.557], "size": [0.9, 1.6, 0.03]}
     with pytest.raises(
         RobotError, match=r"no joints that hold the load leave room for approach: 0.02 m behind"
     ):
-        carry(lifts_scene((roof,)), robot("lifts"), approach=True)
+        comove.solve(lifts_scene((roof,)), robot=robot("lifts"), approach=True)
 
 
 def test_where_no_way_is_found_other_joints_are_tried(monkeypatch):
@@ -279,16 +280,16 @@ def test_where_no_way_is_found_other_joints_are_tried(monkeypatch):
         return possible_transfers(motion, **wanted)
 
     monkeypatch.setattr("comove.robots.solving.possible_transfers", never_with_elbows_inwards)
-    found = carry(lifts_scene(), robot("lifts"), approach=True, budget=20.0)
-    assert found.verified and not found.without and found.transfers.release is None
-    assert np.abs(found.transfers.approach.position[-1] - refused[0]).max() > 0.3
+    found = comove.solve(lifts_scene(), robot=robot("lifts"), approach=True, budget=20.0)
+    assert found.verified and not found.joints.without and found.joints.transfers.release is None
+    assert np.abs(found.joints.transfers.approach.position[-1] - refused[0]).max() > 0.3
 
 
 def test_a_carry_without_the_approach_that_is_asked_for_says_so(monkeypatch):
     none = {"start": RobotError("no way")}
     monkeypatch.setattr("comove.robots.solving.possible_transfers", lambda *_, **__: (None, none))
-    found = carry(lifts_scene(), robot("lifts"), approach=True, budget=20.0)
-    assert found.verified and found.without == ("no way",) and found.transfers is None
+    found = comove.solve(lifts_scene(), robot=robot("lifts"), approach=True, budget=20.0)
+    assert found.verified and found.joints.without == ("no way",) and found.joints.transfers is None
 
 
 def test_an_approach_needs_no_release():
@@ -318,7 +319,7 @@ def test_present_joints_that_touch_are_told():
     q[[1, 2]], q[[5, 6]] = (-1.2, 0.0), (1.2, 0.0)  # forearm in forearm
     scene, motion = lifts_scene(), on_lifts().motion
     with pytest.raises(RobotError, match=r"present: at the present joints, .* are in each other"):
-        carry(scene, robot("lifts"), present=q)
+        comove.solve(scene, robot=robot("lifts"), present=q)
     with pytest.raises(RobotError, match=r"present: at the present joints, .* come too near .*--present"):
         plan_transfers(motion, present=q)
 

@@ -217,7 +217,7 @@ def test_a_scene_says_how_its_recording_is_read(folder):
     ("keys", "words"),
     [
         ({}, "write below demonstration: columns: "),
-        ({"columns": ["u", "v"]}, "write below demonstration: rate: 100"),
+        ({"columns": ["u", "v"]}, "write below demonstration: rate: HZ"),
         ({"columns": ["u", "v"], "rate": 50, "unit": "deg", "topic": "/x"}, "only bags have topics"),
         ({"columns": ["u", "v"], "rate": 50, "unit": "parsec"}, "'parsec' is not known"),
         ({"columns": ["u", "v"], "rate": 50, "dataset": "obs"}, "no such option"),
@@ -238,7 +238,8 @@ def test_the_keys_that_a_refusal_names_lead_to_the_movement(folder):
             movement = demonstration_of(scene(folder, source))
             break
         except SceneError as error:
-            source |= yaml.safe_load(error.way_out.partition("below demonstration: ")[2].replace("; ", "\n"))
+            keys = error.way_out.partition("below demonstration: ")[2].replace("HZ", "100")
+            source |= yaml.safe_load(keys.replace("; ", "\n"))
     assert source == {"file": name, "manipulator": "left", "rate": 100}
     assert np.allclose(movement.goal, HAND[-1])
 

@@ -36,20 +36,19 @@ def rotations(grasp, psi):
 
 @given(psi=ANGLES, tilt=st.floats(-1.5, 1.5))
 def test_the_heading_points_from_the_second_holder_to_the_first(psi, tilt):
-    scene = held()
-    turn = scene.grasp.heading(stick(psi, tilt)) - psi
-    assert abs(np.sin(turn / 2)) < 1e-9
     swapped = quiet(scene_of(stick(), stick(1.0), load={**BAR, "held_by": ["b", "a"]}, grasp={}))
-    turn = swapped.grasp.heading(stick(psi, tilt)) - psi
-    assert abs(np.cos(turn / 2)) < 1e-9
+    for grasp, beyond in ((held().grasp, 0.0), (swapped.grasp, np.pi)):
+        turn = Rotation.from_rotvec([0.0, 0.0, psi + beyond]).as_matrix()
+        for hand in grasp.hand_rotations(stick(psi, tilt)):
+            np.testing.assert_allclose(hand, turn @ np.diag([-1.0, 1.0, -1.0]), atol=1e-9)
 
 
-def test_the_rate_of_the_heading_is_its_derivative():
+def test_the_spin_of_a_load_is_how_its_hands_turn():
     grasp, hands, rng = held().grasp, stick(0.7, 0.3), np.random.default_rng(0)
     velocities, step = rng.standard_normal((2, 3, 4)), 1e-6
-    ahead, behind = (grasp.heading(hands + t * np.moveaxis(velocities, -1, 0)) for t in (step, -step))
-    rates = grasp.heading_rates(hands, velocities)
-    np.testing.assert_allclose(rates, (ahead - behind) / (2 * step), atol=1e-7)
+    ahead, behind = (grasp.hand_rotations(hands + t * np.moveaxis(velocities, -1, 0)) for t in (step, -step))
+    turns = Rotation.from_matrix((ahead @ behind.swapaxes(-1, -2))[:, 0]).as_rotvec()
+    np.testing.assert_allclose(grasp.spins(hands, velocities), turns.T / (2 * step), atol=1e-7)
 
 
 def test_down_is_down_and_yaws_with_the_stick():
@@ -115,7 +114,7 @@ def test_many_instants_at_once():
     hands = np.random.default_rng(0).normal(size=(4, 5, 2, 3))
     all_at_once = grasp.hand_rotations(hands)
     assert all_at_once.shape == (4, 5, 2, 3, 3)
-    assert grasp.heading(hands).shape == (4, 5)
+    assert grasp.spins(hands, np.zeros((*hands.shape, 7))).shape == (4, 5, 3, 7)
     assert np.array_equal(all_at_once[2, 3], grasp.hand_rotations(hands[2, 3]))
     assert np.allclose(all_at_once @ np.swapaxes(all_at_once, -1, -2), np.eye(3), atol=1e-14)
     assert np.allclose(np.linalg.det(all_at_once), 1.0)
@@ -179,7 +178,9 @@ def test_a_load_on_end_has_no_heading():
     third = [*hands, [0.6, 0.5, 0.6]]
     frame = {"shape": "frame", "edges": [["a", "b"], ["b", "c"]]}
     scene = quiet(scene_of(third, third, load=frame | {"held_by": ["c", "b", "a"]}, grasp={}))
-    assert scene.grasp.heading(scene.start) == pytest.approx(0.0)
+    np.testing.assert_allclose(
+        scene.grasp.hand_rotations(scene.start)[0], np.diag([-1.0, 1.0, -1.0]), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(

@@ -308,6 +308,19 @@ def test_all_that_no_urdf_has_and_that_changes_the_robot_is_named_once(tmp_path)
     assert not any("left out" in note or "pass through" in note or "gravity" in note for note in plain)
 
 
+def test_neighbours_do_not_pass_through_each_other_and_no_gravity_is_another(tmp_path):
+    """MuJoCo lets no joined bodies touch, whatever their bits say; gravity may be switched off."""
+    geom = '<geom type="sphere" size=".05" contype="1" conaffinity="2"/>'
+    inner = f'<body name="b" pos="0 0 .2"><joint name="j" axis="1 0 0" range="-1 1"/>{geom}</body>'
+    arm = f'<body name="a"><joint name="i" axis="0 0 1" range="-1 1"/>{geom}{geom}{inner}</body>'
+    motors = '<actuator><motor joint="i" ctrlrange="-1 1"/><motor joint="j" ctrlrange="-1 1"/></actuator>'
+    option = '<option><flag gravity="disable"/></option>'
+    text = f'<mujoco model="m">{option}<worldbody>{arm}</worldbody>{motors}</mujoco>'
+    notes = urdf_of(written(tmp_path, text)).notes
+    assert not any("pass through" in note for note in notes)
+    assert any("gravity is 0, 0, 0 m/s^2" in note for note in notes)
+
+
 def test_meshes_whose_names_differ_by_a_slash_are_two_files(tmp_path):
     other = "".join(
         f'<mesh name="{name}" vertex="0 0 0  {x} 0 0  0 .1 0  0 0 .1"/>'

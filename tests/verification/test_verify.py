@@ -11,7 +11,7 @@ import comove
 from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp import motion_basis
 from comove.errors import OptionError, SceneError
-from comove.planning import Paper, Projection
+from comove.lab.evolution import Paper, Projection
 from comove.scenes import Scene
 from comove.verification import VerifiedMotion, verify
 from comove.verification.bounds import node_bounds

@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Annotated, Any, get_type_hints
 
 import typer
+from typer.core import TyperCommand
 
 from comove._version import __version__
 from comove.cli.streams import FULL_OUTPUT, guard_streams
-from comove.errors import ComoveError, ComoveWarning, plain, readable, shortened
+from comove.errors import ComoveError, ComoveWarning, OptionError, plain, readable, shortened
 
 VERIFIED, NOT_VERIFIED, BAD_INPUT, DEFECT, INTERRUPTED = 0, 1, 2, 70, 130
 
@@ -34,6 +35,31 @@ app = typer.Typer(
 )
 
 Command = Callable[..., int | None]
+
+WITH_ROBOT = "Options that apply only with a robot"
+
+
+class Verb(TyperCommand):
+    """A command whose help lists the options of a panel, such as `WITH_ROBOT`, in a section of their own."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the sections of arguments and options."""
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            usual = "Arguments" if parameter.param_type_name == "argument" else "Options"
+            if record is not None:
+                sections.setdefault(_panel(parameter) or usual, []).append(record)
+        for name, records in sections.items():
+            if records:
+                with formatter.section(name):
+                    formatter.write_dl(records)
+
+
+def _panel(parameter: Any) -> str | None:
+    """Return the name of the section of the help that lists a parameter; None for the usual one."""
+    panel: str | None = getattr(parameter, "rich_help_panel", None)
+    return panel
 
 
 def sub_application(name: str, about: str, **options: Any) -> typer.Typer:
@@ -70,10 +96,31 @@ def verb_of(application: typer.Typer, name: str | None = None) -> Callable[[Comm
         options.insert(0, Parameter("context", Parameter.KEYWORD_ONLY, annotation=typer.Context))
         command.__signature__ = Signature(options)  # type: ignore[attr-defined]  # typing knows none of functions
         command.__annotations__ = {option.name: option.annotation for option in options}
-        application.command(name)(command)
+        application.command(name, cls=Verb)(command)
         return command
 
     return register
+
+
+def former_verb_of(group: typer.Typer, command: Callable[..., None]) -> None:
+    """Register a verb under its former name as well, `comove GROUP VERB`: hidden, and with a warning.
+
+    Parameters
+    ----------
+    command : the verb, as `verb` has returned it
+    """
+    verb = command.__name__
+    former = f"{group.info.name} {verb}"
+
+    @wraps(command)
+    def same(**given: Any) -> None:
+        print(
+            f"warning: 'comove {former}' is now 'comove {verb}'; the former name will be removed",
+            file=sys.stderr,
+        )
+        command(**given)
+
+    group.command(verb, cls=Verb, hidden=True)(same)
 
 
 def _options_of(function: Any) -> tuple[list[Parameter], dict[str, Any]]:
@@ -93,7 +140,7 @@ verb = verb_of(app)
 _running: list[typer.Context] = []
 
 
-NOT_AGAIN = frozenset({"out", "json", "workers", "dask", "slurm", "shards"})
+NOT_AGAIN = frozenset({"out", "json", "workers", "dask"})
 """Parameters on which no result depends: where it is written, what is printed, on how many processors it is made."""
 
 
@@ -108,6 +155,8 @@ def command_words() -> list[str | Path]:
     while place.parent is not None:
         words.insert(0, place.info_name)
         place = place.parent
+    if requires_robot():
+        del words[0]  # of the former name
     for parameter in context.command.params:
         value = context.params.get(parameter.name or "")
         if parameter.name in NOT_AGAIN or value is None or value == parameter.default:
@@ -119,6 +168,28 @@ def command_words() -> list[str | Path]:
             if not is_flag:
                 words.append(one if isinstance(one, Path) else str(one))
     return words
+
+
+def requires_robot() -> bool:
+    """Return whether the running command is a former verb of robots, which is refused without one."""
+    return bool(_running and _running[0].command.hidden)
+
+
+def refuse_robot_options(message: str, way_out: str) -> None:
+    """Refuse options of the running command that apply only with a robot.
+
+    Raises
+    ------
+    OptionError
+        If there is one; with this message, and what to do.
+    """
+    (context,) = _running
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if _panel(parameter) == WITH_ROBOT and source is not None and source.name == "COMMANDLINE":
+            is_off = context.params.get(parameter.name or "") is False and parameter.secondary_opts
+            option = (parameter.secondary_opts if is_off else parameter.opts)[0]
+            raise OptionError(message, key=option, way_out=way_out)
 
 
 def since_process_start() -> float:
@@ -152,16 +223,15 @@ def options(
 
 
 VERBS = (
-    *("bench", "demo", "explain", "generate", "learn", "library", "report", "reproduce", "robot"),
-    *("robot_files", "run", "show", "solve", "sweep", "verify", "view"),
+    *("bench", "demo", "explain", "export", "generate", "learn", "library", "report", "reproduce", "robot"),
+    *("run", "scene", "send", "show", "simulate", "solve", "sweep", "verify", "view"),
 )
 """Files of this folder that register verbs."""
 
 
 def whole_application(verb: str = "") -> typer.Typer:
     """Return the application with all its verbs, or with `verb` alone where there is one of that name."""
-    own = [name for name in VERBS if name == verb or name.startswith(f"{verb}_")]
-    for name in own if verb in VERBS else VERBS:
+    for name in (verb,) if verb in VERBS else VERBS:
         import_module(f"comove.cli.{name}")
     return app
 

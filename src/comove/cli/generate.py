@@ -41,7 +41,7 @@ def generate(
         typer.Option(
             "--format",
             metavar="FORMAT",
-            help="Write the verified episodes as a dataset into DIR: npz, lerobot, lerobot-2.1, robomimic, mcap; "
+            help="Write the verified episodes as a dataset into DIR: npz, lerobot, robomimic, mcap; "
             "may be repeated. What STUDY names unless given.",
         ),
     ] = NO_FORMATS,
@@ -70,11 +70,6 @@ def generate(
     chosen_rate(rate, loaded.described.get("cameras"))
     for name in wanted:
         check_export(out, FORMATS[name])
-    if running.slurm is not None:
-        given = {"--episodes": episodes, "--seed": seed}
-        words = [word for name, value in given.items() if value is not None for word in (name, str(value))]
-        running.write_slurm(["generate", *words], running.slurm, study, out, loaded.name)
-        return VERIFIED
     if running.dask is None:
         loaded.require()
     probe = loaded.probe()

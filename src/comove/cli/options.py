@@ -10,16 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from comove.cli.app import WITH_ROBOT, requires_robot
 from comove.cli.app import RunLimits as RunLimits
 from comove.cli.app import SceneLimits as SceneLimits
-from comove.errors import OptionError, near_name
+from comove.errors import InputError, OptionError, ResultError, RobotError, near_name
 from comove.methods import METHODS
 
 if TYPE_CHECKING:
     from comove.dmp import DMP, Library, PoseDMP, ProMP
-    from comove.planning import LeastJerk, LeastTime, PaperCost
     from comove.planning.method import Method
-    from comove.robots import VerifiedJointMotion
+    from comove.planning.objectives import Criterion
+    from comove.robots import Robot, VerifiedJointMotion
+    from comove.robots.present import Joints
     from comove.scenes import Scene
 
 PICTURES = (".png", ".pdf", ".svg")
@@ -37,41 +39,89 @@ Budget = Annotated[
 AsJson = Annotated[bool, typer.Option("--json", help="Print solution.json and nothing else.")]
 
 
-PresentFile = Annotated[
-    Path | None,
+RobotName = Annotated[
+    str | None,
     typer.Option(
-        "--present",
-        metavar="FILE",
-        help="Where the robot's joints are now, before it approaches (YAML or JSON: {joint: value}, or a JointState "
-        "of ROS) [rad, m]; home unless given.",
+        "--robot",
+        help="The robot whose joints carry it out: a bundled one's name, or a description (YAML); what SCENE says "
+        "unless given.",
     ),
 ]
+HandsAlone = Annotated[
+    bool,
+    typer.Option(
+        "--hands-alone",
+        help="Look at the hands alone, though SCENE names a robot: no joint is verified, and none moves.",
+    ),
+]
+JointFolder = Annotated[
+    Path, typer.Argument(metavar="DIR", help="Result folder of `comove solve` of a scene with a robot.")
+]
+CARRY = "carry"
+"""The motion with the payload, among those that are exported and sent."""
+_PRESENT: dict[str, Any] = {
+    "metavar": "FILE",
+    "help": "Where the robot's joints are now, before it approaches (YAML or JSON: {joint: value}, or a JointState "
+    "of ROS) [rad, m]; home unless given.",
+}
+PresentFile = Annotated[Path | None, typer.Option("--present", **_PRESENT)]
 
 
 @dataclass(frozen=True)
 class ApproachOptions:
     """Options of how a robot comes to the payload, and leaves it."""
 
-    present: PresentFile = None
+    present: Annotated[Path | None, typer.Option("--present", rich_help_panel=WITH_ROBOT, **_PRESENT)] = None
     transfers: Annotated[
-        bool, typer.Option("--transfers", help="Both --approach and --release.", show_default=False)
+        bool,
+        typer.Option(
+            "--transfers",
+            rich_help_panel=WITH_ROBOT,
+            help="Both --approach and --release.",
+            show_default=False,
+        ),
     ] = False
     approach: Annotated[
         bool,
         typer.Option(
             "--approach",
+            rich_help_panel=WITH_ROBOT,
             help="Hold the payload at the start with joints that can be approached from the present ones.",
         ),
     ] = False
     release: Annotated[
         bool,
-        typer.Option("--release", help="Hold it at the goal with joints from which there is a way home."),
+        typer.Option(
+            "--release",
+            rich_help_panel=WITH_ROBOT,
+            help="Hold it at the goal with joints from which there is a way home.",
+        ),
     ] = False
 
-    @property
-    def given(self) -> list[str]:
-        """Return the names of the options that were given."""
-        return [f"--{name}" for name, value in vars(self).items() if value]
+    def wanted(self, robot: Robot) -> dict[str, Any]:
+        """Return the arguments of `comove.solve` that they stand for."""
+        from comove.robots.present import read_present
+
+        return {
+            "present": None if self.present is None else read_present(self.present, robot),
+            "approach": self.approach or self.transfers,
+            "release": self.release or self.transfers,
+        }
+
+
+def require_approach(present: Path | None, approach: bool) -> None:
+    """Refuse present joints where no approach begins at them."""
+    if present is not None and not approach:
+        raise OptionError(
+            "no approach is asked for, which would begin there", key="--present", way_out="leave it out"
+        )
+
+
+def present_in(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
+    """Return the joints at which the approach begins: those of a file, or else those of the result folder."""
+    from comove.robots.present import read_present, stored_present
+
+    return stored_present(folder, motion.robot) if file is None else read_present(file, motion.robot)
 
 
 @dataclass(frozen=True)
@@ -91,13 +141,67 @@ class Trusted:
     def verified(self, folder: Path) -> VerifiedJointMotion:
         """Return the joint motion in a folder, verified anew, and print what it was verified against."""
         from comove.cli.texts import say
-        from comove.robots.files import verified_against
         from comove.scenes import Scene
+        from comove.stored import ResultPart, parts_of
+
+        if ResultPart.JOINTS not in parts_of(folder):
+            raise ResultError(
+                "no robot's joints move in it",
+                file=folder,
+                way_out="solve its scene with a robot: comove solve SCENE --robot NAME --out DIR",
+            )
+        from comove.robots.files import verified_against
 
         scene = None if self.scene is None else Scene.load(self.scene)
         motion, (against, robot) = verified_against(folder, scene=scene, robot=self.robot)
         say(f"verified against {against}, {robot}", file=sys.stderr)
         return motion
+
+
+def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
+    """Return whether a robot's joints are looked at: where the scene or the command names one.
+
+    Raises
+    ------
+    OptionError
+        If the command names a robot, and the hands alone.
+    """
+    if requires_robot():
+        return True
+    if hands_alone and robot is not None:
+        raise OptionError("a robot, and the hands alone", key="--hands-alone", way_out="give one of the two")
+    return not hands_alone and (robot is not None or scene.file.robot is not None)
+
+
+def require_carried(robot: Robot, choice: Scene, scene: Path) -> None:
+    """Refuse a scene that no robot carries, or not this one; `choice` is the scene with one of its grasps."""
+    from comove.robots import RobotCarrier
+
+    try:
+        RobotCarrier(robot, choice)
+    except InputError as error:
+        error.file = error.file or scene
+        raise
+
+
+def robot_named(name: str | None, scene: Scene, file: Path) -> tuple[Robot, str | Path]:
+    """Return the robot named by the command line, or else by the scene, and its description's name or path."""
+    from comove.robots import Robot, bundled_robots, find_description
+
+    named = name if name is not None else scene.file.robot
+    if named is None:
+        raise RobotError(
+            "neither the scene nor the command names a robot",
+            file=file,
+            key="robot",
+            way_out=f"add robot: NAME to the scene or give --robot; bundled: {', '.join(bundled_robots())}",
+        )
+    try:
+        path = find_description(named, None if name is not None else file.parent)
+    except RobotError as error:
+        error.file, error.key = (file, "robot") if name is None else (error.file, "--robot")
+        raise
+    return Robot.load(path), named if named in bundled_robots() else path
 
 
 def require_one_of(name: str, known: Sequence[str], what: str) -> None:
@@ -121,21 +225,21 @@ def method_named(name: str, known: Sequence[str] = tuple(METHODS)) -> Method:
 
 def objective_of(
     name: str | None, resemblance: float | None, weights: str | None, scene: Scene, smooth: bool
-) -> LeastJerk | LeastTime | PaperCost | None:
+) -> Criterion | None:
     """Return the objective named by the command line, or else by the scene; None if `solve` shall choose.
 
     Parameters
     ----------
     smooth : whether the method finds smooth motions; otherwise smooth objectives of the scene are ignored
     """
-    from comove.planning import LeastJerk, LeastTime, PaperCost
+    from comove.planning import LeastJerk, PaperCost
     from comove.planning.objectives import OBJECTIVES, objective_of_scene
 
     kinds = {name.replace("_", "-"): kind for name, kind in OBJECTIVES.items()}
     if name is not None:
         require_one_of(name, tuple(kinds), "objective")
-    said = objective_of_scene(scene.file.objective)
-    if not smooth and not isinstance(said, PaperCost):
+    said: Any = objective_of_scene(scene.file.objective)
+    if not smooth and said is not None and said.is_smooth:
         said = None
     if name is not None and not isinstance(said, kinds[name]):
         said = kinds[name]()
@@ -149,7 +253,7 @@ def objective_of(
         said = replace(said, **_weights(weights))
     if said is None or resemblance is None:
         return said
-    if isinstance(said, LeastTime):
+    if said.is_time:
         raise OptionError(
             "least time looks at no demonstration", key="--resemblance", way_out="leave one of the two out"
         )
@@ -213,7 +317,8 @@ def from_library(
     To combine them takes up to a quarter of the budget besides.
     """
     from comove.dmp import ProMP
-    from comove.planning import Budget, Paper, Printed, best_movement, combine
+    from comove.lab.evolution import Paper, Printed, combine
+    from comove.planning import Budget, best_movement
 
     plane = _plane_of(scene)
     if isinstance(method, (Paper, Printed)):

@@ -82,6 +82,15 @@ class Learning:
         return {"phase": phases[self.phase], "n_basis": self.n_basis, "poses": self.poses}
 
 
+def _rate(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise typer.BadParameter(
+            f"{text!r} is no number; give the samples a second, as the recorder or its documentation says"
+        ) from None
+
+
 @dataclass(frozen=True)
 class Reading:
     """Options of reading a recording."""
@@ -123,7 +132,10 @@ class Reading:
         typer.Option(help="Column of time, with its unit where the file does not say it: 'stamp [ms]'."),
     ] = None
     rate: Annotated[
-        float | None, typer.Option(help="Samples a second, where there is no column of time [Hz].")
+        float | None,
+        typer.Option(
+            parser=_rate, metavar="HZ", help="Samples a second, where there is no column of time [Hz]."
+        ),
     ] = None
     drop_missing: Annotated[
         bool,

@@ -1,274 +1,285 @@
-"""The verbs of `comove robot`."""
+"""`comove robot`: `convert` a model, describe a robot by `new`, `check` it, make a first `scene`."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from comove.cli import export, run, send, simulate, solve
 from comove.cli import options as o
-from comove.cli.app import NOT_VERIFIED, VERIFIED, sub_application, verb_of
+from comove.cli.app import NOT_VERIFIED, VERIFIED, former_verb_of, sub_application, verb_of
 from comove.cli.texts import say
-from comove.errors import OptionError, ResultError
-from comove.methods import OF_ROBOTS
+from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
-    from comove.robots import VerifiedJointMotion
-    from comove.robots.present import Joints
-    from comove.robots.transfers import Transfers
-
-group = sub_application("robot", "Robots that carry the load: solve, simulate, export, send.")
-
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Result folder of `comove robot solve`.")]
-RobotName = Annotated[
-    str | None,
-    typer.Option(help="A bundled robot's name, or a description (YAML); what SCENE says unless given."),
-]
-GraspName = Annotated[str, typer.Option(help="How the hands hold the load: weld, connect, friction.")]
-FORMATS = ("baxter-csv", "csv", "npz", "rosbag1", "rosbag2", "mcap")
-PARTS = ("carry", "approach", "release")
-CARRY = PARTS[0]
-
-
-@verb_of(group)
-def solve(
-    scene: o.SceneFile,
-    out: o.ResultFolder,
-    robot: RobotName = None,
-    seed: o.Seed = 0,
-    method: Annotated[str, typer.Option(help=f"One of: {', '.join(OF_ROBOTS)}.")] = "comove",
-    budget: o.Budget = 30.0,
-    objective: Annotated[
-        str | None,
-        typer.Option(help="As of 'comove solve'; 'least-jerk' unless SCENE or this says something else."),
-    ] = None,
-    resemblance: Annotated[
-        float | None, typer.Option(help="How near to the demonstration, as of 'comove solve'.")
-    ] = None,
-    weights: Annotated[
-        str | None,
-        typer.Option(metavar="GOAL,VELOCITY,OBSTACLE", help="Weights of equation (4) for 'paper'."),
-    ] = None,
-    library: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of primitives: the one that suits SCENE best is taken for its demonstration; "
-            "the method 'paper' combines several for one hand."
-        ),
-    ] = None,
-    *,
-    around: o.ApproachOptions,
-    limits: o.SceneLimits,
-    json: o.AsJson = False,
-) -> int:
-    """Find a motion for SCENE that a robot can carry out, verify its joints, save and draw it; as 'comove solve'."""
-    from comove.cli.joints import Wanted, solve_joints
-    from comove.cli.progress import progress_bar
+    from comove.robots import Arm, Robot
+    from comove.robots.proposal import Examination
     from comove.scenes import Scene
 
-    o.check_budget(budget)
-    with progress_bar():
-        loaded = Scene.load(scene, limits.changes, check_ends=False)
-    wanted = Wanted(method, objective, resemblance, weights, library, around=around)
-    return solve_joints(loaded, scene, out, robot, wanted, seed=seed, budget=budget, json=json)
+group = sub_application("robot", "Descriptions of robots: convert, new, check, scene.")
+for former in (solve.solve, run.run, simulate.simulate, export.export, send.send):
+    former_verb_of(group, former)
+
+Described = Annotated[
+    str, typer.Argument(metavar="ROBOT", help="A description (YAML), or a bundled robot's name.")
+]
+Obstacles = Annotated[
+    Path | None,
+    typer.Option(
+        help="Obstacles that stand around the robot (YAML), such as `convert` writes, or a scene of them."
+    ),
+]
 
 
 @verb_of(group)
-def simulate(
-    folder: Folder,
-    grasp: GraspName = "weld",
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            min=0,
-            help="Draw friction, mass, gains, the load's place in the hands and a push from this seed; "
-            "as planned unless given.",
-        ),
-    ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
-    film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
-    *,
-    trusted: o.Trusted,
+def convert(
+    model: Annotated[Path, typer.Argument(metavar="FILE", help="Model of MuJoCo's (MJCF).")],
+    out: Annotated[Path, typer.Option(help="Folder for the URDF and its meshes; new or empty.")],
 ) -> int:
-    """Play the motion in DIR with MuJoCo: servos, contacts, slip, forces on the load."""
-    import numpy as np
-
-    from comove.cli.joints import draw_robot_pictures
-    from comove.cli.texts import simulation_text
-    from comove.io.files import require_target
-    from comove.sim import GRASPS, Perturbation, simulate, write_simulation
-
-    o.require_one_of(grasp, tuple(GRASPS), "grasp")
-    motion = trusted.verified(folder)
-    require_target(folder / "simulation.npz", ResultError)
-    robot = motion.robot
-    drawn = None if seed is None else Perturbation.drawn(np.random.default_rng(seed), len(robot.joint_names))
-    execution = simulate(motion.joints, motion.scene, robot, GRASPS[grasp](), drawn)
-    summary = write_simulation(execution, folder, seed=seed)
-    draw_robot_pictures(execution, folder, "simulation", pictures, film)
-    print(simulation_text(summary, folder))
-    return VERIFIED if summary["delivered"] else NOT_VERIFIED
-
-
-@verb_of(group)
-def export(
-    folder: Folder,
-    format: Annotated[
-        str | None,
-        typer.Option(help=f"One of: {', '.join(FORMATS)}; baxter-csv for a Baxter, else csv, unless given."),
-    ] = None,
-    rate: Annotated[float, typer.Option(help="Samples a second, 20 or more.")] = 100.0,
-    transfers: Annotated[
-        bool | None,
-        typer.Option(
-            help="Also the motions to the grasp and from there home, both or neither; unless said, those found."
-        ),
-    ] = None,
-    approach: Annotated[bool, typer.Option("--approach", help="Also the motion to the grasp.")] = False,
-    release: Annotated[bool, typer.Option("--release", help="Also the motion from the grasp home.")] = False,
-    present: o.PresentFile = None,
-    *,
-    trusted: o.Trusted,
-) -> int:
-    """Verify the motion in DIR anew and write it there in a format that robots play."""
+    """Write a model of MuJoCo's as a URDF with its meshes, from which a robot can be described."""
     from comove.cli.texts import in_rows
-    from comove.robots.transfers import possible_transfers
-    from comove.ros import FORMATS as KINDS
-    from comove.ros import check_export, export, usual_format
-    from comove.stored import gripper_rows
+    from comove.io.folders import Contents, whole_folder
+    from comove.sim.mjcf import MESHES, urdf_of
 
-    if format is not None:
-        o.require_one_of(format, FORMATS, "format")
-    if transfers is not None and (approach or release):
-        key = "--approach" if approach else "--release"
-        raise OptionError(
-            "--transfers is both, --no-transfers neither", key=key, way_out="leave one of the options out"
-        )
-    strict = bool(transfers or approach or release)
-    both = transfers or (transfers is None and not strict)
-    approach, release = both or approach, both or release
-    _require_approach(present, approach)
-    motion = trusted.verified(folder)
-    kind = usual_format(motion) if format is None else KINDS[format]
-    parts = [CARRY, *(["approach"] if approach else []), *(["release"] if release else [])]
-    check_export(motion, folder, kind, rate=rate, parts=parts)
-    planned: Transfers | None = None
-    if len(parts) > 1:
-        begin = _present(folder, motion, present)
-        planned, errors = possible_transfers(motion, approach=approach, release=release, present=begin)
-        for error in errors.values():
-            if strict:
-                raise error
-            what = (
-                "the carry alone is exported" if planned is None else "one of approach and release is missing"
-            )
-            say(f"warning: {what}: {error}", file=sys.stderr)
-    written = export(motion, folder, kind, rate=rate, transfers=planned)
-    say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
-    for row in in_rows(gripper_rows(motion.report.without_gripper)):
-        say(row)
-    for path in written:
-        say(f"  {path}")
-    return 0
-
-
-def _require_approach(present: Path | None, approach: bool) -> None:
-    """Refuse present joints where no approach begins at them."""
-    if present is not None and not approach:
-        raise OptionError(
-            "no approach is asked for, which would begin there", key="--present", way_out="leave it out"
-        )
-
-
-def _present(folder: Path, motion: VerifiedJointMotion, file: Path | None) -> Joints | None:
-    """Return the joints at which the approach begins: those of a file, or else those of the result folder."""
-    from comove.robots.present import read_present, stored_present
-
-    return stored_present(folder, motion.robot) if file is None else read_present(file, motion.robot)
-
-
-@verb_of(group)
-def send(
-    folder: Folder,
-    part: Annotated[str, typer.Option(help=f"One of: {', '.join(PARTS)}.")] = "carry",
-    start_tolerance: Annotated[
-        float, typer.Option(help="How far a joint may be from the motion's start [rad].")
-    ] = 0.01,
-    path_tolerance: Annotated[
-        float, typer.Option(help="How far a joint may be from the motion while it runs [rad].")
-    ] = 0.2,
-    timeout: Annotated[float, typer.Option(help="How long to wait for the robot [s].")] = 5.0,
-    present: o.PresentFile = None,
-    *,
-    trusted: o.Trusted,
-) -> int:
-    """Verify the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
-    from comove.robots import plan_transfers
-    from comove.ros import Ros1Client, SendError, Tolerances, send
-
-    o.require_one_of(part, PARTS, "part")
-    given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
-    for option, value in given.items():
-        if not 0 < value < float("inf"):
-            raise OptionError(f"{value} is not possible", key=option, way_out="give a positive number")
-    _require_approach(present, part == "approach")
-    tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
-    motion = trusted.verified(folder)
-    transfers = None
-    if part != CARRY:
-        transfers = plan_transfers(
-            motion,
-            approach=part == "approach",
-            release=part == "release",
-            present=_present(folder, motion, present),
-        )
-    try:
-        with Ros1Client() as client:
-            outcome = send(client, motion, part=part, transfers=transfers, tolerances=tolerances)
-    except SendError as error:
-        if error.outcome is None:  # nothing has moved
-            raise
-        say(f"stopped: {error}", file=sys.stderr)
-        return NOT_VERIFIED
-    say(
-        f"{motion.scene.name}: {part} done, arms {1e3 * outcome.apart:.0f} ms apart at the end, "
-        f"{outcome.deviation:.3g} rad from the motion at most"
-    )
+    found = urdf_of(model)
+    with whole_folder(out, Contents("URDF with its meshes", error=RobotError)) as draft:
+        (draft / f"{found.name}.urdf").write_text(found.urdf, encoding="utf-8")
+        if found.srdf is not None:
+            (draft / f"{found.name}.srdf").write_text(found.srdf, encoding="utf-8")
+        if found.obstacles is not None:
+            (draft / f"{found.name}-obstacles.yaml").write_text(found.obstacles, encoding="utf-8")
+        (draft / MESHES).mkdir()
+        for name, data in found.meshes.items():
+            (draft / MESHES / name).write_bytes(data)
+    say(f"{out / found.name}.urdf: to be checked:" if found.notes else f"{out / found.name}.urdf")
+    for note in found.notes:
+        say(f"  - {note}")
+    if found.obstacles is not None:
+        say(f"{out / found.name}-obstacles.yaml: floor and furniture, as obstacles of a scene")
+    given = "" if found.obstacles is None else f" --obstacles {out / found.name}-obstacles.yaml"
+    rows = [("next", f"comove robot new {out / found.name}.urdf{given} --out robot.yaml")]
+    rows += [("then", f"comove robot scene robot.yaml{given}")]
+    print(*in_rows(rows), sep="\n")
     return VERIFIED
 
 
 @verb_of(group)
-def run(
-    scene: o.SceneFile,
-    out: Annotated[Path, typer.Option(help="Folder for the record.")],
-    robot: RobotName = None,
-    seed: o.Seed = 0,
-    rate: Annotated[float, typer.Option(help="Control steps in a second [Hz], from 50 to 500.")] = 250.0,
-    grasp: GraspName = "weld",
-    perturbed: Annotated[
-        int | None,
+def new(
+    urdfs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="URDF...",
+            help="Files, or package://NAME/...; several stand side by side, from left to right. The same twice "
+            "is two robots of a kind.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Description to write (YAML); it must not be there yet.")] = Path(
+        "robot.yaml"
+    ),
+    apart: Annotated[float, typer.Option(help="Distance between the bases of several models [m].")] = 0.8,
+    obstacles: Obstacles = None,
+    gripper: Annotated[
+        str | None,
         typer.Option(
-            min=0, help="Draw friction, mass, gains and the load's place in the hands from this seed."
+            metavar="URDF", help="Gripper for every arm without fingers: a file, or package://NAME/..."
         ),
     ] = None,
-    budget: Annotated[
-        float | None,
-        typer.Option(
-            help="Seconds of simulated time that the run may last; 4 times the plan's unless given."
-        ),
-    ] = None,
-    pictures: Annotated[bool, typer.Option(help="Draw a sheet of pictures.")] = True,
-    film: Annotated[bool, typer.Option("--film", help="Draw a film as well (MP4, or GIF).")] = False,
-    json: Annotated[bool, typer.Option("--json", help="Print robot_run.json and nothing else.")] = False,
 ) -> int:
-    """Let a robot carry SCENE's load in MuJoCo, step by step among obstacles that move; as 'comove run'."""
-    from comove.cli.joints import SimulatedRun, run_joints
-    from comove.cli.progress import progress_bar
+    """Propose a robot's description from its URDF: arms, tools, homes, pairs that always touch; check and draw it."""
+    from comove.io.files import require_target, whole_file
+    from comove.robots.proposal import examine, propose
+
+    if len(urdfs) > 4:
+        raise OptionError(f"{len(urdfs)} models are given", key="URDF", way_out="give 1 to 4")
+    if not 0 < apart < 100:
+        raise OptionError(f"apart = {apart:g}", key="--apart", way_out="give metres above 0")
+    _require_new(out)
+    require_target(out, RobotError)
+    around = None if obstacles is None else _around(obstacles)
+    proposal = propose(urdfs, out, apart=apart, around=around, gripper=gripper)
+    stems = [Path(urdf).stem for urdf in proposal.srdf]
+    for k, (urdf, text) in enumerate(proposal.srdf.items()):
+        again = f"-{k + 1}" * (stems.count(stems[k]) > 1)  # models of one name in several folders
+        pairs = out.with_name(f"{out.stem}-{stems[k]}{again}.srdf")
+        with whole_file(pairs, error=RobotError) as draft:
+            draft.write(text.encode())
+        for model in proposal.data["models"]:
+            if model["urdf"] == urdf:
+                model["srdf"] = pairs.name
+    with whole_file(out, error=RobotError, replace=False) as draft:
+        draft.write(proposal.text().encode())
+    print(f"{out}: {len(proposal.robot.arms)} arm{'s' * (len(proposal.robot.arms) != 1)}; to be checked:")
+    for note in proposal.notes:
+        say(f"  - {note}")
+    return _told(proposal.robot, examine(proposal.robot, around=around), out)
+
+
+@verb_of(group)
+def check(
+    robot: Described,
+    out: Annotated[
+        Path | None, typer.Option(help="Picture to write (PNG); beside the description unless given.")
+    ] = None,
+    scene: Annotated[
+        Path | None,
+        typer.Option(
+            help="Scene (YAML) among whose obstacles it is at home, and whose load it has to be rated for; or such "
+            "obstacles alone."
+        ),
+    ] = None,
+) -> int:
+    """Check a robot's description: what its arms reach and share, what touches at home; draw it."""
+    from comove.robots import Robot, bundled_robots, find_description
+    from comove.robots.proposal import examine
+    from comove.robots.verification.bodies import warn_of_buried_links
+
+    loaded = Robot.load(robot)
+    around = None if scene is None else _around(scene)
+    if around is not None:
+        warn_of_buried_links(loaded, around)
+    path = Path(loaded.name) if robot in bundled_robots() else find_description(robot)
+    return _told(loaded, examine(loaded, around=around), path, out)
+
+
+@verb_of(group)
+def scene(
+    robot: Described,
+    out: Annotated[Path, typer.Option(help="Scene to write (YAML); it must not be there yet.")] = Path(
+        "scene.yaml"
+    ),
+    obstacles: Obstacles = None,
+    seed: o.Seed = 0,
+) -> int:
+    """Make a first scene for a robot: two hands lift a bar over a rail; it is solved once, so that it can be."""
+    import os
+
+    from comove.cli.texts import in_rows
+    from comove.io.files import require_target, whole_file
+    from comove.robots import Robot, bundled_robots, find_description
+    from comove.robots.proposal import propose_scene
+
+    _require_new(out)
+    require_target(out, SceneError)
+    loaded, named = Robot.load(robot), robot
+    if robot not in bundled_robots():
+        named = os.path.relpath(find_description(robot), out.absolute().parent)
+    try:
+        around = () if obstacles is None else _obstacles_in(obstacles, out)
+        proposal = propose_scene(loaded, named, around=around, folder=out.absolute().parent, seed=seed)
+    except RobotError as error:
+        error.file = error.file or Path(robot)
+        raise
+    with whole_file(out, error=SceneError, replace=False) as draft:
+        draft.write(proposal.text().encode())
+    load, grasp, found = proposal.data["load"], proposal.data["grasp"], proposal.found
+    hands = ", ".join(f"'{hand}' by {turn:g}" for hand, turn in grasp["offset_deg"].items())
+    rows = [
+        ("load", f"a bar, {load['length']:g} m long, {load['mass']:g} kg"),
+        ("hands", f"{grasp['orientation']}, turned on it {hands} degrees"),
+        *(
+            (each["name"], f"from {each['start']} to {each['goal']} m")
+            for each in proposal.data["manipulators"]
+        ),
+        ("solved", f"first verified motion after {found.time_to_first_verified_s:.2g} s"),
+        ("next", f"comove solve {out} --out carried"),
+    ]
+    if proposal.unreached:
+        rows.append(
+            ("without", f"approach and release, so export it with --no-transfers: {proposal.unreached}")
+        )
+    say(f"{out}: a scene for {loaded.name}")
+    print(*in_rows(rows), sep="\n")
+    return VERIFIED
+
+
+def _around(file: Path) -> Scene:
+    """Return a scene, or the scene of a file of obstacles alone."""
+    from comove.io.yaml_reader import read_yaml
+    from comove.robots.proposal import scene_of
     from comove.scenes import Scene
 
-    with progress_bar():
-        loaded = Scene.load(scene, check_ends=False)
-    how = SimulatedRun(rate, grasp, perturbed, budget, pictures, film)
-    return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)
+    data, _ = read_yaml(file)
+    if set(data) != {"obstacles"}:
+        return Scene.load(file, check_ends=False)
+    try:
+        return scene_of(_listed(file), file.absolute().parent)
+    except SceneError as error:
+        error.file = error.file or file
+        raise
+
+
+def _listed(file: Path) -> list[dict[str, Any]]:
+    """Return the list of obstacles of a file, which may be a scene."""
+    from comove.io.yaml_reader import read_yaml
+
+    found = read_yaml(file)[0].get("obstacles")
+    if not isinstance(found, list) or not all(isinstance(x, dict) for x in found):
+        raise SceneError(
+            "it holds no list of obstacles", file=file, key="obstacles", way_out="write obstacles: [...]"
+        )
+    return found
+
+
+def _obstacles_in(file: Path, scene: Path) -> list[dict[str, Any]]:
+    """Return the obstacles of a file, with the paths of meshes relative to a scene."""
+    import os
+
+    found = _listed(file)
+    beside, mesh = scene.absolute().parent, "file"
+    return [
+        entry | {mesh: os.path.relpath(file.absolute().parent / str(entry[mesh]), beside)}
+        if mesh in entry
+        else entry
+        for entry in found
+    ]
+
+
+def _require_new(out: Path) -> None:
+    """Raise OptionError if there is a file already."""
+    if out.exists():
+        raise OptionError(
+            f"there is a file '{out}' already", key="--out", way_out="name another, or remove it"
+        )
+
+
+def _rated(arm: Arm) -> str:
+    """Return what an arm is rated for, in words; empty where nobody says."""
+    if arm.payload == float("inf"):
+        return ""
+    own = f", of which its hand takes {arm.hand:.3g} kg" if arm.hand else ""
+    return f", rated for {arm.payload:g} kg{own}"
+
+
+def _told(robot: Robot, found: Examination, file: Path, picture: Path | None = None) -> int:
+    """Print and draw what was found; return the exit code."""
+    import numpy as np
+
+    from comove.cli.texts import in_rows
+    from comove.view.figures import draw_robot, save
+
+    say(f"{robot.name}: {'sound' if found.sound else 'NOT SOUND'}")
+    rows = [
+        (
+            f"arm {arm.name}",
+            f"{arm.n_joints} joints to '{arm.tip}', reach {arm.reach:.2f} m, at home "
+            f"{np.rad2deg(arm.tilt):.0f} degrees from pointing down{_rated(robot.arm(arm.name))}",
+        )
+        for arm in found.arms
+    ]
+    rows += [
+        (f"{a} and {b}", f"{share:.0%} of the places of the one's hand are in reach of the other's")
+        for (a, b), share in found.shared.items()
+    ]
+    if np.isfinite(found.clearance):
+        a, b = found.nearest
+        rows.append(("at home", f"'{a}' and '{b}' are nearest: {1e3 * found.clearance:.0f} mm"))
+        rows.append(("random joints", f"nothing touches in {found.free:.0%}"))
+    rows += [("to be mended", fault) for fault in found.faults]
+    rows += [("to be looked at", doubt) for doubt in found.doubts]
+    picture = file.with_suffix(".png") if picture is None else picture
+    save(draw_robot(robot, found), picture)
+    rows.append(("picture", str(picture)))
+    print(*in_rows(rows), sep="\n")
+    return VERIFIED if found.sound else NOT_VERIFIED

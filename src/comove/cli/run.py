@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, verb
+from comove.cli.app import (
+    INTERRUPTED,
+    NOT_VERIFIED,
+    VERIFIED,
+    WITH_ROBOT,
+    command_words,
+    refuse_robot_options,
+    verb,
+)
+from comove.cli.robot_runs import USUAL_RATE, SimulatedRun, run_joints
 from comove.cli.texts import HANDS_ALONE
 from comove.errors import OptionError
 
@@ -27,6 +36,9 @@ def run(
     period: Annotated[
         float | None, typer.Option(help="Control period [s]; 0.01 unless given, of a robot 0.004.")
     ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Control steps in a second [Hz], instead of --period.")
+    ] = None,
     budget: Annotated[
         float | None,
         typer.Option(
@@ -40,41 +52,37 @@ def run(
             help="Do it with every other method too, draw all side by side and verify them alike.",
         ),
     ] = False,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="The robot that carries it in MuJoCo: a bundled one's name, or a description (YAML); what SCENE "
-            "says unless given."
-        ),
-    ] = None,
+    robot: o.RobotName = None,
     grasp: Annotated[
         str | None,
-        typer.Option(help="How a robot's hands hold the load: weld (unless given), connect, friction."),
+        typer.Option(
+            rich_help_panel=WITH_ROBOT,
+            help="How end effectors hold the payload in MuJoCo: weld (unless given), connect, friction.",
+        ),
     ] = None,
     perturbed: Annotated[
         int | None,
         typer.Option(
-            min=0, help="Draw friction, mass, gains and the load's place in a robot's hands from this seed."
+            min=0,
+            rich_help_panel=WITH_ROBOT,
+            help="Draw friction, mass, gains and the payload's place in the end effectors from this seed.",
         ),
     ] = None,
+    pictures: Annotated[
+        bool, typer.Option(rich_help_panel=WITH_ROBOT, help="Draw a sheet of pictures.")
+    ] = True,
     film: Annotated[
         bool | None,
         typer.Option(
             help="Draw a film (GIF, of a robot MP4 where that can be encoded); of hands unless said."
         ),
     ] = None,
-    hands_alone: Annotated[
-        bool,
-        typer.Option(
-            "--hands-alone", help="Execute the hands alone, though SCENE names a robot: no joint moves then."
-        ),
-    ] = False,
+    hands_alone: o.HandsAlone = False,
     *,
     limits: o.RunLimits,
     json: Annotated[bool, typer.Option("--json", help="Print the summary in JSON and nothing else.")] = False,
 ) -> int:
     """Execute SCENE step by step among its moving obstacles, by the robot that it names, record and draw it."""
-    from comove.cli.joints import SimulatedRun, names_robot, run_joints
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import comparison_text, run_text
     from comove.control import Executor, Pace, write_run
@@ -90,6 +98,10 @@ def run(
     from comove.verification.record import verify_execution
     from comove.view.figures import animate_run, draw_run, save
 
+    if rate is not None and period is not None:
+        raise OptionError("a rate, and a period", key="--rate", way_out="give one of the two")
+    if rate is not None and not 0 < rate < float("inf"):
+        raise OptionError(f"{rate:g} Hz", key="--rate", way_out="give a positive number")
     if period is not None:
         check_period(period)
     if budget is not None:
@@ -97,26 +109,30 @@ def run(
     check_target(out, RESULT)
     with progress_bar():
         loaded = Scene.load(scene, limits.changes, check_ends=False)
-    if names_robot(loaded, robot, hands_alone):
+    if o.names_robot(loaded, robot, hands_alone):
         if compare:
             raise OptionError(
                 "other methods move hands alone, and the scene's robot would not be looked at",
                 key="--compare",
                 way_out="leave it out, or look at the --hands-alone",
             )
-        rate = SimulatedRun.rate if period is None else 1.0 / period
-        how = SimulatedRun(rate, grasp or SimulatedRun.grasp, perturbed, budget, film=film is True)
+        if period is not None:
+            rate = 1.0 / period
+        how = SimulatedRun(
+            rate or USUAL_RATE, grasp or SimulatedRun.grasp, perturbed, budget, pictures, film is True
+        )
         return run_joints(loaded, scene, out, robot, how, seed=seed, json=json)
-    for key, given in (("--grasp", grasp), ("--perturbed", perturbed)):
-        if given is not None:
-            raise OptionError("no robot carries the load", key=key, way_out="leave it out, or name a --robot")
-    period = PERIOD if period is None else period
+    refuse_robot_options("no robot carries the load", "leave it out, or name a --robot")
+    if period is None:
+        period = PERIOD if rate is None else 1.0 / rate
+        check_period(period)
     pace = Pace(period=period)
     if loaded.is_timed or budget is not None:
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
         taught = demonstration_of(loaded)
-        require_no_rest(loaded.require_free_ends())
+        loaded = loaded.require_free_ends().in_one_way()
+        require_no_rest(loaded)
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
             planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from comove.cli import options as o
-from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, verb
-from comove.cli.texts import HANDS_ALONE
-from comove.errors import OptionError
+from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words, refuse_robot_options, verb
+from comove.cli.texts import HANDS_ALONE, say
+from comove.errors import InputError, OptionError
 from comove.methods import METHODS, OF_ROBOTS
 
 if TYPE_CHECKING:
     from comove.planning import Solution
+    from comove.robots import JointSolution
     from comove.scenes import Scene
 
 
@@ -31,13 +32,19 @@ def solve(
     scene: o.SceneFile,
     out: o.ResultFolder,
     seed: o.Seed = 0,
-    method: Annotated[str, typer.Option(help=f"One of: {', '.join(METHODS)}.")] = "comove",
+    method: Annotated[
+        str,
+        typer.Option(
+            help=f"One of: {', '.join(METHODS)}; with a robot one of: {', '.join(OF_ROBOTS)}.",
+        ),
+    ] = "comove",
     no_planner: Annotated[
-        bool, typer.Option("--no-planner", help="Do not start from a planned path.")
+        bool, typer.Option("--no-planner", help="Do not start from a planned path; without a robot.")
     ] = False,
     budget: o.Budget = 30.0,
     obstacles: Annotated[
-        ObstacleMode, typer.Option(help="Obstacles as hard constraints, or as a cost only.")
+        ObstacleMode,
+        typer.Option(help="Obstacles as hard constraints, or as a cost only; constraints with a robot."),
     ] = ObstacleMode.constraint,
     objective: Annotated[
         str | None,
@@ -65,7 +72,7 @@ def solve(
         Path | None,
         typer.Option(
             help="Folder of primitives: the one that suits SCENE best is taken for its demonstration; "
-            "the method 'single' combines several."
+            "the methods 'single' and 'paper' combine several."
         ),
     ] = None,
     demonstration: Annotated[
@@ -75,38 +82,27 @@ def solve(
             "what SCENE says. Of several recordings the motion keeps to what they agree in."
         ),
     ] = None,
-    robot: Annotated[
-        str | None,
-        typer.Option(
-            help="The robot whose joints carry it out: a bundled one's name, or a description (YAML); what SCENE "
-            "says unless given."
-        ),
-    ] = None,
-    hands_alone: Annotated[
-        bool,
-        typer.Option(
-            "--hands-alone",
-            help="Look at the hands alone, though SCENE names a robot: no joint is verified then.",
-        ),
-    ] = False,
+    robot: o.RobotName = None,
+    hands_alone: o.HandsAlone = False,
     *,
     around: o.ApproachOptions,
     limits: o.SceneLimits,
     json: o.AsJson = False,
 ) -> int:
     """Find a verified motion for SCENE, and the joints of the robot that it names, save it and draw it."""
-    from comove.cli.joints import Wanted, names_robot, solve_joints
+    import comove
     from comove.cli.progress import progress_bar, time_spent
-    from comove.cli.texts import in_rows, summary_text
+    from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.dmp import ProMP
     from comove.io.folders import check_target, whole_folder
-    from comove.planning import SceneKind, check_method, load_kernels, movements_of, solve
+    from comove.planning import check_method, movements_of
     from comove.results import RESULT
     from comove.scenes import Scene
 
     o.require_one_of(method, tuple(METHODS), "method")
     o.check_budget(budget)
-    smooth = method == "comove" and not no_planner and obstacles is ObstacleMode.constraint
+    hard = obstacles is ObstacleMode.constraint
+    smooth = method == "comove" and not no_planner and hard
     if limits.duration is not None and objective == "least-time":
         raise OptionError(
             "a duration, and the least one",
@@ -120,66 +116,87 @@ def solve(
     check_target(out, RESULT)
     with progress_bar():
         loaded = Scene.load(scene, limits.changes, check_ends=False)
-    if names_robot(loaded, robot, hands_alone):
-        _require_joints(loaded, robot, method, no_planner, obstacles)
-        how = Wanted(method, objective, resemblance, weights, library, demonstration, around)
-        return solve_joints(loaded, scene, out, robot, how, seed=seed, budget=budget, json=json)
-    if around.given:
-        raise OptionError(
+    arms: Any = False  # none
+    source: str | Path | None = None
+    of_robot: dict[str, Any] = {}
+    if o.names_robot(loaded, robot, hands_alone):
+        _require_joints(robot or loaded.file.robot, method, no_planner, hard)
+        arms, source = o.robot_named(robot, loaded, scene)
+        of_robot = around.wanted(arms)
+    else:
+        refuse_robot_options(
             "no robot's joints are looked at, which it needs",
-            key=around.given[0],
-            way_out="name a robot by --robot, without --hands-alone, or leave it out",
+            "name a robot by --robot, without --hands-alone, or leave it out",
         )
     chosen = o.method_named(method)
     wanted = o.objective_of(objective, resemblance, weights, loaded, smooth)
-    hard = obstacles is ObstacleMode.constraint
     with progress_bar(budget) as progress:
         part = chosen.scene_of(loaded)
         check_method(part, chosen, wanted, planner=not no_planner, hard=hard)
+        if arms:
+            o.require_carried(arms, loaded.alternatives[0], scene)
         known, taught = o.movement_given(loaded, scene, demonstration, library, resemblance)
-        movements, source = movements_of(taught, part), None
+        movements, named = movements_of(taught, part), None
         loaded.require_free_ends()
-        load_kernels(SceneKind.of(loaded), beside=load_views)
+        _load_kernels(loaded, bool(arms))
         if known is not None and method == "single":
             from comove.lab.compared import Single
 
             chosen = Single(movements=known)
         elif known is not None:
-            source, taught = o.from_library(known, loaded, chosen, seed, budget)
+            named, taught = o.from_library(known, loaded, chosen, seed, budget)
             movements = movements_of(taught, part)
-        solution = solve(
-            loaded,
-            demonstration=taught if isinstance(taught, ProMP) else movements,
-            seed=seed,
-            method=chosen,
-            planner=not no_planner,
-            budget=budget,
-            objective=wanted,
-            obstacles=obstacles.value,
-            progress=progress,
-        )
+        try:
+            solution = comove.solve(
+                loaded,
+                robot=arms,
+                demonstration=taught if isinstance(taught, ProMP) else movements,
+                seed=seed,
+                method=None if arms and smooth else chosen,
+                planner=not no_planner,
+                budget=budget,
+                objective=wanted,
+                obstacles=obstacles.value,
+                progress=progress,
+                **of_robot,
+            )
+        except InputError as error:
+            if arms:
+                at_fault = around.present if error.key == "present" else scene
+                error.file = error.file or at_fault or scene
+            raise
     from comove.view.figures import save_result
 
     with whole_folder(out, RESULT) as draft:
-        drawn = None if smooth and solution.followed is None else movements
+        drawn = movements if arms or not smooth or solution.followed is not None else None
         summary = save_result(
-            solution, draft, wall_time_s=time_spent(), demonstration=drawn, command=command_words()
+            solution,
+            draft,
+            wall_time_s=time_spent(),
+            demonstration=drawn,
+            source=source,
+            command=command_words(),
         )
     if json:
         print((out / "solution.json").read_text(encoding="utf-8"), end="")
-    else:
-        verdict = HANDS_ALONE if solution.verified and loaded.file.robot is not None else ""
-        print(summary_text(summary, out, verdict, loaded))
-        if source is not None:
-            print(*in_rows([("demonstration", f"{source} of {library}")]))
+        return exit_code(solution)
+    is_alone = solution.joints is None and solution.verified and loaded.file.robot is not None
+    print(summary_text(summary, out, HANDS_ALONE if is_alone else "", solution.scene))
+    rows = [] if named is None else [("demonstration", f"{named} of {library}")]
+    if solution.joints is not None:
+        print(joints_text(solution.joints.robot.name, vars(solution.joints.report)))
+        rows += [("joint motion", f"{out / 'joints.npz'}, drawn in {out / 'joints.png'}")]
+        rows += _transfer_rows(solution.joints)
+    if rows:
+        print(*in_rows(rows), sep="\n")
+    for reason in () if solution.joints is None else solution.joints.without:
+        say(f"  - {reason}")
     return exit_code(solution)
 
 
-def _require_joints(
-    loaded: Scene, robot: str | None, method: str, no_planner: bool, obstacles: ObstacleMode
-) -> None:
+def _require_joints(named: str | None, method: str, no_planner: bool, hard: bool) -> None:
     """Refuse options by which a robot's joints cannot be found."""
-    named, way_out = robot or loaded.file.robot, "leave it out, or look at the --hands-alone"
+    way_out = "leave it out, or look at the --hands-alone"
     if method not in OF_ROBOTS:
         raise OptionError(
             f"the method '{method}' moves hands alone, and the robot is '{named}'",
@@ -188,10 +205,33 @@ def _require_joints(
         )
     if no_planner:
         raise OptionError(f"the joints of '{named}' need a planned path", key="--no-planner", way_out=way_out)
-    if obstacles is not ObstacleMode.constraint:
+    if not hard:
         raise OptionError(
             f"obstacles are constraints of the robot '{named}'", key="--obstacles", way_out=way_out
         )
+
+
+def _load_kernels(scene: Scene, of_robot: bool) -> None:
+    """Load the kernels that solve a scene, and meanwhile what pictures need."""
+    from comove.planning import SceneKind, load_kernels
+
+    if of_robot:
+        from comove.robots.kernels import load_robot_kernels
+
+        load_robot_kernels(SceneKind.of(scene), beside=load_views)
+    else:
+        load_kernels(SceneKind.of(scene), beside=load_views)
+
+
+def _transfer_rows(found: JointSolution) -> list[tuple[str, str]]:
+    """Return in words which of approach and release were found, and how long they take."""
+    planned, where = found.transfers, "home" if found.present is None else "the present joints"
+    rows = []
+    if planned is not None and planned.approach is not None:
+        rows.append(("approach", f"{planned.approach.duration:.2f} s, from {where}"))
+    if planned is not None and planned.release is not None:
+        rows.append(("release", f"{planned.release.duration:.2f} s, to home"))
+    return [*rows, *([("missing", "what was asked for and not found:")] if found.without else [])]
 
 
 def load_views() -> None:
@@ -203,4 +243,5 @@ def exit_code(solution: Solution) -> int:
     """Return the exit code that tells of a solution."""
     if solution.interrupted:
         return INTERRUPTED
-    return VERIFIED if solution.verified else NOT_VERIFIED
+    missing = solution.joints is not None and solution.joints.without
+    return VERIFIED if solution.verified and not missing else NOT_VERIFIED

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ import typer
 
 from comove.cli.app import INTERRUPTED
 from comove.cli.streams import terminal
-from comove.errors import OptionError, printable
+from comove.errors import printable
 
 if TYPE_CHECKING:
     from comove.data import StudyProgress, StudyReport
@@ -36,11 +36,6 @@ class Running:
     shard: Annotated[
         str, typer.Option(metavar="I/N", help="Run only the I-th of N parts, into a folder of its own.")
     ] = WHOLE
-    slurm: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Run nothing: write a script for Slurm that runs --shards parts."),
-    ] = None
-    shards: Annotated[int, typer.Option(metavar="N", help="Parts of --slurm.")] = 1
     dask: Annotated[
         str | None,
         typer.Option(
@@ -55,14 +50,10 @@ class Running:
         Raises
         ------
         OptionError
-            If there is no such part, or a script for all parts is wanted as well.
+            If there is no such part.
         """
         from comove.data import Shard
 
-        if self.slurm is not None and self.shard != WHOLE:
-            raise OptionError(
-                "a part, and a script for all parts", key="--shard", way_out="leave one of the two out"
-            )
         return Shard.parse(self.shard)
 
     @property
@@ -76,17 +67,6 @@ class Running:
         from comove.data.on_dask import on_dask
 
         return on_dask(self.dask, self.workers)
-
-    def write_slurm(self, command: Sequence[str], file: Path, study: Path, out: Path, name: str) -> None:
-        """Write the script for Slurm, which runs a verb with its options."""
-        from comove.data.merging import slurm_script
-        from comove.errors import ResultError
-        from comove.io.files import whole_file
-
-        script = slurm_script(command, study, out, self.shards, self.workers, name)
-        with whole_file(file, ResultError) as draft:
-            draft.write(script.encode())
-        print(f"script: {file}; send it: sbatch {file}")
 
 
 def run_with_progress(study: RunSource, out: Path, run: Run, shard: Shard) -> StudyProgress:

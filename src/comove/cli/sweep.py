@@ -46,9 +46,6 @@ def run(
     part, run = running.part, running.run
     check_study_folder(out)
     loaded = Sweep.load(study)
-    if running.slurm is not None:
-        running.write_slurm(("sweep",), running.slurm, study, out, loaded.name)
-        return VERIFIED
     s.run_with_progress(loaded, out, run, part)
     write_inputs(out, None, files=loaded.files(), command=command_words())
     report = report_of(out)

@@ -15,22 +15,10 @@ if TYPE_CHECKING:
     from comove.coordination.dmp import CoordinatedDMP as CoordinatedDMP
     from comove.coordination.motion import CoordinatedMotion as CoordinatedMotion
     from comove.coordination.online import OnlineMotion as OnlineMotion
-    from comove.errors import ConstraintError as ConstraintError
     from comove.dmp.basis import rollouts as rollouts
     from comove.dmp.cooperative import (
         CooperativeDMP as CooperativeDMP,
         CooperativeState as CooperativeState,
-    )
-    from comove.dmp.projection import (
-        Constraint as Constraint,
-        HandDistance as HandDistance,
-        Poses as Poses,
-        ProjectionSettings as ProjectionSettings,
-        RelativePose as RelativePose,
-        SameHeight as SameHeight,
-        Separation as Separation,
-        Upright as Upright,
-        project as project,
     )
 
 __all__, __getattr__, __dir__ = lazily(
@@ -46,19 +34,7 @@ __all__, __getattr__, __dir__ = lazily(
         "coordination.dmp": ["CoordinatedDMP"],
         "coordination.motion": ["CoordinatedMotion"],
         "coordination.online": ["OnlineMotion"],
-        "errors": ["ConstraintError"],
         "dmp.basis": ["rollouts"],
         "dmp.cooperative": ["CooperativeDMP", "CooperativeState"],
-        "dmp.projection": [
-            "Constraint",
-            "HandDistance",
-            "Poses",
-            "ProjectionSettings",
-            "RelativePose",
-            "SameHeight",
-            "Separation",
-            "Upright",
-            "project",
-        ],
     },
 )

@@ -40,13 +40,13 @@ from comove.robots import (
     Robot,
     RobotCarrier,
     VerifiedJointMotion,
-    carry,
     find_description,
     verify_joints,
 )
 from comove.scenes.model import canonical
 from comove.scenes.scene import Scene
 from comove.sim import GRASPS, Execution, Perturbation, simulate
+from comove.solving import solve
 from comove.verification.verify import VerifiedMotion
 
 Array = NDArray[np.float64]
@@ -104,6 +104,8 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
     contents = json.loads(canonical(scene.file))
     for hand in contents["manipulators"]:
         hand["start"] = hand["goal"] = hand[end]
+    if (load := contents["load"]).get(end) is not None:
+        load["start"] = load["goal"] = load[end]
     motion = CoordinatedMotion.straight(Scene.from_dict(contents, folder=scene.folder))
     first = ""
     for joints in product(*branches):
@@ -115,7 +117,7 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
         if verdict.verified is not None:
             return
         first = first or verdict.reasons[0]
-    raise SceneError(f"the robot cannot hold the load: {first}", key=f"manipulators.{end}")
+    raise SceneError(f"the robot cannot hold the load: {first}", key=scene.words.key(f"manipulators.{end}"))
 
 
 @dataclass(frozen=True)
@@ -146,22 +148,22 @@ def carried_run(run: StudyRun, scene: Scene, how: Carrying) -> Made:
 
     def search(run: StudyRun) -> Made:
         movements, begun, firsts = movements_of(movement_of(scene), scene), now(), list[float]()
-        found = carry(
+        found = solve(
             scene,
-            robot_of(scene),
+            robot=robot_of(scene),
             demonstration=movements,
             seed=run.seed,
             method=how.method,
             budget=Budget.of(how.budget, option=OPTION),
             found=lambda motion: firsts.append(now() - begun),
         )
-        run = measured(run, found.solution)
-        if found.motion is None:
-            reasons = "; ".join(found.solution.reasons or found.verdict.reasons)
+        run = measured(run, found)
+        if found.joints.motion is None:
+            reasons = "; ".join(found.reasons or found.joints.verdict.reasons)
             return replace(run, status="not verified", reason=reasons[:LONGEST]), None
         run = replace(run, first=firsts[0] if firsts else run.first)
-        motion = stored(run.key, found.solution.attempt)
-        return _simulated(run, motion, found.motion, how)
+        motion = stored(run.key, found.attempt)
+        return _simulated(run, motion, found.joints.motion, how)
 
     return timed_run(run, scene, search)
 

@@ -1,14 +1,13 @@
-"""The merging of parts of a study that were run apart, and the script that lets Slurm run them."""
+"""The merging of parts of a study that were run apart."""
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from comove.data.runs import RUNS, StudyStore, differences
-from comove.errors import OptionError, ResultError
+from comove.errors import ResultError
 
 
 @dataclass(frozen=True)
@@ -63,34 +62,3 @@ def _description(store: StudyStore) -> dict:
     if found is None:
         raise ResultError("it holds no study yet", file=store.path, way_out="run its part first")
     return found
-
-
-def slurm_script(command: Sequence[str], study: Path, out: Path, shards: int, workers: int, name: str) -> str:
-    """Return a script for Slurm: an array of jobs that each run a part of a study into a folder of its own.
-
-    Parameters
-    ----------
-    command : "generate" or "sweep", and options
-    out : folder in which the parts' folders are made
-    shards : number of parts
-    workers : number of processes of each job
-
-    Raises
-    ------
-    OptionError
-        If there is no part.
-    """
-    if shards < 1:
-        raise OptionError(f"shards = {shards}", key="--shards", way_out="give the number of jobs, 1 or more")
-    parts, whole = shlex.quote(str(out / "part")), shlex.quote(str(out / "whole"))
-    study_text = shlex.quote(str(study.absolute()))
-    return f"""#!/bin/bash
-#SBATCH --job-name={name.replace(" ", "-")}
-#SBATCH --array=1-{shards}
-#SBATCH --cpus-per-task={workers}
-# Send it: sbatch THIS_FILE. A job that ended early goes on when it is sent again. When all have ended:
-#   comove sweep merge {parts}-* --out {whole}
-set -e
-comove {shlex.join(command)} {study_text} --out {parts}-"$SLURM_ARRAY_TASK_ID" \\
-  --shard "$SLURM_ARRAY_TASK_ID/{shards}" --workers {workers}
-"""

@@ -7,30 +7,26 @@ Every hand's pose is that of a common frame times its own pose in that frame,
 where X is the movement of the load, and G_i is constant for a rigid grasp or a primitive of its own for a
 prescribed relative motion (a hand that turns the lid of what the other one holds). Relative poses then hold by
 construction, whatever X does: at another pace, paused, run backwards, pushed, or with a goal that moves. Hands that
-move independently have no X; constraints between them are met by projection, sample by sample. There a leader may
-keep its movement while a follower makes way.
+move independently have no X; constraints between them are those of a scene (`comove.constraints`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.dmp.arguments import instants, is_number, require_steps
+from comove.dmp.arguments import instants, require_steps
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.poses import Pose, PoseDMP, PoseRecording, PoseState
-from comove.dmp.projection import Constraint, Poses, ProjectionSettings, project
-from comove.errors import ConstraintError, DemonstrationError, OptionError, near_name
+from comove.errors import DemonstrationError, OptionError, near_name
 from comove.geometry import rotations
 from comove.trajectory import PoseTrajectory
 
 Array = NDArray[np.float64]
-
-ROUNDING = 1e-7  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,29 +59,17 @@ class CooperativeDMP:
     ----------
     load : movement of the common frame; None where every hand moves independently
     hands : by name, the pose in that frame: constant, or a movement of the same duration
-    constraints : constraints that are met by projection
-    mobility : by name, how readily a hand makes way in the projection, relative to the others: 0 for a leader, which
-        keeps its own movement; 1 for hands that are not named
-    projection : settings of the projection, which files do not hold
     """
 
     load: PoseDMP | None
     hands: Mapping[str, Pose | PoseDMP]
-    constraints: tuple[Constraint, ...] = ()
-    mobility: Mapping[str, float] = field(default_factory=dict)
-    projection: ProjectionSettings = field(default_factory=ProjectionSettings)
 
     def __post_init__(self) -> None:
         if not isinstance(self.hands, Mapping):
             raise OptionError(
                 f"hands = {self.hands!r}", way_out="give a mapping of names to poses or movements"
             )
-        if not isinstance(self.constraints, (list, tuple)) or not all(map(callable, self.constraints)):
-            raise OptionError(
-                f"constraints = {self.constraints!r}", way_out="give a list of functions of `Poses`"
-            )
         object.__setattr__(self, "hands", dict(self.hands))
-        object.__setattr__(self, "constraints", tuple(self.constraints))
         if not self.hands or "" in self.hands:
             raise OptionError("hands without names", way_out="name every manipulator, and one at least")
         for name, hand in self.hands.items():
@@ -96,7 +80,6 @@ class CooperativeDMP:
             length = len(hand.position) if isinstance(hand, Pose) else hand.n_dims
             if length != 3:
                 raise OptionError(f"the hand {name!r} is planar", way_out="give poses in space")
-        self._require_mobility()
         if self.load is not None and (not isinstance(self.load, PoseDMP) or self.load.n_dims != 3):
             raise OptionError(
                 "the load's movement is none in space", way_out="give a PoseDMP of three dimensions"
@@ -115,28 +98,6 @@ class CooperativeDMP:
                 f"the movements last {', '.join(f'{d:g}' for d in sorted(durations))} s",
                 way_out="bring them to one duration by towards(duration=...)",
             )
-
-    def _require_mobility(self) -> None:
-        if not isinstance(self.mobility, Mapping):
-            raise OptionError(
-                f"mobility = {self.mobility!r}", way_out="give a mapping of names to numbers, 0 for a leader"
-            )
-        object.__setattr__(self, "mobility", dict(self.mobility))
-        for name, share in self.mobility.items():
-            if name not in self.hands:
-                raise OptionError(f"mobility of {name!r}", way_out=near_name(str(name), self.hands))
-            if not is_number(share) or share < 0:
-                raise OptionError(
-                    f"mobility of {name!r} = {share!r}", way_out="give a number, 0 for a leader or more"
-                )
-        if self.constraints and not any(self._mobilities()):
-            raise OptionError("no hand may make way", key="mobility", way_out="give one more than 0")
-
-    def _mobilities(self) -> tuple[float, ...]:
-        return tuple(float(self.mobility.get(name, 1.0)) for name in self.hands)
-
-    def _projected(self, poses: Poses) -> Poses:
-        return project(poses, self.constraints, self._mobilities(), self.projection)
 
     @classmethod
     def from_hand(
@@ -188,25 +149,11 @@ class CooperativeDMP:
         """Return the names of the hands."""
         return tuple(self.hands)
 
-    def towards(
-        self,
-        *,
-        start: Pose | None = None,
-        goal: Pose | None = None,
-        duration: float | None = None,
-        start_velocity: ArrayLike | None = None,
-        goal_velocity: ArrayLike | None = None,
-    ) -> CooperativeDMP:
+    def towards(self, *, duration: float | None = None, **ends: Any) -> CooperativeDMP:
         """Return the movement between other poses and velocities of the load, or with another duration [s].
 
         Arguments are as for `PoseDMP.towards`.
         """
-        ends: dict[str, Any] = {
-            "start": start,
-            "goal": goal,
-            "start_velocity": start_velocity,
-            "goal_velocity": goal_velocity,
-        }
         if self.load is None and any(end is not None for end in ends.values()):
             raise OptionError(
                 "hands that move for themselves have no common start or goal",
@@ -219,25 +166,10 @@ class CooperativeDMP:
         }
         return replace(self, load=load, hands=hands)
 
-    def rollout(
-        self,
-        *,
-        start: Pose | None = None,
-        goal: Pose | None = None,
-        duration: float | None = None,
-        start_velocity: ArrayLike | None = None,
-        goal_velocity: ArrayLike | None = None,
-        n_steps: int = 201,
-    ) -> PoseTrajectory:
-        """Return samples of the movement of all hands, between other ends of the load if they are given."""
+    def rollout(self, *, n_steps: int = 201, **ends: Any) -> PoseTrajectory:
+        """Return samples of the movement of all hands, between other ends of the load as `towards` takes them."""
         require_steps(n_steps)
-        dmp = self.towards(
-            start=start,
-            goal=goal,
-            duration=duration,
-            start_velocity=start_velocity,
-            goal_velocity=goal_velocity,
-        )
+        dmp = self.towards(**ends)
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
@@ -245,30 +177,14 @@ class CooperativeDMP:
 
         Raises
         ------
-        ConstraintError
-            If the constraints cannot be met together near the movement.
         OptionError
             If `time` is no such array.
         """
         time = instants(time)
-        poses, velocity, spin = self._free(time)
-        if self.constraints and len(time):
-            nudge = 1e-6 * self.duration  # over which velocities are taken
-            poses, behind, ahead = (self._projected(self._free(time + by)[0]) for by in (0.0, -nudge, nudge))
-            self._require_no_jump(time, poses)
-            span = np.clip(time + nudge, 0.0, nudge) + np.clip(time, 0.0, nudge)  # held before the start
-            span = np.maximum(span, 1e-3 * nudge)[:, None, None]
-            velocity = (ahead.positions - behind.positions) / span
-            turn = rotations.quaternion_product(ahead.orientations, rotations.conjugate(behind.orientations))
-            spin = 2 * turn[..., 1:] * np.where(turn[..., :1] < 0, -1.0, 1.0) / span
-        return PoseTrajectory(
-            time,
-            poses.positions,
-            velocity,
-            self.manipulators,
-            orientation=poses.orientations,
-            angular_velocity=spin,
-        )
+        frame = None if self.load is None else self.load.at(time)
+        moved = [_played(hand, time, frame) for hand in self.hands.values()]
+        p, q, v, w = (np.stack(values, axis=1) for values in zip(*moved, strict=True))
+        return PoseTrajectory(time, p, v, self.manipulators, orientation=q, angular_velocity=w)
 
     def initial_state(self) -> CooperativeState:
         """Return the state at time 0, from which `step` continues."""
@@ -329,94 +245,13 @@ class CooperativeDMP:
         return self._changed(state, name, self._movement(name).displaced(state.parts[name], pose))
 
     def poses(self, state: CooperativeState) -> dict[str, Pose]:
-        """Return the poses of all hands in a state, by name.
-
-        Raises
-        ------
-        ConstraintError
-            If the constraints cannot be met together near these poses.
-        """
-        movements = self.movements
-        now = {name: movements[name].pose(part) for name, part in state.parts.items()}
-        placed = [
-            _composed(now.get("", Pose(np.zeros(3))), now[name] if isinstance(hand, PoseDMP) else hand)
-            for name, hand in self.hands.items()
-        ]
-        positions, orientations = (np.stack(values)[None] for values in zip(*placed, strict=True))
-        poses = self._projected(Poses(self.manipulators, positions, orientations))
+        """Return the poses of all hands in a state, by name."""
+        now = {name: self.movements[name].pose(part) for name, part in state.parts.items()}
+        frame = now.get("", Pose(np.zeros(3)))
         return {
-            name: Pose(poses.positions[0, i], poses.orientations[0, i])
-            for i, name in enumerate(self.manipulators)
+            name: _composed(frame, now[name] if isinstance(hand, PoseDMP) else hand)
+            for name, hand in self.hands.items()
         }
-
-    def _free(self, time: Array) -> tuple[Poses, Array, Array]:
-        """Return poses without projection, and their velocities and angular velocities.
-
-        The latter are arrays, shape (n_steps, n_manipulators, 3).
-        """
-        frame = None if self.load is None else self.load.at(time)
-        moved = [self._free_hand(hand, time, frame) for hand in self.hands.values()]
-        p, q, v, w = (np.stack(values, axis=1) for values in zip(*moved, strict=True))
-        return Poses(self.manipulators, p, q), v, w
-
-    @staticmethod
-    def _free_hand(
-        hand: Pose | PoseDMP, time: Array, frame: PoseTrajectory | None
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return positions, orientations, velocities and angular velocities of a hand, carried by the load."""
-        if isinstance(hand, PoseDMP):
-            own = hand.at(time)
-            p, q, v, w = own.position, own.orientation, own.velocity, own.angular_velocity
-        else:
-            p, q = np.tile(hand.position, (len(time), 1)), np.tile(hand.orientation, (len(time), 1))
-            v = w = np.zeros((len(time), 3))
-        if frame is None:
-            return p, q, v, w
-        turn = rotations.matrices(frame.orientation)
-        p, v, w = (np.einsum("tij,tj->ti", turn, vectors) for vectors in (p, v, w))
-        v = frame.velocity + np.cross(frame.angular_velocity, p) + v
-        q = rotations.quaternion_product(frame.orientation, q)
-        return frame.position + p, q, v, frame.angular_velocity + w
-
-    def _require_no_jump(self, time: Array, poses: Poses) -> None:
-        """Refuse a projection that is much faster than the movement at some time, however the movement is sampled.
-
-        Intervals in which hands move farther by the projection than by the movement are halved again and again,
-        towards their faster half: at a jump the hands move equally far in an ever shorter time.
-        """
-        begin, end = time[:-1], time[1:]
-        there = [
-            Poses(poses.manipulators, poses.positions[at], poses.orientations[at])
-            for at in (slice(-1), slice(1, None))
-        ]
-        own = self._apart(self._free(begin)[0], self._free(end)[0])
-        longer = self._apart(*there) > 2 * own + self.projection.small_way
-        begin, end = begin[longer], end[longer]
-        if not begin.size:
-            return
-        for _ in range(self.projection.n_halvings):
-            middle = 0.5 * (begin + end)
-            first, half, last = (
-                self._projected(self._free(instants)[0]) for instants in (begin, middle, end)
-            )
-            ways = self._apart(first, half), self._apart(half, last)
-            later = ways[1] > ways[0]
-            begin, end = np.where(later, middle, begin), np.where(later, end, middle)
-        own, stretch = self._apart(self._free(begin)[0], self._free(end)[0]), self.projection.stretch
-        fast = np.maximum(*ways) > stretch * own + ROUNDING
-        if fast.any():
-            raise ConstraintError(
-                f"the projection onto the constraints moves hands more than {stretch:g} times as fast as their "
-                f"movement near {begin[fast][0]:.4g} s",
-                way_out="begin from a movement that nearly meets them",
-            )
-
-    def _apart(self, first: Poses, second: Poses) -> Array:
-        """Return the largest movement of a hand, turns included, between two poses; array, shape (n_steps,) [m]."""
-        moved = np.linalg.norm(second.positions - first.positions, axis=2)
-        cosine = np.abs((first.orientations * second.orientations).sum(axis=2))
-        turned = 2 * np.arccos(np.minimum(cosine, 1.0))
-        return (moved + self.projection.turn_length * turned).max(axis=1)
 
     @property
     def movements(self) -> dict[str, PoseDMP]:
@@ -435,9 +270,28 @@ class CooperativeDMP:
         return CooperativeState({**state.parts, name: part})
 
 
-def _composed(frame: Pose, hand: Pose) -> tuple[Array, Array]:
-    """Return the position and the orientation of `hand`, which is given in `frame`."""
-    return (
+def _composed(frame: Pose, hand: Pose) -> Pose:
+    """Return the pose of `hand`, which is given in `frame`."""
+    return Pose(
         frame.position + rotations.matrices(frame.orientation) @ hand.position,
         rotations.quaternion_product(frame.orientation, hand.orientation),
     )
+
+
+def _played(
+    hand: Pose | PoseDMP, time: Array, frame: PoseTrajectory | None
+) -> tuple[Array, Array, Array, Array]:
+    """Return positions, orientations, velocities and angular velocities of a hand, carried by the load."""
+    if isinstance(hand, PoseDMP):
+        own = hand.at(time)
+        p, q, v, w = own.position, own.orientation, own.velocity, own.angular_velocity
+    else:
+        p, q = np.tile(hand.position, (len(time), 1)), np.tile(hand.orientation, (len(time), 1))
+        v = w = np.zeros((len(time), 3))
+    if frame is None:
+        return p, q, v, w
+    turn = rotations.matrices(frame.orientation)
+    p, v, w = (np.einsum("tij,tj->ti", turn, vectors) for vectors in (p, v, w))
+    v = frame.velocity + np.cross(frame.angular_velocity, p) + v
+    q = rotations.quaternion_product(frame.orientation, q)
+    return frame.position + p, q, v, frame.angular_velocity + w

@@ -274,7 +274,7 @@ def dumps(primitive: Primitive, file: object = None) -> bytes:
         "kind": primitive.kind,
         "name": primitive.name,
         "unit": primitive.unit,
-        "movement": _written(primitive, file),
+        "movement": kind_of(primitive.dmp).write(primitive.dmp),
         "trace": _trace(primitive).tolist(),
         "provenance": None if primitive.provenance is None else asdict(primitive.provenance),
         "notes": list(primitive.notes),
@@ -295,13 +295,6 @@ def dumps(primitive: Primitive, file: object = None) -> bytes:
             way_out=f"learn it with fewer weights, for at most {MAX_BYTES // 2**20} MB",
         )
     return data
-
-
-def _written(primitive: Primitive, file: object) -> dict[str, Any]:
-    try:
-        return kind_of(primitive.dmp).write(primitive.dmp)
-    except OptionError as error:  # a constraint that is a function of the user
-        raise LibraryError(error.message, file=file, key=error.key, way_out=error.way_out) from error
 
 
 def loads(data: bytes, file: object = None) -> Primitive:
@@ -386,6 +379,13 @@ def _read(content: dict[str, Any], file: object) -> Primitive:
 
 def _built(content: dict[str, Any], file: object) -> Primitive:
     """Build the primitive; the movement checks itself."""
+    if content["movement"].get("constraints"):
+        raise LibraryError(
+            "its hands are held by constraints, which primitives do not keep any more",
+            file=file,
+            key="constraints",
+            way_out=f"write them into a scene, whose motions keep them, and {LEARN_AGAIN}",
+        )
     provenance = content["provenance"]
     if provenance is not None:
         provenance = Provenance(**{**provenance, "notes": tuple(provenance["notes"])})

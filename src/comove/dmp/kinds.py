@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +19,6 @@ from comove.dmp.dmp import DMP, VECTORS
 from comove.dmp.pose_distributions import PoseProMP
 from comove.dmp.poses import Pose, PoseDMP
 from comove.dmp.probabilistic import ProMP
-from comove.dmp.projection import (
-    Constraint,
-    HandDistance,
-    ProjectionSettings,
-    RelativePose,
-    SameHeight,
-    Separation,
-    Upright,
-)
 from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
 from comove.errors import OptionError
 
@@ -187,12 +178,6 @@ def _read_average(content: dict[str, Any]) -> AveragedDMP:
 
 
 def _write_cooperative(dmp: CooperativeDMP) -> dict[str, Any]:
-    if dmp.projection != ProjectionSettings():
-        raise OptionError(
-            "settings of a projection cannot be written to a file",
-            key="projection",
-            way_out="write the movement with the usual ones; dataclasses.replace(dmp, projection=...) once read",
-        )
     return {
         "load": None if dmp.load is None else _write_pose(dmp.load),
         "hands": {
@@ -201,8 +186,6 @@ def _write_cooperative(dmp: CooperativeDMP) -> dict[str, Any]:
             else {"held": _write_place(hand)}
             for name, hand in dmp.hands.items()
         },
-        "mobility": {name: float(share) for name, share in dmp.mobility.items()},
-        "constraints": [_write_constraint(constraint) for constraint in dmp.constraints],
     }
 
 
@@ -214,8 +197,6 @@ def _read_cooperative(content: dict[str, Any]) -> CooperativeDMP:
             name: _read_pose(hand["movement"]) if "movement" in hand else _read_place(hand["held"])
             for name, hand in content["hands"].items()
         },
-        tuple(map(_read_constraint, content["constraints"])),
-        content["mobility"],
     )
 
 
@@ -225,43 +206,6 @@ def _write_place(pose: Pose) -> dict[str, Any]:
 
 def _read_place(content: dict[str, Any]) -> Pose:
     return Pose(content["position"], content["orientation_wxyz"])
-
-
-_CONSTRAINTS: dict[str, type] = {
-    "distance": HandDistance,
-    "separation": Separation,
-    "same height": SameHeight,
-    "relative pose": RelativePose,
-    "upright": Upright,
-}
-
-
-def _write_constraint(constraint: Constraint) -> dict[str, Any]:
-    """Return the kind of a constraint and its fields."""
-    for kind, of in _CONSTRAINTS.items():
-        if type(constraint) is of:
-            return {"kind": kind, **{name: _write_field(value) for name, value in vars(constraint).items()}}
-    raise OptionError(
-        f"the constraint {constraint} cannot be written to a file",
-        key="constraints",
-        way_out="write the movement without it, and add it by dataclasses.replace(dmp, constraints=...) once read",
-    )
-
-
-def _write_field(value: Any) -> Any:
-    """Return a name of a hand, a pose, an axis or a length of a constraint."""
-    if isinstance(value, str):
-        return value
-    return _write_place(value) if isinstance(value, Pose) else np.asarray(value, dtype=float).tolist()
-
-
-def _read_constraint(content: dict[str, Any]) -> Constraint:
-    fields = {name: value for name, value in content.items() if name != "kind"}
-    if "pose" in fields:
-        fields["pose"] = _read_place(fields["pose"])
-    if "axis" in fields:
-        fields["axis"] = tuple(fields["axis"])
-    return cast(Constraint, _CONSTRAINTS[content["kind"]](**fields))
 
 
 KINDS = {

@@ -9,9 +9,10 @@ from comove.data.carried import robot_of
 from comove.lab.systems import SystemOutcome, SystemProblem, with_figures
 from comove.planning import SceneKind
 from comove.planning.clock import now
-from comove.robots import RobotCarrier, VerifiedJointMotion, carry
+from comove.robots import RobotCarrier, VerifiedJointMotion
 from comove.robots.kernels import load_robot_kernels
 from comove.sim import Execution, Friction, Perturbation, Weld, simulate
+from comove.solving import solve
 
 Array = NDArray[np.float64]
 
@@ -25,40 +26,38 @@ def carried(problem: SystemProblem) -> SystemOutcome:
     load_robot_kernels(SceneKind.of(scene))
     _ = RobotCarrier(robot, scene.alternatives[0]).arms  # what belongs to the robot is not a search's
     begun, found = now(), list[tuple[float, VerifiedJointMotion]]()
-    solution = carry(
+    solution = solve(
         scene,
-        robot,
+        robot=robot,
         demonstration=problem.demonstration,
         seed=problem.seed,
         budget=problem.budget,
         found=lambda motion: found.append((now() - begun, motion)),
     )
-    seconds, report = now() - begun, solution.report
+    seconds, joints = now() - begun, solution.joints
     execution = None
-    if solution.motion is not None:
-        execution = executed(solution.motion, problem.seed)
-    reasons = (
-        solution.solution.reasons or solution.verdict.reasons if execution is None else execution.reasons
-    )
+    if joints.motion is not None:
+        execution = executed(joints.motion, problem.seed)
+    reasons = solution.reasons or joints.verdict.reasons if execution is None else execution.reasons
     outcome = SystemOutcome(
         verified=execution is not None and execution.delivered,
         reasons=tuple(reasons),
         seconds=seconds,
-        acceleration_max=solution.solution.report.acceleration_max,
-        distance_error_max=report.distance_error_max,
+        acceleration_max=solution.report.acceleration_max,
+        distance_error_max=joints.report.distance_error_max,
         clearance_min=min(
-            solution.solution.report.clearance_min,
-            report.clearance_scene,
-            report.clearance_load,
-            report.clearance_self,
+            solution.report.clearance_min,
+            joints.report.clearance_scene,
+            joints.report.clearance_load,
+            joints.report.clearance_self,
         ),
     )
 
     def hands(motion: VerifiedJointMotion) -> Array:
         return motion.motion.motion.hands(problem.instants)[0]
 
-    last = solution.solution.attempt.hands(problem.instants)[0]
-    timed = solution.solution.scene  # which has a duration where the problem leaves it open
+    last = solution.attempt.hands(problem.instants)[0]
+    timed = solution.scene  # which has a duration where the problem leaves it open
     return with_figures(outcome, timed, last, [(at, hands(motion)) for at, motion in found])
 
 

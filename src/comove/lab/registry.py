@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from comove.errors import OptionError, near_name
 from comove.lab.compared import LeaderFollower, SpeedScaled, TaskPriority, Unconstrained
+from comove.lab.evolution import Projection
+from comove.lab.evolution.paper import Paper
+from comove.lab.evolution.printed import Printed
 from comove.lab.peers.drake import Drake
 from comove.lab.peers.ompl import OMPL, ProjectedOMPL
 from comove.lab.peers.shapes import Coupled, PycmaAL, Scipy
 from comove.lab.peers.transcription import Transcription
 from comove.lab.systems import OwnSystem, System
-from comove.planning.methods import Comove, Projection
-from comove.planning.paper import Paper
-from comove.planning.printed import Printed
+from comove.planning.methods import Comove
 
 _OWN = (
     OwnSystem("comove", Comove(), carries=True),

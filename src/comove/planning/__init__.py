@@ -1,15 +1,12 @@
-"""`solve`, the methods and objectives that it takes, and the choice and combination of library movements."""
+"""`solve`, the methods and objectives that it takes, and the choice of library movements."""
 
 from comove.planning.arguments import carried_demonstration, movements_of
 from comove.planning.choice import Candidate, Choice, best_movement
 from comove.planning.clock import Budget
-from comove.planning.combination import Combination, combine
 from comove.planning.kernels import SceneKind, load_kernels
-from comove.planning.methods import Comove, Projection
+from comove.planning.methods import Comove
 from comove.planning.objective import Cost
 from comove.planning.objectives import Equality, LeastJerk, LeastTime, PaperCost, Samples
-from comove.planning.paper import Paper
-from comove.planning.printed import Printed
 from comove.planning.solution import Progress, Solution
 from comove.planning.solver import check_method, solve
 
@@ -17,24 +14,19 @@ __all__ = [
     "Budget",
     "Candidate",
     "Choice",
-    "Combination",
     "Comove",
     "Cost",
     "Equality",
     "LeastJerk",
     "LeastTime",
-    "Paper",
     "PaperCost",
-    "Printed",
     "Progress",
-    "Projection",
     "Samples",
     "SceneKind",
     "Solution",
     "best_movement",
     "carried_demonstration",
     "check_method",
-    "combine",
     "load_kernels",
     "movements_of",
     "solve",

@@ -28,7 +28,7 @@ from comove.methods import METHODS
 from comove.planning.clock import Budget
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
-from comove.planning.objectives import OBJECTIVES, LeastJerk, LeastTime, PaperCost
+from comove.planning.objectives import OBJECTIVES, Criterion
 from comove.scenes.demonstration import fitted, require_dimension
 from comove.scenes.scene import Scene
 
@@ -41,6 +41,13 @@ SCALES = tuple(m * 10.0**-k for k in range(1, 5) for m in (5, 2, 1))
 """Scales of a demonstration that are tried, to name one that keeps it in the workspace."""
 
 
+def check_scene(scene: object) -> None:
+    if not isinstance(scene, Scene):
+        raise OptionError(
+            f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
+        )
+
+
 def check_options(
     scene: object,
     demonstration: object,
@@ -51,31 +58,24 @@ def check_options(
     obstacles: str,
     checks: object,
 ) -> None:
-    if not isinstance(scene, Scene):
-        raise OptionError(
-            f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
-        )
+    check_scene(scene)
     if not isinstance(checks, (list, tuple)) or not all(map(callable, checks)):
         raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise OptionError(f"seed = {seed!r}", way_out="give a whole number, 0 or more")
     if method is not None and not isinstance(method, Method):
         places = {name: known.place for name, known in METHODS.items()}
-        way_out = _object_for(method, places, "give a method object, such as Projection()")
+        way_out = _object_for(method, places, "give a method object, such as Comove()")
         raise OptionError(f"method = {method!r}", way_out=way_out)
     seconds = 1.0 if isinstance(budget, Budget) else budget
     if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not 0 < seconds < np.inf:
         raise OptionError(f"budget = {budget!r}", way_out="give a positive number of seconds")
-    if objective is not None and not isinstance(objective, (LeastJerk, LeastTime, PaperCost)):
+    if objective is not None and not isinstance(objective, Criterion):
         places = {name.replace("_", "-"): f"comove.{kind.__name__}" for name, kind in OBJECTIVES.items()}
         way_out = _object_for(objective, places, "give LeastJerk(), LeastTime(), PaperCost() or a function")
         raise OptionError(f"objective = {objective!r}", way_out=way_out)
-    if isinstance(objective, LeastJerk) and objective.resemblance and demonstration is None:
-        raise OptionError(
-            f"a resemblance of {objective.resemblance:g} without a demonstration",
-            key="objective",
-            way_out="give a demonstration, or LeastJerk() without a resemblance",
-        )
+    if objective is not None and demonstration is None:
+        objective.check_untaught()
     if obstacles not in OBSTACLES:
         raise OptionError(f"obstacles = {obstacles!r}", way_out=near_name(obstacles, OBSTACLES))
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
 from itertools import count
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates, load_coordinates, projected_coordinates
+from comove.coordination.coordinates import Coordinates, load_coordinates
 from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp.basis import MotionBasis
 from comove.planning.clock import A_SECOND
@@ -29,9 +28,9 @@ from comove.planning.custom import SETTINGS as CUSTOM
 from comove.planning.custom import CustomSettings, improve_own
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS, Objective
-from comove.planning.objectives import LeastTime, OwnFunctions, PaperCost
+from comove.planning.objectives import OwnFunctions
 from comove.planning.planner import SETTINGS as PLANNER
-from comove.planning.planner import PlannerSettings, continuous, plan
+from comove.planning.planner import PlannerSettings, continuous
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
 from comove.planning.seeds import bumps, fit, targets_along
 from comove.planning.smooth import SETTINGS as SMOOTHING
@@ -75,8 +74,8 @@ class MethodSettings:
     margins : margins of planned paths, tried in turn, in the plane and in space [m]
     most_nodes : largest number of nodes of a plan
     n_certified : fits of one path judged, in order of their cost, before the next plan
-    n_asked : fits that the carrier is asked about
-    most_doubted : judged of these that the carrier takes for impossible: its model of the arms is a little too wide
+    n_asked : fits that limited kinematics are asked about
+    most_doubted : judged of these that they take for impossible: their model of arms is a little too wide
     restarts : times that the load grows before planning is tried again
     turns : extra turns of the load, by restart
     rounds, draws, spread : rounds of bumps, bumps drawn in each, and their height [m]
@@ -230,14 +229,14 @@ class Comove(Method):
             planning.boundary(),
         )
         in_time = scene.moving.any() or ends[1].any()
-        plans_are_dear = search.carrier is None and not in_time  # beside mending
+        plans_are_dear = not (search.kinematics.has_limits or in_time)  # beside mending
         targets_of = (
             _planner_in_time(search, space, ends, self) if in_time else _planner(search, space, ends, self)
         )
-        if not isinstance(search.aim, PaperCost):
+        if search.aim.is_smooth:
             if self._smooth(search, space, targets_of, ends):
                 return True
-            if search.carrier is None:
+            if not search.kinematics.has_limits:
                 return False
             search.settle_for(search.objective.weights)  # nothing as smooth can be carried out
         starts: list[tuple[float, CoordinatedDMP]] = []
@@ -259,7 +258,8 @@ class Comove(Method):
             else:
                 failures += 1
         starts.sort(key=lambda start: start[0])
-        if starts and search.hard and search.carrier is None and starts[0][1].coordinates.kind == "load":
+        limited = search.kinematics.has_limits
+        if starts and search.hard and not limited and starts[0][1].coordinates.kind == "load":
             search.stage = "polishing"
             for _, dmp in starts[: self.settings.n_polished]:
                 before = search.best_cost
@@ -277,9 +277,9 @@ class Comove(Method):
         smoothed first: long paths seldom make good motions.
         """
         failures = idle = met = smooth = 0
-        hasty, pool, tried = isinstance(search.aim, LeastTime), [], 0
+        hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
-        dear = search.carrier is not None or search.scene.moving.any() or ends[1].any()
+        dear = limited or search.scene.moving.any() or ends[1].any()
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
             if idle >= self.settings.hasty_idle and (
@@ -322,9 +322,9 @@ class Comove(Method):
             if search.best_cost < (1 + self.settings.worth_another) * least_worth(search):
                 break
         # Arms have other limits than the scene's.
-        if search.best_motion is not None and hasty and search.carrier is None:
+        if search.best_motion is not None and hasty and not limited:
             hurry(search, search.best_motion, self.settings.smoothing.fastest, self.settings.smoothing)
-        if search.carrier is not None:
+        if limited:
             return smooth > 0
         return search.best is not None or search.needed < np.inf  # which no other way would shorten much
 
@@ -375,7 +375,7 @@ class Comove(Method):
         search.stage = "mending"
         objective, schedule = (
             search.objective,
-            replace(self.settings.mending, enough=search.carrier is not None),
+            replace(self.settings.mending, enough=search.kinematics.has_limits),
         )
         for _ in range(self.n_polishings):
             dmp = improve(search, objective, dmp, schedule)
@@ -492,7 +492,7 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
     margins = method.settings.margins[scene.n_dims - 2]
     start = lifted(scene, space, at_start, "start", 2 * max(margins))
     goal = lifted(scene, space, at_goal, "goal", 2 * max(margins))
-    grow = search.carrier.plan if search.carrier else partial(plan, settings=method.settings.planner)
+    grow = search.kinematics.planner(method.settings.planner)
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
@@ -504,7 +504,7 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
             space, path, np.zeros(len(path)), (at_start, start, goal, at_goal), np.inf
         )
         # To arrive early pays by equation (4) alone; arms may need it too.
-        gentle = search.carrier is None and not isinstance(search.aim, PaperCost)
+        gentle = search.aim.is_smooth and not search.kinematics.has_limits
         return targets_along(space, path, gentle=gentle), path[-1]
 
     return targets
@@ -563,15 +563,6 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
         return targets_in_time(space, *found, N_STEPS, settings.smoothings) + coasting, found[0][-1]
 
     return targets
-
-
-@dataclass(frozen=True)
-class Projection(Comove):
-    """A variant of the default method with free hands, which projects every rollout onto the constraints."""
-
-    name: ClassVar[str] = "projection"
-    smooths: ClassVar[bool] = False
-    coordinates: Callable[[Scene], Coordinates] = projected_coordinates
 
 
 def first_guess(

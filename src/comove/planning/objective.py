@@ -93,7 +93,7 @@ class Evaluation(NamedTuple):
     speed : largest speed of a hand [m/s]
     acceleration : largest acceleration of a hand [m/s^2]
     terms : array, shape (n_rollouts, 3), terms of goal, velocity and resemblance
-    possible : whether the carrier of the hands can execute the rollout; True if there is no carrier
+    possible : whether the kinematics can execute the rollout
     """
 
     cost: Array

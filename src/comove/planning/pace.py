@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from math import ceil, floor, log10
+from typing import Any
 
 import numpy as np
 
@@ -117,13 +118,13 @@ def alone(scene: Scene, taught: tuple[DMP, ...] | None, n_basis: int = 30) -> fl
 
 
 def shortest(
-    attempt: Callable[[float], Solution],
+    attempt: Callable[[float], Generator[Any, Any, Solution]],
     least: float,
     over: Callable[[], bool],
     *,
     closely: bool,
     settings: DurationSettings = SETTINGS,
-) -> list[Solution]:
+) -> Generator[Any, Any, list[Solution]]:
     """Try increasing durations until a motion is verified; then, if `closely`, bisect down to the last that failed.
 
     A duration longer than a successful one may fail, as obstacles are elsewhere at each instant: the result is the
@@ -131,7 +132,7 @@ def shortest(
 
     Parameters
     ----------
-    attempt : function that searches for a motion of a given duration [s]
+    attempt : procedure that searches for a motion of a given duration [s]
     least : first duration [s]
     over : function that returns whether to end
 
@@ -140,16 +141,16 @@ def shortest(
     list of all tries, at least one; the last is the shortest verified one, if there is any
     """
     shorter, duration = 0.0, rounded_up(least, settings.digits)
-    tries = [attempt(duration)]
+    tries = [(yield from attempt(duration))]
     while not tries[-1].verified and duration < MAX_DURATION and not over():
         shorter, duration = duration, rounded_up(settings.longer * duration, settings.digits)
-        tries.append(attempt(duration))
+        tries.append((yield from attempt(duration)))
     while closely and tries[-1].verified and not over():
         found = tries[-1]
         middle = rounded_up(np.sqrt(shorter * found.scene.duration), settings.digits)
         if shorter == 0.0 or found.scene.duration < settings.near * shorter or middle >= found.scene.duration:
             break
-        tried = attempt(middle)
+        tried = yield from attempt(middle)
         tries = [*tries[:-1], found, tried] if tried.verified else [*tries[:-1], tried, found]
         shorter = shorter if tried.verified else middle
     return tries

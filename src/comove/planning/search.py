@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +20,11 @@ from comove.dmp.system import LinearPhase, Phase
 from comove.optim import CMAES, DiagonalCovariance, Parameters
 from comove.planning.clock import A_SECOND, MOST, WORK, Budget, clock_until, now, wind
 from comove.planning.compiling import Compiled
-from comove.planning.configurations import MESH_WORK, SOLID_WORK, Space
-from comove.planning.convex.costs import jerk_cost
+from comove.planning.configurations import MESH_WORK, SOLID_WORK
 from comove.planning.convex.limits import Limits
-from comove.planning.convex.programme import Follower
+from comove.planning.kinematics import CERTIFIED, FREE, Kinematics
 from comove.planning.objective import N_STEPS, Evaluation, Objective
-from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost, Samples
+from comove.planning.objectives import Criterion, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
 from comove.scenes.scene import Scene
@@ -37,58 +35,10 @@ Array = NDArray[np.float64]
 
 # Work, as computed distances that take about as long.
 ROLLOUT = 2e3  # of a rollout, besides its distances
-FOLLOWED = 5e4  # of a rollout that arms follow
-CERTIFIED = 2e5  # of a certificate
-CARRIED = 6e6  # of a certificate of joints
 
 
 class OutOfTime(Exception):
     """An error that is raised when the budget is spent or the user ends the search."""
-
-
-class Carrier(Protocol):
-    """The interface of whatever moves the hands, such as a robot, which tells a search what is possible."""
-
-    @property
-    def scene(self) -> Scene:
-        """Return the scene on which the hands are moved, with the duration in which motions are searched."""
-
-    def plan(
-        self,
-        space: Space,
-        start: Array,
-        goal: Array,
-        margin: float,
-        rng: np.random.Generator,
-        *,
-        required: float,
-        max_nodes: int,
-    ) -> Array | None:
-        """Return a path that can be executed, or None; as `comove.planning.planner.plan`."""
-
-    def along(self, nodes: Array) -> Follower:
-        """Return what follows movements near one, array of shape (n_steps, n_nodes, 3) [m]."""
-
-    def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return penalties of movements that are impossible or nearly so, and whether movements look possible.
-
-        Parameters
-        ----------
-        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
-
-        Returns
-        -------
-        penalty, possible : arrays, shape (n_rollouts,)
-        """
-
-    def stricter(self) -> Carrier:
-        """Return a more careful carrier, after a movement that this one took for possible was rejected."""
-
-    def shortest(self, motion: CoordinatedMotion) -> float:
-        """Return the least duration in which a movement can be executed [s], inf if it never can."""
-
-    def reasons(self, motion: CoordinatedMotion) -> Sequence[str]:
-        """Return the reasons why a motion cannot be executed, verified exactly; none if it can."""
 
 
 class Interruption:
@@ -155,7 +105,7 @@ class Search:
     kept : all motions that were the best at their time, in order
     needed : shortest duration known to suffice if the given one is too short [s]; else inf
     checks : further checks that a motion must pass, on the scene of the caller
-    carrier : whatever moves the hands; None if only the scene limits them
+    kinematics : what moves the end effectors
     progress : function that is called once a generation, and for every motion that is the best so far
     interruption : flag of the user's wish to end
     stage : description of the current stage
@@ -178,7 +128,7 @@ class Search:
     compiled: Compiled = field(default_factory=Compiled)
     asked: Scene | None = None
     checks: Sequence[Check] = ()
-    carrier: Carrier | None = None
+    kinematics: Kinematics = FREE
     progress: ProgressCallback | None = None
     interruption: Interruption = field(default_factory=Interruption)
     stage: str = ""
@@ -194,7 +144,7 @@ class Search:
     attempt_violation: float = np.inf
     drawn: list[float] = field(default_factory=list)
     log: dict[str, float | list[float]] = field(default_factory=dict)
-    aim: LeastJerk | LeastTime | PaperCost = field(default_factory=PaperCost)
+    aim: Criterion = field(default_factory=PaperCost)
     limits: Limits | None = None
     needed: float = np.inf
     own: OwnFunctions | None = None
@@ -222,8 +172,8 @@ class Search:
 
     @property
     def paced(self) -> bool:
-        """Return whether the duration is open and a carrier's limits decide how long a motion takes."""
-        return self.carrier is not None and self.asked is not None and not self.asked.is_timed
+        """Return whether the duration is open, and limits besides the scene's decide how long a motion takes."""
+        return self.kinematics.has_limits and self.asked is not None and not self.asked.is_timed
 
     def __post_init__(self) -> None:
         self.clock = clock_until(work=self.budget.work * A_SECOND)
@@ -283,23 +233,19 @@ class Search:
         """Evaluate a population of weights, array of shape (n_rollouts, n_columns, n_basis)."""
         self.count(len(weights), self._work_of_rollout)
         q = dmp.rollouts(weights, N_STEPS)
-        value = objective.evaluate(q, size)
-        if self.carrier is not None:
-            self.add_work(FOLLOWED * len(weights))
-            penalty, possible = self.carrier.ask(objective.coordinates.nodes(q))  # arms hold the real load
-            value = value._replace(penalty=value.penalty + penalty, possible=possible)
-        return value
+        self.add_work(self.kinematics.work_of_rollout * len(weights))
+        return self.kinematics.followed(objective.evaluate(q, size), objective, q)
 
     def evaluate_best(self, dmp: CoordinatedDMP, weights: Array, n_asked: int) -> Evaluation:
-        """Evaluate a population as `evaluate` does, but ask the carrier about the best of them only.
+        """Evaluate a population as `evaluate` does, but ask the kinematics about the best of them only.
 
         It takes arms long to follow a movement; all others count as impossible.
         """
-        carrier, objective = self.carrier, self.objective
-        if carrier is None or len(weights) <= n_asked:
+        kinematics, objective = self.kinematics, self.objective
+        if not kinematics.has_limits or len(weights) <= n_asked:
             return self.evaluate(objective, dmp, weights)
         self.count(len(weights), self._work_of_rollout)
-        self.add_work(FOLLOWED * n_asked)
+        self.add_work(kinematics.work_of_rollout * n_asked)
         q = dmp.rollouts(weights, N_STEPS)
         value = objective.evaluate(q)
         missed = np.where(objective.feasible(value), 0.0, 100.0)
@@ -307,8 +253,8 @@ class Search:
         ranked = np.argsort(objective.search_value(value) + missed, kind="stable")
         best = np.unique(np.append(ranked[: n_asked - 1], gentlest))
         possible, penalty = np.zeros(len(weights), dtype=bool), value.penalty.copy()
-        asked, possible[best] = carrier.ask(np.ascontiguousarray(objective.coordinates.nodes(q[best])))
-        penalty[best] += asked
+        asked = kinematics.followed(value._replace(penalty=penalty[best]), objective, q[best])
+        penalty[best], possible[best] = asked.penalty, asked.possible
         return value._replace(penalty=penalty, possible=possible)
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
@@ -316,7 +262,7 @@ class Search:
         self.add_work(CERTIFIED)
         verdict = verify(motion)
         if verdict.verified is not None and (self.checks or self.asked is not None):
-            self.add_work(CERTIFIED if self.carrier is None else CARRIED)
+            self.add_work(self.kinematics.work_of_check)
             handed = verify(self.handed(motion), self.checks)
             if handed.verified is None:
                 verdict = replace(verdict, verified=None, reasons=handed.reasons)
@@ -338,13 +284,9 @@ class Search:
         """Return the value of the objective that decides, where less is better."""
         if self.own is not None and self.own.function is not None:
             return self.own.value(Samples.of(self.handed(motion)))
-        if isinstance(self.aim, LeastTime):
-            return self.handed(motion).scene.duration
-        if isinstance(self.aim, LeastJerk):
-            return jerk_cost(motion, self.aim, self.objective.demonstration, self.objective.precision)
-        return self.objective.cost(motion).total
+        return self.aim.value(motion, self.objective, lambda: self.handed(motion))
 
-    def settle_for(self, aim: PaperCost) -> None:
+    def settle_for(self, aim: Criterion) -> None:
         """Replace the objective that decides, and evaluate the best motion so far by the new one."""
         self.aim = aim
         if self.best_motion is not None:
@@ -367,7 +309,7 @@ class Search:
     def _on_time(self, motion: CoordinatedMotion, asked: Scene) -> CoordinatedMotion:
         if asked.is_timed:
             return motion.on(asked)
-        least = 0.0 if self.carrier is None else self.carrier.shortest(motion)
+        least = self.kinematics.shortest(motion)
         return in_least_time(motion, asked, least if least < np.inf else 0.0)  # the checks tell the rest
 
     def _violation(self, verdict: Verdict) -> float:
@@ -478,7 +420,7 @@ def improve(search: Search, objective: Objective, dmp: CoordinatedDMP, schedule:
 def stricter(search: Search, objective: Objective, verdict: Verdict, *, widening: float = 0.004) -> Objective:
     """Return the objective with a wider margin or lower limits, whichever a rejected motion missed.
 
-    If the motion satisfies the scene, the carrier must have rejected it: it is replaced by a more careful one.
+    If the motion satisfies the scene, the kinematics must have rejected it: more careful ones take their place.
 
     Parameters
     ----------
@@ -492,6 +434,6 @@ def stricter(search: Search, objective: Objective, verdict: Verdict, *, widening
     ratio = max(report.limit_ratios(scene))
     if ratio > 1:
         changes["limits"] = penalty.limits * max(0.8, 0.998 / ratio)
-    if not changes and search.carrier is not None:
-        search.carrier = search.carrier.stricter()
+    if not changes:
+        search.kinematics = search.kinematics.stricter()
     return objective.with_penalty(**changes)

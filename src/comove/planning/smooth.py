@@ -18,9 +18,9 @@ from comove.planning.convex.optimise import optimise
 from comove.planning.convex.programme import SETTINGS as CONVEX
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
 from comove.planning.objective import N_STEPS
-from comove.planning.objectives import LeastJerk, LeastTime
+from comove.planning.objectives import LeastJerk
 from comove.planning.pace import in_least_time
-from comove.planning.search import Carrier, Search
+from comove.planning.search import Search
 from comove.trajectory import interpolated
 from comove.verification.verify import verify
 
@@ -92,8 +92,8 @@ def smooth_way(search: Search, way: Array, boundary: Array, smoothing: Smoothing
     boundary : array, shape (4, n_columns), as in `CoordinatedMotion`
     """
     programme, z, reference = _along(search, way, boundary, smoothing)
-    if search.carrier is not None:
-        return _carried(search, search.carrier, programme, z, reference, smoothing)
+    if search.kinematics.has_limits:
+        return _carried(search, programme, z, reference, smoothing)
     return _verified(search, programme, z, reference, smoothing)
 
 
@@ -128,13 +128,13 @@ def smooth_demonstration(
 
 def follows(search: Search) -> bool:
     """Return whether motions shall resemble the demonstration."""
-    return isinstance(search.aim, LeastJerk) and search.aim.pull(search.taught is not None) > 0
+    return search.aim.is_smooth and search.aim.pull(search.taught is not None) > 0
 
 
 def least_worth(search: Search) -> float:
     """Return a lower bound of the objective: 1, that of straight motions, if only jerk counts; else 0."""
     own = search.own is not None and search.own.function is not None
-    return 1.0 if isinstance(search.aim, LeastJerk) and not follows(search) and not own else 0.0
+    return 0.0 if own or follows(search) else search.aim.least
 
 
 def _programme(search: Search, boundary: Array, n_basis: int) -> ConvexProgramme:
@@ -159,7 +159,7 @@ def _verified(
     smoothing: SmoothingSettings,
 ) -> bool:
     """Optimise, with more margin after each rejection, then for time if needed; return whether it succeeds."""
-    smooth = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
+    smooth = search.aim.smoothness
     settings = replace(smoothing.convex, wish=smooth.wish)
     cost = _squares(search, smooth, len(programme.coarse.base))
     if cost.precision is not None:  # steep valleys and flat grounds: begin near the best, or be stuck
@@ -176,33 +176,30 @@ def _verified(
             break
         settings = _stricter(settings, attempt, smoothing)
         programme.limits = programme.limits.stricter(verdict.report.limit_ratios(search.scene))
-    hasty = isinstance(search.aim, LeastTime) or (not verified and too_fast(programme, z, smoothing))
+    hasty = search.aim.is_time or (not verified and too_fast(programme, z, smoothing))
     if hasty and not search.scene.moving.any():  # at another pace, things that move would be elsewhere
-        detail = (
-            smoothing.fast if isinstance(search.aim, LeastTime) else smoothing.fastest
-        )  # what a message names must do
+        detail = smoothing.fast if search.aim.is_time else smoothing.fastest  # what a message names must do
         return hurry(search, programme.motion(z), detail, smoothing) or verified
     return verified
 
 
 def _carried(
     search: Search,
-    carrier: Carrier,
     programme: ConvexProgramme,
     z: Array,
     reference: Array,
     smoothing: SmoothingSettings,
 ) -> bool:
-    """Optimise a motion that the carrier can execute, as it can the planned path; return whether it is verified.
+    """Optimise a motion that the kinematics can execute, as it can the planned path; return whether it is verified.
 
-    The smoothest motion of all comes first, then the smoothest that the carrier can follow by its own account; after
+    The smoothest motion of all comes first, then the smoothest that they can follow by its own account; after
     each rejection, hands are drawn more strongly to their planned positions. While there is no motion at all, though,
     the one nearest to the planned path comes before all others, unless its bends would decide how long it takes.
-    Last, motions are drawn to the demonstration as far as the carrier can follow.
+    Last, motions are drawn to the demonstration as far as they can follow.
     """
     nodes, hands = programme.hands(reference)
     anchor = np.ascontiguousarray(hands[:: (len(hands) - 1) // (len(programme.coarse.base) - 1)])
-    aim = search.aim if isinstance(search.aim, LeastJerk) else LeastJerk()
+    aim = search.aim.smoothness
     taught, smooth = _squares(search, aim, len(anchor)), squares(search.scene, aim, None, len(anchor))
     settings, found = replace(smoothing.convex, wish=aim.wish), False
     along: Array | None = reference
@@ -213,7 +210,7 @@ def _carried(
         )
         found = search.judge(programme.motion(nearest)).verified is not None
     free = _optimised(search, programme, smooth, z, settings, reference)
-    programme.follower = carrier.along(nodes)
+    programme.follower = search.kinematics.along(nodes)
     if programme.is_followed(free) and search.judge(programme.motion(free)).verified is not None:
         at = free
     for pull in smoothing.pulls if at is None else ():
@@ -330,7 +327,7 @@ def hurry(
 def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
     """Note the duration in which a motion that is too fast is verified; return whether there is one."""
     asked = search.asked or search.scene
-    if not (asked.is_timed and asked.is_limited) or asked.moving.any() or search.carrier is not None:
+    if not (asked.is_timed and asked.is_limited) or asked.moving.any() or search.kinematics.has_limits:
         return False
     slower = in_least_time(motion, asked)
     if slower.scene.duration <= asked.duration or verify(slower, search.checks).verified is None:

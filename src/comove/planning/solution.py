@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import comove
 from comove.brief import brief
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning.objective import Cost
-from comove.planning.objectives import LeastJerk, LeastTime, OwnFunctions, PaperCost
+from comove.planning.objectives import Criterion, OwnFunctions, PaperCost
 from comove.planning.resemblance import Followed
 from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
@@ -78,6 +79,7 @@ class Solution:
     log : figures that the method reports of its run, numbers or lists of numbers by name
     objective : objective that was minimised
     followed : distances of the hands from the demonstration, None if none was followed
+    joints : `comove.robots.JointSolution` that carries the motion out; None without a robot
     """
 
     __repr__ = brief
@@ -98,13 +100,14 @@ class Solution:
     interrupted: bool = False
     timed_out: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)
-    objective: LeastJerk | LeastTime | PaperCost | OwnFunctions = field(default_factory=PaperCost)
+    objective: Criterion | OwnFunctions = field(default_factory=PaperCost)
     followed: Followed | None = None
+    joints: Any = None
 
     @property
     def verified(self) -> bool:
-        """Return whether `motion` holds a verified motion."""
-        return self.motion is not None
+        """Return whether `motion` holds a verified motion, and `joints` one that carries it out, if a robot does."""
+        return self.motion is not None and (self.joints is None or self.joints.verified)
 
     @property
     def trajectory(self) -> Trajectory:

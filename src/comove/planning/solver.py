@@ -1,12 +1,14 @@
-"""`solve`, which finds a verified motion for a scene, or returns the best attempt, marked as not verified."""
+"""Searches for verified motions of a scene, and the procedures that say which search follows which.
+
+`comove.solve` performs such a procedure; `solve` here is that of given kinematics.
+"""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +19,7 @@ from comove.dmp.dmp import DMP
 from comove.dmp.operations import scale
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
-from comove.errors import ComoveWarning, OptionError
+from comove.errors import OptionError, SceneError
 from comove.planning.arguments import (
     carried_demonstration,
     check_options,
@@ -30,10 +32,11 @@ from comove.planning.compiling import compiling
 from comove.planning.convex.limits import Limits
 from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind, load_kernels
+from comove.planning.kinematics import FREE, Kinematics
 from comove.planning.method import Method
 from comove.planning.methods import Comove, Quick
 from comove.planning.objective import ContactPenalty, Objective
-from comove.planning.objectives import LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
+from comove.planning.objectives import Criterion, LeastJerk, LeastTime, PaperCost, Samples, objective_of_scene
 from comove.planning.objectives.own import OwnFunctions, own
 from comove.planning.pace import (
     NONE,
@@ -46,7 +49,7 @@ from comove.planning.pace import (
 )
 from comove.planning.pace import SETTINGS as DURATIONS
 from comove.planning.resemblance import Followed, followed, precision_root
-from comove.planning.search import Carrier, Interruption, OutOfTime, Search
+from comove.planning.search import Interruption, OutOfTime, Search
 from comove.planning.solution import ProgressCallback, Solution
 from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
@@ -55,86 +58,85 @@ from comove.verification.verify import Check, Verdict, verify
 Array = NDArray[np.float64]
 
 
+Demonstrated = DMP | PoseDMP | ProMP | Demonstration | Mapping | tuple[DMP, ...]
+"""What is followed: a movement of one end effector, or one for each; of poses; a distribution of movements."""
+
+
 def solve(
     scene: Scene,
     *,
-    demonstration: DMP | PoseDMP | ProMP | Demonstration | Mapping | tuple[DMP, ...] | None = None,
+    demonstration: Demonstrated | None = None,
     seed: int = 0,
     method: Method | None = None,
     planner: bool = True,
     budget: float | Budget = 30.0,
-    objective: LeastJerk | LeastTime | PaperCost | Callable[[Samples], float] | None = None,
+    objective: Criterion | Callable[[Samples], float] | None = None,
     constraints: Sequence[Callable[[Samples], object]] = (),
     obstacles: Literal["constraint", "cost"] = "constraint",
     checks: Sequence[Check] = (),
-    carrier: Carrier | None = None,
+    kinematics: Kinematics = FREE,
     progress: ProgressCallback | bool | None = None,
     stop: Callable[[], bool] | None = None,
 ) -> Solution:
-    """Find a verified coordinated motion for a scene.
+    """Find a verified motion of end effectors for a scene, whatever robot it names.
 
     Parameters
     ----------
-    scene
-        Scene to solve.
-    demonstration
-        Movement of a single manipulator, of the scene's dimension, or one for each by its name. It is a start for
-        the search, and the result resembles it if `LeastJerk` or `PaperCost.resemblance` asks for that. Demonstrated
-        poses are those of a load that turns and that all hands hold. A distribution is followed where people agree:
-        `LeastJerk` weights deviations from its mean by its precision at every instant.
-    seed
-        Seed of all random numbers: the same inputs, seed and version give the same motion unless the budget runs out
-        (`Solution.timed_out`).
-    method
-        `Comove()` unless given. Some methods solve a part of the scene, which is the scene of the solution.
-    planner
-        Whether to start from a path planned in the load's own configuration space.
-    budget
-        Processor time of this process after which the best motion so far is returned [s]; compiling does not count.
-        Or a `Budget`, which may bound a count of work instead, the same on every machine.
-    objective
-        Objective that the motion minimises; that of the scene unless given. If the scene has none, it is
-        `LeastJerk()`, smooth and near to the demonstration; `LeastTime()` for a scene without duration and
-        demonstration; `PaperCost()`, equation (4), if the method is not comove's own, the planner is off or
-        obstacles are a cost. The motion for a scene without duration is as fast as its limits allow; the scene of the
-        solution has its duration.
-        A function of `Samples` is minimised by constrained CMA-ES, from a smooth motion.
-    constraints
-        Functions of `Samples` that must be at most 0, or `Equality`; they are checked at samples, besides the scene's
-        own constraints.
-    obstacles
-        Whether obstacles are constraints, or only the term c_obst of the objective (paper, III-B); in the latter case
-        the motion of least cost is returned, verified or not.
-    checks
-        Further checks that a motion must pass to be verified.
-    carrier
-        Whatever moves the hands and so limits their motions, such as `comove.robots.RobotCarrier`; motions must also
-        pass its own check.
-    progress
-        Function that is called once a generation, and for every motion that is the best so far; or whether a line
-        with stage, best cost and time left is shown, by default in notebooks only.
-    stop
-        Function that returns whether the search shall end with the best so far; it is asked often.
+    kinematics
+        What moves the end effectors and so limits their motions, such as `comove.robots.RobotCarrier`; motions must
+        also pass its own check. Free end effectors unless given.
+    demonstration, seed, method, planner, budget, objective, constraints, obstacles, checks, progress, stop
+        As for `comove.solve`.
 
     Raises
     ------
     OptionError
         If an argument is out of range.
+    """
+    problem = problem_of(
+        scene,
+        demonstration=demonstration,
+        seed=seed,
+        method=method,
+        planner=planner,
+        budget=budget,
+        objective=objective,
+        constraints=constraints,
+        obstacles=obstacles,
+        checks=checks,
+        kinematics=kinematics,
+        stop=stop,
+    )
+    with displayed(progress, budget) as tell:
+        load_kernels(SceneKind.of(problem.scene))
+        return perform(solved(replace(problem, progress=tell or None)))
 
-    Warns
-    -----
-    ComoveWarning
-        If the demonstration, adapted to the scene's start and goal, is magnified by more than 3 or leaves the
-        workspace; and if the scene names a robot, no joint of which is looked at here.
+
+def problem_of(
+    scene: Scene,
+    *,
+    demonstration: Demonstrated | None = None,
+    seed: int = 0,
+    method: Method | None = None,
+    planner: bool = True,
+    budget: float | Budget = 30.0,
+    objective: Criterion | Callable[[Samples], float] | None = None,
+    constraints: Sequence[Callable[[Samples], object]] = (),
+    obstacles: str = "constraint",
+    checks: Sequence[Check] = (),
+    kinematics: Kinematics = FREE,
+    progress: ProgressCallback | None = None,
+    stop: Callable[[], bool] | None = None,
+) -> Problem:
+    """Return the problem that arguments of `solve` state, with all defaults filled in.
+
+    Raises
+    ------
+    OptionError
+        If an argument is out of range.
     """
     aim = None if callable(objective) else objective
     check_options(scene, demonstration, seed, method, budget, aim, obstacles, checks)
-    if carrier is None and scene.file.robot is not None and not isinstance(method, Quick):
-        message = (
-            f"the scene names the robot '{scene.file.robot}', and solve looks at the hands alone; "
-            "comove.robots.carry(scene, robot) looks at its joints"
-        )
-        warnings.warn(message, ComoveWarning, stacklevel=2)
     functions = own(objective, listed(constraints), scene)
     if functions is not None and functions.constraints:
         checks = (*checks, functions.reasons)
@@ -145,36 +147,31 @@ def solve(
     smooth = check_method(scene, method, aim, functions, planner=planner, hard=hard)
     if aim is None:
         aim = _default_objective(scene, taught, smooth)
-    if taught is not None and (isinstance(aim, PaperCost) or (isinstance(aim, LeastJerk) and aim.pull(True))):
-        warn_of_adaptation(taught, scene)
-    with displayed(progress, budget) as tell:
-        if carrier is None:  # a carrier plans by kernels of its own
-            load_kernels(SceneKind.of(scene))
-        return _told(
-            Problem(
-                scene,
-                taught,
-                seed,
-                method,
-                planner,
-                Budget.of(budget),
-                aim,
-                functions,
-                hard,
-                tuple(checks) if carrier is None else (*checks, carrier.reasons),
-                carrier,
-                tell or None,
-                smooth,
-                stop,
-                precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
-            )
-        )
+    if taught is not None and aim.begins_taught:
+        warn_of_adaptation(taught, scene, stacklevel=3)
+    return Problem(
+        scene,
+        taught,
+        seed,
+        method,
+        planner,
+        Budget.of(budget),
+        aim,
+        functions,
+        hard,
+        (*checks, *kinematics.checks),
+        kinematics,
+        progress,
+        smooth,
+        stop,
+        precision_root(demonstration, scene) if isinstance(demonstration, ProMP) else None,
+    )
 
 
 def check_method(
     scene: Scene,
     method: Method,
-    objective: LeastJerk | LeastTime | PaperCost | None,
+    objective: Criterion | None,
     functions: OwnFunctions | None = None,
     *,
     planner: bool = True,
@@ -195,7 +192,7 @@ def check_method(
     """
     method.check(scene)
     smooth = isinstance(method, Comove) and method.smooths and planner and hard
-    plain = objective is None or isinstance(objective, PaperCost)
+    plain = objective is None or not objective.is_smooth
     if not smooth and not (plain and functions is None):
         raise OptionError(
             f"{_what_is_asked(objective, functions)} needs comove's own method, a planner, and obstacles that are "
@@ -204,15 +201,6 @@ def check_method(
             way_out="give PaperCost(), equation (4), for what is asked for besides",
         )
     return smooth
-
-
-def _told(problem: Problem) -> Solution:
-    """Solve a problem; where the budget ran out before a motion was verified, that is the first reason."""
-    with one_blas_thread():
-        solution = _solved(problem)
-    if solution.verified or not solution.timed_out or solution.interrupted:
-        return solution
-    return replace(solution, reasons=(problem.budget.ran_out, *solution.reasons))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,11 +222,11 @@ class Problem:
     method: Method
     planner: bool
     budget: Budget
-    objective: LeastJerk | LeastTime | PaperCost
+    objective: Criterion
     own: OwnFunctions | None
     hard: bool
     checks: tuple[Check, ...]
-    carrier: Carrier | None
+    kinematics: Kinematics
     progress: ProgressCallback | None
     smooth: bool
     stop: Callable[[], bool] | None = None
@@ -247,51 +235,92 @@ class Problem:
     @property
     def is_timed(self) -> bool:
         """Return whether the duration is given, rather than to be found."""
-        return self.scene.is_timed and not isinstance(self.objective, LeastTime)
+        return self.scene.is_timed and not self.objective.is_time
 
     @property
     def is_hopeless(self) -> bool:
         """Return whether the given duration is too short for the limits of any motion.
 
-        It is False for other methods and `Quick`, and with a carrier, functions of the user, or moving obstacles.
+        It is False for other methods and `Quick`, limited kinematics, functions of the user, and moving obstacles.
         """
         patient = self.smooth and not isinstance(self.method, Quick)  # others take what is a little too fast
-        plain = patient and self.carrier is None and self.own is None and not self.scene.moving.any()
-        return plain and self.is_timed and least_possible(self.scene) > self.scene.duration
+        limited = self.kinematics.has_limits or self.own is not None or self.scene.moving.any()
+        return patient and not limited and self.is_timed and least_possible(self.scene) > self.scene.duration
 
 
-def _what_is_asked(
-    objective: LeastJerk | LeastTime | PaperCost | None, functions: OwnFunctions | None
-) -> str:
+def _what_is_asked(objective: Criterion | None, functions: OwnFunctions | None) -> str:
     if functions is None:
         return type(objective).__name__
     return "a function of one's own" if functions.given else "a constraint that is sampled"
 
 
-def _default_objective(
-    scene: Scene, taught: tuple[DMP, ...] | None, smooth: bool
-) -> LeastJerk | LeastTime | PaperCost:
+def _default_objective(scene: Scene, taught: tuple[DMP, ...] | None, smooth: bool) -> Criterion:
     """Return the objective if the caller gives none."""
     said = objective_of_scene(scene.file.objective)
-    if said is not None and (smooth or isinstance(said, PaperCost)):
+    if said is not None and (smooth or not said.is_smooth):
         return said
     if not smooth:
         return PaperCost()
     return LeastJerk() if scene.is_timed or taught is not None else LeastTime()
 
 
-def _solved(problem: Problem) -> Solution:
+class Searched(NamedTuple):
+    """The outcome of a search.
+
+    Attributes
+    ----------
+    solution : the best motion
+    needed : duration in which a motion that is too fast would be verified, inf if none is known [s]
+    """
+
+    solution: Solution
+    needed: float = np.inf
+
+
+Procedure = Generator[Problem, Searched, Solution]
+"""What yields the problems to be searched one after the other, and returns a solution."""
+
+
+def perform(procedure: Procedure) -> Solution:
+    """Search what a procedure yields, and return the solution that it comes to."""
+    found: Any = None
+    with one_blas_thread():
+        while True:
+            try:
+                problem = procedure.send(found)
+            except StopIteration as done:
+                solution: Solution = done.value
+                return solution
+            search, can_arrive = _search_for(problem)
+            if can_arrive:
+                with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
+                    problem.method.run(search, planner=problem.planner)
+            found = Searched(_solution(problem, search, search.timed_out), search.needed)
+
+
+def solved(problem: Problem) -> Procedure:
+    """Solve a problem; where the budget ran out before a motion was verified, that is the first reason."""
+    solution = yield from _solved(problem)
+    if solution.verified or not solution.timed_out or solution.interrupted:
+        return solution
+    return replace(solution, reasons=(problem.budget.ran_out, *solution.reasons))
+
+
+def _solved(problem: Problem) -> Procedure:
     """Solve a problem, by the procedure that suits its duration."""
+    if problem.scene.file.choices is not None:
+        return (yield from _by_some_choice(problem))
     if problem.is_hopeless:
-        return _at_pace(_in_least_time(problem), problem)
+        fastest, _ = yield _in_least_time(problem)
+        return _at_pace(fastest, problem)
     if not problem.is_timed and problem.scene.moving.any():
-        return _among_moving(problem)
-    solution, needed = _searched(problem)
+        return (yield from _among_moving(problem))
+    solution, needed = yield problem
     if solution.verified or solution.interrupted or solution.timed_out or needed == np.inf:
         return solution
     if problem.own is None:  # limits that are tight are met by the fastest motion, if by any
         left = problem.budget.after(solution.solve_time_s, solution.work)
-        slow = _in_least_time(replace(problem, budget=left))
+        slow, _ = yield _in_least_time(replace(problem, budget=left))
         if slow.verified:
             return _at_pace(slow, problem).after(solution)
         solution = replace(solution, interrupted=slow.interrupted, timed_out=slow.timed_out).after(slow)
@@ -300,10 +329,34 @@ def _solved(problem: Problem) -> Solution:
     return replace(solution, reasons=(*solution.reasons, too_short(problem.scene, needed)))
 
 
-def _in_least_time(problem: Problem) -> Solution:
-    """Return the fastest motion within the limits that a problem states, whatever its duration."""
+def _by_some_choice(problem: Problem) -> Procedure:
+    """Solve by the first way to hold the payload and to put it down that leads to a motion.
+
+    Those with contacts at an end are left out. Each of the others has half of the work that is left, the last all.
+    """
+    free = list[Scene]()
+    for choice in problem.scene.alternatives:
+        with suppress(SceneError):
+            free.append(choice.require_free_ends())
+    if not free:
+        problem.scene.require_free_ends()  # which says what is touched
+    best: Solution | None = None
+    budget = problem.budget
+    for choice in free:
+        part = budget if choice is free[-1] else budget.within(0.5 * budget.size)
+        found = yield from _solved(replace(problem, scene=choice, budget=part))
+        budget = budget.after(found.solve_time_s, found.work)
+        best = found if best is None else found.after(best)
+        if best.verified or best.interrupted or budget.is_spent:
+            break
+    assert best is not None, "some ends are free"
+    return best
+
+
+def _in_least_time(problem: Problem) -> Problem:
+    """Return the problem of the fastest motion within the limits that one states, whatever its duration."""
     free = with_limits(problem.scene, NONE).timed(None)
-    return _searched(replace(problem, scene=free, taught=None, objective=LeastTime()))[0]
+    return replace(problem, scene=free, taught=None, objective=LeastTime())
 
 
 def _at_pace(fastest: Solution, problem: Problem) -> Solution:
@@ -326,30 +379,20 @@ def _at_pace(fastest: Solution, problem: Problem) -> Solution:
     )
 
 
-def _searched(problem: Problem) -> tuple[Solution, float]:
-    """Solve a problem by a single search, in its given duration or, if that is open, in any.
-
-    Returns
-    -------
-    solution
-    needed : duration in which a motion that is too fast would be verified, inf if none is known [s]
-    """
+def _search_for(problem: Problem) -> tuple[Search, bool]:
+    """Return the search for a problem, in its given duration or, if that is open, in any; and whether to begin it."""
     started = now()
     scene, taught, objective = problem.scene, problem.taught, problem.objective
     asked = scene
     if not problem.is_timed:
-        asked, scene = _open(scene, problem.carrier)
-    if problem.carrier is None:  # arms cannot be scaled
+        asked, scene = _open(scene, problem.kinematics)
+    if not problem.kinematics.has_limits:  # arms cannot be scaled
         scene, taught = of_common_size(scene, taught)
-    if isinstance(objective, LeastJerk):
-        ratio = _side(scene) / _side(asked)
-        objective = replace(
-            objective, room=objective.wish if objective.room is None else ratio * objective.room
-        )
+    objective = objective.scaled(_side(scene) / _side(asked))
     limits = Limits.of(scene, scene.duration)
     if not asked.is_timed:
         scene = scene.limited(speed=None, acceleration=None, jerk=None)
-    weights = objective if isinstance(objective, PaperCost) else PaperCost()
+    weights = objective.weights
     penalty = ContactPenalty() if problem.hard else ContactPenalty(margin=0.0, step=float(weights.obstacle))
     carried = None if taught is None else carried_demonstration(taught, scene)
     search = Search(
@@ -363,7 +406,7 @@ def _searched(problem: Problem) -> tuple[Solution, float]:
         started=started,
         asked=None if scene is asked else asked,
         checks=problem.checks,
-        carrier=problem.carrier,
+        kinematics=problem.kinematics,
         progress=problem.progress,
         interruption=Interruption(problem.stop),
         aim=objective,
@@ -371,10 +414,7 @@ def _searched(problem: Problem) -> tuple[Solution, float]:
         own=problem.own,
     )
     at_goal, _ = scene.clearance_at(scene.nodes_at("goal"), scene.duration)
-    if at_goal >= scene.clearance or not search.hard:  # else an obstacle will be at the goal
-        with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
-            problem.method.run(search, planner=problem.planner)
-    return _solution(problem, search, search.timed_out), search.needed
+    return search, at_goal >= scene.clearance or not search.hard  # else an obstacle will be at the goal
 
 
 def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
@@ -395,8 +435,7 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
         taught = None if taught is None else ratio * taught
         evaluated = replace(evaluated, scene=asked, coordinates=motion.coordinates, demonstration=taught)
         log = {key: _times(value, ratio) if key.endswith("_m") else value for key, value in log.items()}
-        if isinstance(aim, LeastJerk):
-            aim = replace(aim, room=ratio * aim.wish)
+        aim = aim.scaled(ratio)
     return Solution(
         scene=asked,
         motion=verdict.verified,
@@ -419,7 +458,7 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
     )
 
 
-def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> Solution:
+def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> Procedure:
     """Solve a problem of open duration with moving obstacles, by trying durations one after the other.
 
     Raises
@@ -434,7 +473,7 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> S
             key="duration",
             way_out="give one",
         )
-    hasty, done = isinstance(problem.objective, LeastTime), list[Solution]()
+    hasty, done = problem.objective.is_time, list[Solution]()
     started, whole = now(), problem.budget
     asked, method = with_limits(problem.scene), problem.method
     if hasty:
@@ -443,21 +482,23 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> S
     def left() -> Budget:
         return whole.after(now() - started, sum(solution.work for solution in done))
 
-    def attempt(duration: float, method: Method, share: float = 1.0) -> Solution:
+    def attempt(duration: float, method: Method, share: float = 1.0) -> Procedure:
         budget = left().within(share * whole.size)
-        done.append(_solved(replace(problem, scene=asked.timed(duration), method=method, budget=budget)))
+        one = replace(problem, scene=asked.timed(duration), method=method, budget=budget)
+        done.append((yield from _solved(one)))
         return done[-1]
 
     quick = Quick(settings=method.settings) if isinstance(method, Comove) and method.smooths else method
-    found = shortest(
+    tries = yield from shortest(
         lambda duration: attempt(duration, quick, settings.share),
         alone(asked, problem.taught),
         lambda: left().is_spent or (bool(done) and done[-1].interrupted),
         closely=hasty,
         settings=settings,
-    )[-1]
+    )
+    found = tries[-1]
     if found.verified and not done[-1].interrupted and not left().is_spent:
-        better = attempt(found.scene.duration, method)
+        better = yield from attempt(found.scene.duration, method)
         found = better if better.verified else found
     first = next((i for i, solution in enumerate(done) if solution.verified), None)
     until_first = None
@@ -477,22 +518,17 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> S
     )
 
 
-def _followed(
-    motion: CoordinatedMotion, objective: LeastJerk | LeastTime | PaperCost, evaluated: Objective
-) -> Followed | None:
+def _followed(motion: CoordinatedMotion, objective: Criterion, evaluated: Objective) -> Followed | None:
     """Return the distances of the hands from the demonstration, None if it is not followed."""
-    if isinstance(objective, LeastTime):
-        return None
-    strength = objective.pull(True) if isinstance(objective, LeastJerk) else objective.resemblance
-    if evaluated.demonstration is None or strength == 0:
+    if evaluated.demonstration is None or objective.pull(True) == 0:
         return None
     return followed(motion, evaluated.demonstration, evaluated.precision)
 
 
-def _open(scene: Scene, carrier: Carrier | None) -> tuple[Scene, Scene]:
+def _open(scene: Scene, kinematics: Kinematics) -> tuple[Scene, Scene]:
     """Return a scene with limits and open duration, and the same scene with the duration of the search."""
     asked = with_limits(scene).timed(None)
-    return asked, asked.timed(1.0 if carrier is None else carrier.scene.duration)
+    return asked, asked.timed(kinematics.duration)
 
 
 def of_common_size(

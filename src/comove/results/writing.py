@@ -20,17 +20,13 @@ NAMES = {kind: name for name, kind in OBJECTIVES.items()}
 RECOMPUTED = ("goal", "velocity", "obstacle")  # resemblance needs a movement that is not in the folder
 
 
-def write_solution(
-    solution: Solution, folder: Path, wall_time_s: float, *, has_joints: bool = False
-) -> Summary:
+def write_solution(solution: Solution, folder: Path, wall_time_s: float) -> Summary:
     """Write `solution.npz` and `solution.json` into an existing folder, and return the summary.
 
-    Parameters
-    ----------
-    has_joints : whether a robot's joints carry the motion out; else the summary of a robot's scene says that none do
+    Where the scene names a robot and no joints carry the motion out, the summary says so.
     """
     summary = _summary_of(solution, wall_time_s)
-    if solution.scene.file.robot is not None and not has_joints:
+    if solution.scene.file.robot is not None and solution.joints is None:
         summary["hands_alone"] = True
     return SOLUTION.write(folder, summary, motion_arrays(solution.attempt))
 
@@ -40,7 +36,7 @@ def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
     report, cost = solution.report, solution.cost
     terms = {name: getattr(cost, name) for name in WEIGHTS}
     return {
-        "verified": solution.verified,
+        "verified": solution.motion is not None,
         "interrupted": solution.interrupted,
         "timed_out": solution.timed_out,
         "reasons": list(solution.reasons),

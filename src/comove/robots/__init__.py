@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from comove.robots.files import (
         StoredJoints as StoredJoints,
         read_joints as read_joints,
-        verified_motion as verified_motion,
         verify_stored as verify_stored,
         write_joints as write_joints,
     )
@@ -27,7 +26,7 @@ if TYPE_CHECKING:
     from comove.robots.motion import JointCommand as JointCommand, JointMotion as JointMotion
     from comove.robots.recorded import end_effector_path as end_effector_path
     from comove.robots.solving import (
-        RobotSolution as RobotSolution,
+        JointSolution as JointSolution,
         carry as carry,
         robot_method as robot_method,
     )
@@ -44,11 +43,11 @@ __all__, __getattr__, __dir__ = lazily(
     {
         "robots.carrying": ["RobotCarrier"],
         "robots.description": ["bundled_robots", "find_description"],
-        "robots.files": ["StoredJoints", "read_joints", "verified_motion", "verify_stored", "write_joints"],
+        "robots.files": ["StoredJoints", "read_joints", "verify_stored", "write_joints"],
         "robots.model": ["Arm", "Robot"],
         "robots.motion": ["JointCommand", "JointMotion"],
         "robots.recorded": ["end_effector_path"],
-        "robots.solving": ["RobotSolution", "carry", "robot_method"],
+        "robots.solving": ["JointSolution", "carry", "robot_method"],
         "robots.transfers": ["Transfers", "plan_transfers"],
         "robots.verification.verify": ["JointReport", "JointVerdict", "VerifiedJointMotion", "verify_joints"],
     },

@@ -15,6 +15,7 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import RobotError
 from comove.planning.configurations import Space, configuration_space, way_length
+from comove.planning.kinematics import LimitedKinematics
 from comove.planning.seeds import targets_along
 from comove.robots.effort import carried_masses, overburdened, shortest_duration
 from comove.robots.ends import (
@@ -75,8 +76,8 @@ class CarrierSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class RobotCarrier:
-    """A robot that carries the load of a scene, as `comove.planning.search.Carrier` describes.
+class RobotCarrier(LimitedKinematics):
+    """A robot that carries the load of a scene, as `comove.planning.kinematics.LimitedKinematics` describes.
 
     A search asks quickly, by kernels (`plan`, `ask`, `shortest`); whether a motion can be carried out is verified
     exactly, by `reasons`.
@@ -119,13 +120,10 @@ class RobotCarrier:
                 scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
         if scene.moving.any():
-            way_out = "carry it out step by step: comove robot run SCENE"
+            way_out = "carry it out step by step: comove run SCENE"
             raise unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
-        if scene.file.load.shape == "mesh":
-            way_out = "put a bar, a frame or a box in its place, or solve it without a robot"
-            raise unfit(scene, "load.shape", "arms carry bars, frames and boxes, not meshes", way_out)
         if scene.grasp is None:
             way_out = "say it: grasp: {orientation: down, yaw: load}"
             raise unfit(scene, "grasp", "a robot cannot know how to hold the load", way_out)
@@ -141,7 +139,11 @@ class RobotCarrier:
     @cached_property
     def holders(self) -> tuple[Arm, ...]:
         """Return the arms in the order of the scene's manipulators."""
-        return tuple(self.robot.arm(name) for name in self.scene.manipulators)
+        try:
+            return tuple(self.robot.arm(name) for name in self.scene.manipulators)
+        except RobotError as error:
+            error.key = self.scene.words.key("manipulators")
+            raise
 
     @property
     def arms(self) -> Arms:
@@ -152,11 +154,13 @@ class RobotCarrier:
     def _arms(self) -> Arms:
         scene, grasp = self.scene, self.grasp
         edges, radii = load_lines(scene)
+        n_nodes = None if grasp.keypoints else len(self.holders)  # a load may turn while its hands stay
         around = LinkSurroundings(
             at_rest=np.ascontiguousarray(grasp.at_rest),
             turning=np.ascontiguousarray(grasp.turning),
             first=grasp.holders[0],
             second=grasp.holders[min(1, len(grasp.holders) - 1)],
+            keypoints=np.array(grasp.keypoints, dtype=np.int64),
             obstacles=scene.obstacles,
             edges=edges,
             radii=radii,
@@ -165,7 +169,7 @@ class RobotCarrier:
             spare=self.settings.spare * (1 + self.caution),
             share=self.settings.share * 0.9**self.caution,
             posture=np.concatenate([arm.home for arm in self.holders]),
-            ends=np.stack([scene.nodes_at(end)[: len(self.holders)] for end in ("start", "goal")]),
+            ends=np.stack([scene.nodes_at(end)[:n_nodes] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
         )
         chains, links, ranges, _ = of_robot(self.robot, self.holders)

@@ -62,7 +62,7 @@ JOINTS = ResultKind(
     summary="robot.json",
     arrays="joints.npz",
     checksum="joints_sha256",
-    made_by="comove robot solve SCENE --out DIR",
+    made_by="comove solve SCENE --out DIR",
     hint=AGAIN,
     required=SAMPLES,
     require_entries=lambda summary, file: require_types(summary, _TYPES, file),
@@ -265,13 +265,6 @@ def _loaded(named: str | Path, named_by: str, folder: Path | None, own: bool = F
     bundled = str(named) in bundled_robots()
     path = find_description(named, folder)
     return RobotSource(Robot.load(path), str(named) if bundled else str(path), named_by, own and not bundled)
-
-
-def verified_motion(
-    folder: str | Path, *, scene: Scene | None = None, robot: str | Path | None = None
-) -> VerifiedJointMotion:
-    """Return the joint motion of a result folder, after verifying it anew; as `verified_against`."""
-    return verified_against(folder, scene=scene, robot=robot)[0]
 
 
 def verified_against(

@@ -10,7 +10,7 @@ import numpy as np
 
 from comove.dmp import DMP, Library, PoseDMP, Primitive, ProMP, Variant, read_primitive
 from comove.dmp.demonstrations import Demonstration
-from comove.dmp.demonstrations.samples import AXES
+from comove.dmp.demonstrations.samples import AXES, HZ, WHICH_UNIT
 from comove.dmp.files import is_primitive
 from comove.dmp.library import SUFFIX
 from comove.dmp.operations import PLANES, in_space, scale
@@ -152,6 +152,8 @@ def _written(value: object) -> str:
     """Return a value as it is written in YAML."""
     if isinstance(value, bool):
         return str(value).lower()
+    if value in (HZ, WHICH_UNIT):
+        return str(value)
     return json.dumps(list(map(str, value)) if isinstance(value, list | tuple) else value, ensure_ascii=False)
 
 

@@ -1,28 +1,49 @@
-"""The orientations of hands that hold a load which turns about the vertical only, from the hands' positions.
+"""The orientations of hands that hold a load, from where they and the load's keypoints are.
 
-The heading psi of the load is the direction, seen from above, from its second holder to its first. A hand's grasp
-frame (z the approach direction, fingers open along y) keeps its tilt and turns with the load:
+Of a load that turns about the vertical only, the heading psi is the direction, seen from above, from its second
+holder to its first. A hand's grasp frame (z the approach direction, fingers open along y) keeps its tilt and turns
+with the load:
 
     R(psi) = Rz(psi + offset) R(0)
+
+A load that turns in any way is told by three keypoints of it, which are not on one line: x points from the first to
+the second, and z is normal to all three. A grasp frame is constant in that frame K:
+
+    R = K R(0)
 
 Hands that hold a payload must also be near its surface.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.scenes.groups import RigidGroup
-from comove.scenes.model import BoxLoad, FrameLoad, GraspPart, Gripped, MeshLoad, PolygonLoad, SceneFile
-from comove.scenes.shapes import inside_polygon
+from comove.scenes.model import (
+    BoxLoad,
+    Choice,
+    FrameLoad,
+    GraspChoice,
+    GraspPart,
+    Gripped,
+    Manipulator,
+    PartsLoad,
+    PayloadPose,
+    PolygonLoad,
+    SceneFile,
+)
+from comove.scenes.shapes import inside_polygon, parts_of, spatial
 
 Array = NDArray[np.float64]
 
+DIGITS = 9
+"""Digits of lengths [m] by which points are compared."""
 HELD = {
     "down": np.diag([-1.0, 1.0, -1.0]),
     "forward": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
@@ -38,33 +59,40 @@ class Grasp:
     Attributes
     ----------
     holders : numbers of the hands that hold the load; the heading points from the second to the first. A single
-        holder carries a load that does not turn, whose heading is 0
-    at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included
+        holder carries a load whose heading is always 0
+    at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included;
+        in the frame of the keypoints where there are some
     turning : array of bool, shape (n_manipulators,), True for hands that turn with the load; the others do not turn
+    keypoints : numbers of three nodes that tell how the load is turned; none where it turns about the vertical only
     """
 
     holders: tuple[int, ...]
     at_rest: Array
     turning: NDArray[np.bool_]
+    keypoints: tuple[int, ...] = ()
 
     def heading(self, hands: Array) -> Array:
-        """Return the heading of the load [rad], between -pi and pi; array, shape (...).
+        """Return the heading of the line between the holders [rad], between -pi and pi; array, shape (...).
 
         Parameters
         ----------
         hands : array, shape (..., n_manipulators, 3), [m]
         """
         x, y = self._along(hands)
-        return np.arctan2(y, x)
+        return np.asarray(np.arctan2(y, x))
 
-    def hand_rotations(self, hands: Array) -> Array:
+    def hand_rotations(self, nodes: Array) -> Array:
         """Return the orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
 
         Parameters
         ----------
-        hands : array, shape (..., n_manipulators, 3), [m]
+        nodes : array, shape (..., n_nodes, 3), hands first, then the load's corners [m]; without keypoints, hands
+            suffice
         """
-        x, y = self._along(hands)
+        if self.keypoints:
+            frames = keypoint_frames(np.asarray(nodes)[..., list(self.keypoints), :])[..., None, :, :]
+            return np.where(self.turning[:, None, None], frames @ self.at_rest, self.at_rest)
+        x, y = self._along(nodes)
         size = np.hypot(x, y)[..., None]
         c = np.where(self.turning, x[..., None] / size, 1.0)[..., None]
         s = np.where(self.turning, y[..., None] / size, 0.0)[..., None]
@@ -74,20 +102,24 @@ class Grasp:
         rotations[..., 2, :] = self.at_rest[:, 2]
         return rotations
 
-    def heading_rates(self, hands: Array, velocities: Array) -> Array:
-        """Compute the rates of the load's heading as hands move; array, shape (..., n) [rad/s].
+    def spins(self, nodes: Array, velocities: Array) -> Array:
+        """Compute the angular velocity of the load as its nodes move; array, shape (..., 3, n) [rad/s].
 
         Parameters
         ----------
-        hands : array, shape (..., n_manipulators, 3), [m]
-        velocities : array, shape (..., n_manipulators, 3, n), n ways in which they move [m/s]
+        nodes : array, shape (..., n_nodes, 3), as in `hand_rotations` [m]
+        velocities : array, shape (..., n_nodes, 3, n), n ways in which they move as one body [m/s]
         """
-        if len(self.holders) == 1:
-            return np.zeros((*velocities.shape[:-3], velocities.shape[-1]))
-        first, second = self.holders[:2]
-        x, y = (along[..., None] for along in self._along(hands))
-        change = velocities[..., first, :, :] - velocities[..., second, :, :]
-        return (x * change[..., 1, :] - y * change[..., 0, :]) / (x * x + y * y)
+        if self.keypoints:
+            three = list(self.keypoints)
+            return _angular_velocity(nodes[..., three, :], velocities[..., three, :, :])
+        spin = np.zeros((*velocities.shape[:-3], 3, velocities.shape[-1]))
+        if len(self.holders) > 1:
+            first, second = self.holders[:2]
+            x, y = (along[..., None] for along in self._along(nodes))
+            change = velocities[..., first, :, :] - velocities[..., second, :, :]
+            spin[..., 2, :] = (x * change[..., 1, :] - y * change[..., 0, :]) / (x * x + y * y)
+        return spin
 
     def _along(self, hands: Array) -> tuple[Array, Array]:
         """Return x and y of the vector from the second holder to the first [m]; two arrays, shape (...)."""
@@ -98,16 +130,65 @@ class Grasp:
         return tuple(np.moveaxis(hands[..., first, :2] - hands[..., second, :2], -1, 0))
 
 
-def grasp_of(file: SceneFile, carried: tuple[int, ...]) -> Grasp | None:
-    """Return the grasp that a scene file describes, the first where it describes several; None where it has none.
+def keypoint_frames(points: Array) -> Array:
+    """Return the frames K of three points each; (..., 3, 3), [m] -> (..., 3, 3)."""
+    along, aside = points[..., 1, :] - points[..., 0, :], points[..., 2, :] - points[..., 0, :]
+    x, z = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (along, np.cross(along, aside)))
+    return np.stack([x, np.cross(z, x), z], axis=-1)
 
-    Parameters
-    ----------
-    carried : numbers of the hands that form one rigid body with the load
+
+def _angular_velocity(points: Array, velocities: Array) -> Array:
+    """Compute the angular velocity w of a rigid body from three of its points; arrays as in `Grasp.spins`.
+
+    With edges e_i from the first point, their normal included, and g_i the dual basis, ``2 w = sum_i g_i x e_i'``.
     """
+    edges, rates = (
+        points[..., 1:, :] - points[..., :1, :],
+        velocities[..., 1:, :, :] - velocities[..., :1, :, :],
+    )
+    normal = np.cross(edges[..., 0, :], edges[..., 1, :])
+    turned = np.cross(rates[..., 0, :, :], edges[..., 1, :, None], axis=-2) + np.cross(
+        edges[..., 0, :, None], rates[..., 1, :, :], axis=-2
+    )
+    basis = np.concatenate([edges, normal[..., None, :]], axis=-2)
+    rates = np.concatenate([rates, turned[..., None, :, :]], axis=-3)
+    dual = np.linalg.inv(basis)  # whose columns are g_i
+    return 0.5 * np.cross(np.moveaxis(dual, -1, -2)[..., None], rates, axis=-2).sum(axis=-3)
+
+
+def keypoints_of(points: Array) -> tuple[int, int, int]:
+    """Return three of a body's points, array of shape (n, 3), that tell its orientation well: far from one line."""
+    away = np.linalg.norm(points - points[0], axis=1).round(DIGITS)
+    second = int(away.argmax())
+    along = (points[second] - points[0]) / away[second]
+    aside = points - points[0]
+    third = int(np.linalg.norm(aside - (aside @ along)[:, None] * along, axis=1).round(DIGITS).argmax())
+    return 0, second, third
+
+
+def grasp_of(file: SceneFile, groups: Sequence[RigidGroup]) -> Grasp | None:
+    """Return the grasp that a scene file describes, the first where it describes several; None where it has none."""
     if file.grasp is None:
         return None
-    part = alternatives(file)[0]
+    part, holders, corner = alternatives(file)[0], set(file.holder_numbers), len(file.names)
+    carried: tuple[int, ...] = ()
+    for group in groups:
+        if holders & set(group.members):
+            carried = group.members
+            break
+        corner += len(group.corners)
+    if part.frames is not None and file.load is not None and file.load.start is not None:
+        three = list(keypoints_of(group.points))
+        payload = group.start.rotation.T @ matrices(np.array(file.load.start.quaternion_wxyz))
+        turn = keypoint_frames(group.points[three]).T @ payload
+        frames = [matrices(np.array(part.frames[name])) for name in file.names]
+        nodes = [*group.members, *range(corner, corner + len(group.corners))]
+        return Grasp(
+            holders=file.holder_numbers,
+            at_rest=np.stack([turn @ held if i in carried else held for i, held in enumerate(frames)]),
+            turning=np.isin(np.arange(len(frames)), carried),
+            keypoints=tuple(nodes[k] for k in three),
+        )
     offset = part.offset_deg
     offsets = [offset.get(name, 0.0) if isinstance(offset, dict) else offset for name in file.names]
     held = HELD[part.orientation or "down"]
@@ -146,6 +227,40 @@ def alternatives(file: SceneFile, step: float = 45.0) -> tuple[GraspPart, ...]:
                 if others == 1 or not same:
                     found.append(part.model_copy(update={"yaw": "load", "offset_deg": offset}))
     return tuple(found)
+
+
+def hands_of(
+    start: PayloadPose, goal: PayloadPose, grasps: Mapping[str, tuple[float, ...]]
+) -> list[dict[str, Any]]:
+    """Return the manipulators that hold a payload at some points of its frame, as a scene file has them."""
+    n_dims, placed = len(start.position), dict[str, Array]()
+    points = spatial(np.array([*grasps.values()]))
+    for end, pose in (("start", start), ("goal", goal)):
+        turned = points @ matrices(np.array(pose.quaternion_wxyz)).T
+        placed[end] = np.array(pose.position) + turned[:, :n_dims]
+    return [
+        {"name": name, **{end: tuple(places[i].tolist()) for end, places in placed.items()}}
+        for i, name in enumerate(grasps)
+    ]
+
+
+def chosen(file: SceneFile, choice: Choice) -> SceneFile:
+    """Return a scene file in which the payload is held and put down in one of the ways that the file leaves open."""
+    load = file.load
+    assert load is not None and load.start is not None, "choices are about payloads with poses"
+    changes: dict[str, Any] = {"goal": choice.goal}
+    if isinstance(load, Gripped):
+        changes["grasps"] = choice.grasps
+    hands = hands_of(load.start, choice.goal, choice.grasps)
+    others = [hand for hand in file.manipulators if hand.name not in choice.grasps]
+    return file.model_copy(
+        update={
+            "load": load.model_copy(update=changes),
+            "manipulators": (*(Manipulator(**hand) for hand in hands), *others),
+            "grasp": None if choice.frames is None else GraspChoice(frames=choice.frames),
+            "choices": None,
+        }
+    )
 
 
 if TYPE_CHECKING:
@@ -192,13 +307,23 @@ def grasp_distances(
         lengths = np.linalg.norm(edges, axis=1)
         along = np.abs((hands - group.corners.mean(axis=0)) @ (edges / lengths[:, None]).T)
         return np.linalg.norm(np.maximum(along - lengths / 2, 0.0), axis=1)
-    if isinstance(load, MeshLoad) and decomposition is not None:
+    if isinstance(load, PartsLoad) or decomposition is not None:
         from comove.geometry.polytopes import nearest_in_hull  # most scenes need no polytopes
 
-        last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
-        hulls = np.split(group.corners, last[:-1])
+        hulls, rods = list[Array](), np.zeros(len(hands)) + np.inf
+        if decomposition is not None:
+            last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
+            hulls = np.split(group.corners[: last[-1]], last[:-1])
+        elif isinstance(load, PartsLoad):
+            parts = parts_of(load)
+            hulls = [group.corners[hull] for hull in parts.hulls]
+            for a, b, radius in parts.rods:
+                apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
+                rods = np.minimum(rods, np.maximum(apart, 0.0))
         feet = [nearest_in_hull(np.ascontiguousarray(hull), hands) for hull in hulls]
-        return np.linalg.norm(hands - np.array(feet), axis=2).min(axis=0)
+        return np.min(
+            [rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0
+        )
     return np.zeros(len(holders))  # a bar lies between its hands
 
 
@@ -222,13 +347,15 @@ def far_grasps(
     name, load = file.holders[worst], file.load
     shape = "frame" if load is None else load.shape
     return (
-        f"load: '{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
+        f"'{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
         f"nothing between its fingers; {_advice(file)}"
     )
 
 
 def _advice(file: SceneFile) -> str:
     load = file.load
+    if load is not None and load.start is not None:
+        return "move its grasp onto the payload"
     if isinstance(load, FrameLoad):
         return "give the frame an edge that ends at this hand, or leave the hand out of held_by"
     if isinstance(load, Gripped) and load.grasps:

@@ -49,7 +49,8 @@ class RigidGroup:
     ----------
     members : indices of the manipulators
     grasps : array, shape (n_members, 3), positions of the hands in the group's frame [m]
-    corners : array, shape (n_corners, 3), further points of the load in the group's frame [m]
+    corners : array, shape (n_corners, 3), further points of the load in the group's frame [m]; where all others are
+        on one line, keypoints beside it that belong to no part of it
     orientation : how the group may turn: "none" (a single hand) and "fixed", not at all; "plane", by an angle in the
         plane; "vertical", by an angle about the vertical in space; "axis", by the direction of an axis in space
         (hands on one line, the roll about which does not matter); "space", in any way

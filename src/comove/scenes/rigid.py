@@ -19,8 +19,7 @@ from comove.constraints import (
 )
 from comove.constraints.kinds import distance_tolerance
 from comove.errors import SceneError
-from comove.geometry.rotations import levelling, similarity, standing
-from comove.geometry.solids import N_CORNERS
+from comove.geometry.rotations import levelling, matrices, rotation_in_plane, similarity, standing
 from comove.scenes.groups import (
     GroupPose,
     Orientation,
@@ -31,7 +30,9 @@ from comove.scenes.groups import (
     orientation_of,
     tilt_between,
 )
-from comove.scenes.model import ROUNDING, BarLoad, BoxLoad, Gripped, PolygonLoad, SceneFile
+from comove.scenes.model import ROUNDING, BarLoad, BoxLoad, Gripped, PartsLoad, PolygonLoad, SceneFile
+from comove.scenes.shapes import box_corners, parts_of, spatial
+from comove.ties import first_largest
 
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
@@ -39,6 +40,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 ENDS = ("start", "goal")
+POSED = 1e-4  # m, by which an end effector may miss its grasp on a payload whose poses are given
+KEYPOINT = 0.1  # m, from a line to the point beside it that tells how a body turns about it
+FLAT = 1e-3  # width of a body in lengths, below which it counts as a line
 HEADING = 1e-3  # m, by which hands that tell a heading must be beside each other
 TILT_ROUNDING = 1e-9  # rad
 
@@ -138,6 +142,8 @@ class LoadBodies:
             If start or goal violate what the load and the constraints require by more than their tolerances.
         """
         body = _Body(self, members)
+        if body.poses:
+            return body.posed()
         grasps, corners = body.held()
         orientation = orientation_of(grasps, self.file.dimension)
         rolls = orientation == "axis" and _is_solid(corners)  # on one line: turns about it count
@@ -182,6 +188,13 @@ class _Body:
         self.ends = bodies.start[list(members)], bodies.goal[list(members)]
         self.own = [c for c in bodies.constraints if set(c.hands) <= set(members)]
         self.stated = {frozenset(c.hands): c for c in self.own if isinstance(c, DistanceConstraint)}
+        load, holds = bodies.file.load, not {*members}.isdisjoint(bodies.file.holder_numbers)
+        given = (load.start, load.goal) if load is not None and holds else ()
+        self.poses = [
+            GroupPose(spatial(np.array(pose.position)), matrices(np.array(pose.quaternion_wxyz)))
+            for pose in given
+            if pose is not None
+        ]
 
     def has(self, *kinds: type[Constraint]) -> bool:
         """Return whether the body has a constraint of one of these kinds."""
@@ -245,6 +258,51 @@ class _Body:
                     f"swap two of them at the {end}",
                 )
 
+    def posed(self) -> tuple[RigidGroup, list[DistanceConstraint]]:
+        """Return the group of a payload whose poses are given, in the payload's frame, and the distances it implies.
+
+        Raises
+        ------
+        SceneError
+            If end effectors are not where these poses place their grasps, or a constraint is violated.
+        """
+        file, (start, goal) = self.file, self.poses
+        grasps = (self.ends[0] - start.center) @ start.rotation
+        holders = tuple(i for i in self.members if self.names[i] in file.holders)
+        own, corners = load_shape(file, holders, self.decomposition)
+        if own is not None:
+            grasps[[self.members.index(i) for i in holders]] = own
+        for end, pose, hands in zip(ENDS, (start, goal), self.ends, strict=True):
+            self._require_held(end, pose.place(grasps), hands)
+        self.ends = start.place(grasps), goal.place(grasps)
+        orientation: Orientation = "plane" if self.n_dims == 2 else "space"
+        points = np.concatenate([grasps, corners])
+        if file.grasp is not None:
+            corners = _telling(grasps, corners)
+        elif len(grasps) == 1 and np.abs(start.rotation - goal.rotation).max() < TILT_ROUNDING:
+            orientation, turn = "none", start.rotation  # it has no reason to turn
+            grasps, corners = grasps @ turn.T, corners @ turn.T
+            start, goal = (GroupPose(pose.center, np.eye(3)) for pose in (start, goal))
+        elif self.n_dims == 3 and np.abs(points[:, 1:]).max() < ROUNDING:
+            orientation = "axis"
+        group = RigidGroup(self.members, grasps, corners, orientation, start, goal)
+        implied = self.implied(grasps)
+        if orientation != "none" and self.has(UprightConstraint, SameHeightConstraint):
+            group = self.upright(group)
+        return group, implied
+
+    def _require_held(self, end: str, held: Array, hands: Array) -> None:
+        off = np.linalg.norm(held - hands, axis=1)
+        worst = first_largest(off)
+        if off[worst] > POSED:
+            i, there = self.members[worst], held[worst, : self.n_dims].round(10) + 0.0
+            raise self._error(
+                f"the payload's pose at the {end} places the grasp of '{self.names[i]}' {off[worst]:.3g} m from "
+                "where this end effector is",
+                f"load.{end}",
+                f"write manipulators[{i}].{end}: {there.tolist()}, or correct the pose",
+            )
+
     def held(self) -> tuple[Array, Array]:
         """Return grasps and further points of the load in the group's frame.
 
@@ -253,7 +311,7 @@ class _Body:
         file, hands = self.file, self.ends[0]
         holders = tuple(i for i in self.members if self.names[i] in file.holders)
         grasps, corners = (
-            _load_shape(file, holders, self.decomposition) if holders else (None, np.zeros((0, 3)))
+            load_shape(file, holders, self.decomposition) if holders else (None, np.zeros((0, 3)))
         )
         inside = [self.members.index(i) for i in holders]
         if holders and _shape(file) in ("box", "mesh") and grasps is None:  # centred between its holders
@@ -355,7 +413,9 @@ class _Body:
             corners=group.corners @ turn.T,
             orientation="fixed" if self.n_dims == 2 else "vertical",
         )
-        poses = [fit_pose(kept.grasps, hands, kept.orientation) for hands in self.ends]
+        poses = [_about_vertical(pose, turn, self.n_dims) for pose in self.poses] or [
+            fit_pose(kept.grasps, hands, kept.orientation) for hands in self.ends
+        ]
         for end, pose, free in zip(ENDS, poses, (group.start, group.goal), strict=True):
             tilt = tilt_between(group.orientation, free.rotation, pose.rotation @ turn)
             if tilt > allowed:
@@ -388,7 +448,7 @@ def _is_solid(corners: Array) -> bool:
     return len(corners) > 2
 
 
-def _load_shape(
+def load_shape(
     file: SceneFile, holders: tuple[int, ...], decomposition: ConvexDecomposition | None
 ) -> tuple[Array | None, Array]:
     """Return grasps and corners of the load in its own frame.
@@ -414,9 +474,29 @@ def _load_shape(
         corners = np.array([[x, y, 0.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         corners[:, :2] *= 0.5 * np.array(load.size)
     elif isinstance(load, BoxLoad):
-        sides = 1.0 - 2.0 * (np.arange(N_CORNERS)[:, None] >> np.arange(3) & 1)
-        corners = -0.5 * sides * np.array(load.size)
+        corners = box_corners(load.size)
+    elif isinstance(load, PartsLoad):
+        corners = parts_of(load).corners
     return grasps, corners
+
+
+def _about_vertical(pose: GroupPose, turn: Array, n_dims: int) -> GroupPose:
+    """Return the pose nearest to one of a body, in a frame `turn` away, that turns about the vertical only."""
+    left = pose.rotation @ turn.T
+    angle = float(np.arctan2(left[1, 0] - left[0, 1], left[0, 0] + left[1, 1])) if n_dims == 3 else 0.0
+    return GroupPose(pose.center, rotation_in_plane(angle))
+
+
+def _telling(grasps: Array, corners: Array) -> Array:
+    """Return the corners of a body with points added that tell its orientation, where all its own are on one line.
+
+    These are keypoints alone: no part of the body reaches there.
+    """
+    points = np.concatenate([grasps, corners])
+    middle = points.mean(axis=0)
+    _, spread, axes = np.linalg.svd(points - middle, full_matrices=True)
+    known = int((spread > FLAT * max(spread.max(), KEYPOINT)).sum())
+    return np.concatenate([corners, middle + KEYPOINT * axes[known:2]])
 
 
 def _without_roll(group: RigidGroup) -> RigidGroup:

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
@@ -371,11 +370,9 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
     hands = _hand_joints(robot, scene, load)
     parts = []
     for i, part in enumerate(load.parts if load is not None else ()):
-        box = part.kind == "box"
-        shape = coal.Box(*(2 * x for x in part.size)) if box else coal.Capsule(part.size[0], 2 * part.size[1])
         names.append("the load")
         parts.append(
-            geometry.addGeometryObject(pin.GeometryObject(f"load {i}", 0, pin.SE3.Identity(), shape))
+            geometry.addGeometryObject(pin.GeometryObject(f"load {i}", 0, pin.SE3.Identity(), part.shape))
         )
     free = [i for i in links if geometry.geometryObjects[i].parentJoint not in hands]
     moving = [i for i in links if geometry.geometryObjects[i].parentJoint > 0]

@@ -62,7 +62,7 @@ SIMULATION = ResultKind(
     summary="simulation.json",
     arrays="simulation.npz",
     checksum="series_sha256",
-    made_by="comove robot simulate DIR",
+    made_by="comove simulate DIR",
     hint="simulate it again",
     required=(
         "time",

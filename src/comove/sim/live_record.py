@@ -221,8 +221,8 @@ def _hold_error(record: OnlineRecord, hands: Array) -> float:
     held = ~np.array(record.driven_off)
     if not held.any():
         return 0.0
-    nodes, hands, grasp = np.array(record.nodes)[held, : hands.shape[1]], hands[held], record.scene.grasp
-    off = np.linalg.norm(hands[..., :3, 3] - nodes, axis=-1).max()
+    nodes, hands, grasp = np.array(record.nodes)[held], hands[held], record.scene.grasp
+    off = np.linalg.norm(hands[..., :3, 3] - nodes[:, : hands.shape[1]], axis=-1).max()
     if grasp is None:
         return float(off)
     chord = np.linalg.norm(hands[..., :3, :3] - grasp.hand_rotations(nodes), axis=(-2, -1)) / np.sqrt(8.0)

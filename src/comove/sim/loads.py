@@ -7,19 +7,23 @@ upright as possible.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from comove.errors import RobotError, SceneError
 from comove.geometry.rotations import facing
+from comove.geometry.solids import N_CORNERS
 from comove.robots.effort import load_mass
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.model import BarLoad
+from comove.robots.verification.carried import hull_shape
+from comove.scenes.model import BarLoad, PartsLoad
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 
@@ -31,20 +35,22 @@ SETTLED = 1e-3  # m, by which a payload may be in its support: servos give way, 
 
 @dataclass(frozen=True, eq=False)
 class LoadPart:
-    """A piece of a load: a box, or a capsule along its z axis.
+    """A piece of a load: a box, a capsule along its z axis, or the hull of points.
 
     Attributes
     ----------
-    kind : "box" or "capsule"
+    kind : "box", "capsule" or "hull"
     position : array, shape (3,), centre in the load's frame [m]
     rotation : array, shape (3, 3), orientation in the load's frame
     size : half edges of a box; radius and half the length between the centres of a capsule's caps [m]
+    points : array, shape (n, 3), of a hull, about its centre [m]
     """
 
     kind: str
     position: Array
     rotation: Array
-    size: tuple[float, ...]
+    size: tuple[float, ...] = ()
+    points: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def placement(self) -> Any:
@@ -52,10 +58,21 @@ class LoadPart:
         return pin.SE3(self.rotation, self.position)
 
     @property
+    def shape(self) -> Any:
+        """Return the piece as a shape of coal."""
+        if self.kind == "box":
+            return coal.Box(*(2 * x for x in self.size))
+        return (
+            hull_shape(self.points) if self.kind == "hull" else coal.Capsule(self.size[0], 2 * self.size[1])
+        )
+
+    @property
     def volume(self) -> float:
         """Return the volume [m^3]."""
         if self.kind == "box":
             return 8.0 * float(np.prod(self.size))
+        if self.kind == "hull":
+            return float(ConvexHull(self.points).volume)
         radius, half = self.size
         return float(np.pi * radius**2 * (2 * half + 4 / 3 * radius))
 
@@ -115,7 +132,7 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
     lug = 0.012  # m, radius of a bar as thick as a box's lugs
     body = scene.body
     for (a, b), radius in zip(body.edges, body.radii, strict=True):
-        sides = section(float(radius)) if isinstance(scene.file.load, BarLoad) else None
+        sides = section(float(radius)) if isinstance(scene.file.load, BarLoad | PartsLoad) else None
         if a == b:
             continue  # a hand that holds something else than its end
         if sides is None:
@@ -123,7 +140,12 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
         else:
             half = float(np.linalg.norm(nodes[a] - nodes[b])) / 2 + float(radius)  # as far as its round ends
             yield LoadPart("box", (nodes[a] + nodes[b]) / 2, np.eye(3), (half, sides[0] / 2, sides[1] / 2))
-    for corners in getattr(body, "solids", ()):  # numbered in binary by the sides they are on
+    boxes = body.solids if body.solids.shape[1] == N_CORNERS else body.solids[:0]
+    for corners in body.solids[len(boxes) :]:
+        points = nodes[np.unique(corners)]
+        middle = points.mean(axis=0)
+        yield LoadPart("hull", middle, np.eye(3), points=points - middle)
+    for corners in boxes:  # numbered in binary by the sides they are on
         first, *along, last = (nodes[corners[i]] for i in (0, 1, 2, 4, 7))
         edges = np.array(along) - first
         size = np.linalg.norm(edges, axis=1)
@@ -189,7 +211,7 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene, *, near: float 
         hand = first_largest(missed)
         raise SceneError(
             f"the motion begins with the hand '{scene.manipulators[hand]}' {missed[hand]:.3g} m from its start",
-            key=f"manipulators[{hand}].start",
+            key=scene.words.key(f"manipulators[{hand}].start"),
             way_out="play the motion in the scene that it was made for",
         )
 

@@ -41,8 +41,10 @@ class LeftOut:
                 names.append(f"'{name}'")
         yield from (text.format(", ".join(names)) for text, names in told.items())
         model = self.model
-        if not np.allclose(model.opt.gravity, EARTH, atol=0.02):
-            pull = ", ".join(f"{value:g}" for value in model.opt.gravity)
+        is_off = int(model.opt.disableflags) & int(self.mj.mjtDisableBit.mjDSBL_GRAVITY)
+        gravity = np.zeros(3) if is_off else model.opt.gravity
+        if not np.allclose(gravity, EARTH, atol=0.02):
+            pull = ", ".join(f"{value:g}" for value in gravity)
             yield f"gravity is {pull} m/s^2 in the model, and {EARTH[2]:g} m/s^2 along z everywhere else"
         if model.nflex:
             yield "the model has soft bodies (flex), which no URDF has: they are left out"
@@ -143,6 +145,11 @@ class LeftOut:
         types, affinities = model.geom_contype[own], model.geom_conaffinity[own]
         passes = (types[:, None] & affinities) | (affinities[:, None] & types) == 0
         collides = (types | affinities) != 0
+        # Bodies that are welded together, or joined, touch each other anyway.
+        rigid = model.body_weldid[model.geom_bodyid[own]]
+        above = model.body_weldid[model.body_parentid[rigid]]
+        joined = (rigid[:, None] == rigid) | (rigid[:, None] == above) | (above[:, None] == rigid)
+        passes &= ~joined
         if (passes & collides[:, None] & collides).any():
             names = {
                 self._name("body", model.geom_bodyid[own[k]])

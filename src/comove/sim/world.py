@@ -158,7 +158,8 @@ def moving_body(obstacle: int) -> str:
 def add_load(spec: Any, load: Load, mass: float, holding: Sequence[Arm]) -> None:
     """Add the load to a world as a free body, with a site for each hand; `mass` in kg."""
     mj, orange = engine(), (0.95, 0.70, 0.10, 1)
-    kinds = {"box": mj.mjtGeom.mjGEOM_BOX, "capsule": mj.mjtGeom.mjGEOM_CAPSULE}
+    shapes = mj.mjtGeom
+    kinds = {"box": shapes.mjGEOM_BOX, "capsule": shapes.mjGEOM_CAPSULE, "hull": shapes.mjGEOM_MESH}
     body = spec.worldbody.add_body(name=THE_LOAD, pos=load.pose[:3, 3])
     body.quat = quaternion_of_rotation(load.pose[:3, :3])
     body.add_freejoint(name=THE_LOAD)
@@ -167,6 +168,9 @@ def add_load(spec: Any, load: Load, mass: float, holding: Sequence[Arm]) -> None
         turn = quaternion_of_rotation(part.rotation)
         geom = body.add_geom(type=kinds[part.kind], pos=part.position, quat=turn)
         geom.size[: len(part.size)] = part.size
+        if part.kind == "hull":
+            mesh = spec.add_mesh(name=f"{THE_LOAD}'s hull {i}", uservert=part.points.ravel().tolist())
+            mesh.inertia, geom.meshname = mj.mjtMeshInertia.mjMESH_INERTIA_CONVEX, mesh.name
         geom.mass = mass * part.volume / volume
         _finish(geom, THE_LOAD if len(load.parts) == 1 else f"{THE_LOAD}'s part {i}", orange)
     for arm, point in zip(holding, load.grasps, strict=True):

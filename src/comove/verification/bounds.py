@@ -62,6 +62,22 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
     return NodeBounds(acceleration, jerk)
 
 
+def turn_jerk(motion: CoordinatedMotion, node: int) -> Array:
+    """Return bounds of the second derivative of a body's angular velocity; array, shape (n_intervals,).
+
+    In unit duration. A body with the unit quaternion u has the angular velocity w = 2 u' conj(u), so that |w"| is at
+    most 2 |u'''| + 6 |u'| |u"|, as the third derivative of a point at unit distance is.
+
+    Parameters
+    ----------
+    node : number of a node of the body
+    """
+    part = next(part for part in motion.coordinates.parts if node in part.nodes)
+    if part.kind == POINT:
+        return np.zeros(N_INTERVALS)
+    return _turning_bounds(part.kind, motion.knots[:, :, part.columns][:, :, motion.coordinates.n_dims :])[1]
+
+
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
     """Return an upper bound of the speed of every hand at every instant [m/s].
 

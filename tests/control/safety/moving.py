@@ -9,8 +9,7 @@ from comove.control.safety.twist_qp import Sighting, TwistProgramme
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.geometry.distances import CENTER, ROTATION
 from comove.scenes import Scene
-
-from ..brute_force import body_of, obstacle_distance
+from tests.brute_force import body_of, obstacle_distance
 
 N_POINTS = 201  # along an edge
 

@@ -8,9 +8,9 @@ from scipy.optimize import minimize
 
 from comove.control.safety.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
 from comove.control.safety.twists import hand_velocities, nodes_of, poses_of
+from tests.brute_force import obstacle_distance
 from tests.cases import examples
 
-from ..brute_force import obstacle_distance
 from .moving import World, run, scene_of
 
 seeds = st.integers(0, 2**32 - 1)

@@ -1,8 +1,8 @@
 """The page on what each repair is worth: verdicts follow from the runs, and every variant is another method."""
 
 from comove.lab.bench.store import Configuration, Figures, Machine, Run
+from comove.lab.evolution import Paper
 from comove.lab.paper.ablation import EXAMPLES, SET, VARIANTS, WHOLE, page, scenes, systems
-from comove.planning import Paper
 
 SEEDS = 10
 

@@ -4,12 +4,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+import comove
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.planning import smooth
 from comove.planning.convex.costs import Anchored
 from comove.planning.objective import N_STEPS
-from comove.robots import Robot, carry
+from comove.robots import Robot
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.following import MET
 from comove.robots.search.links import ENOUGH
@@ -146,5 +147,5 @@ def test_two_pandas_find_the_smoothest_motion_that_keeps_their_links_apart():
     optimise = smooth.optimise
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(smooth, "optimise", noted)
-        found = carry(scene.timed(None), robot("two_pandas"), seed=0, budget=600)
+        found = comove.solve(scene.timed(None), robot=robot("two_pandas"), seed=0, budget=600)
     assert found.verified and set(costs) == {0.0}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from comove.data.datasets import lerobot, lerobot_v21, mcap, npz, robomimic
+from comove.data.datasets import lerobot, mcap, npz, robomimic
 from comove.data.datasets.samples import EpisodeSamples, episodes_of
 from comove.errors import ResultError
 from comove.io.files import extra
@@ -45,7 +45,6 @@ FORMATS = {
     for format in (
         DatasetFormat("npz", "npz", npz.write),
         DatasetFormat("lerobot", "lerobot", lerobot.write, "pyarrow"),
-        DatasetFormat("lerobot-2.1", "lerobot-2.1", lerobot_v21.write, "pyarrow"),
         DatasetFormat("mcap", "mcap", mcap.write, "rosbags"),
         DatasetFormat("robomimic", "robomimic.hdf5", robomimic.write, "h5py", is_folder=False),
     )

@@ -79,14 +79,14 @@ class Body:
 
     @property
     def stated_unit(self) -> str | None:
-        """Return the unit that all coordinates state, None if none of them does.
+        """Return the unit that all coordinates state, None if one of them states none.
 
         Coordinates that state several units of one quantity are read in its base unit: metres, or radians.
         """
-        units = {column.unit for column in self.moving if column.unit is not None}
-        if len(units) == 1 and all(column.unit is not None for column in self.moving):
-            return units.pop()
-        bases = {base_unit(unit) for unit in units}
+        units = {column.unit for column in self.moving}
+        if len(units) == 1 or None in units:
+            return None if None in units else units.pop()
+        bases = {base_unit(str(unit)) for unit in units}
         return bases.pop() if len(bases) == 1 else None
 
     def samples(
@@ -173,7 +173,7 @@ def _form(orientation: Sequence[Column]) -> str:
 def quaternions(values: Array, columns: Sequence[Column]) -> Array:
     """Return the quaternions w x y z, shape (n_steps, 4), of a body's columns of orientation.
 
-    Angles that state no unit are radians, unless they are too large for it.
+    Angles that state no unit have that of the others; if none states one they are radians, unless they are too large.
 
     Parameters
     ----------
@@ -184,12 +184,12 @@ def quaternions(values: Array, columns: Sequence[Column]) -> Array:
         return values
     if columns[0].axis in MATRIX:
         return _of_matrices(values.reshape(-1, 3, 3))
-    units = {column.unit for column in columns}
-    stated = units.pop() if len(units) == 1 else None
-    if stated is None:
+    units = [column.unit for column in columns]
+    usual = next(filter(None, units), None)
+    if usual is None:
         with np.errstate(invalid="ignore"):
-            stated = "deg" if np.nanmax(np.abs(values), initial=0.0) > _TURN else "rad"
-    angles = values * in_base_unit(stated)
+            usual = "deg" if np.nanmax(np.abs(values), initial=0.0) > _TURN else "rad"
+    angles = values * [in_base_unit(unit or usual) for unit in units]
     if columns[0].axis in ROTATION_VECTOR:
         return exponential(angles)
     roll, pitch, yaw = (exponential(angles[:, i, None] * np.eye(3)[i]) for i in range(3))

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from comove.dmp.demonstrations.samples import AXES, QUATERNION
-from comove.dmp.demonstrations.units import TIMES, UNITS, is_angle, unit_named
+from comove.dmp.demonstrations.units import ANGLES, LENGTHS, TIMES, UNITS, is_angle, unit_named
 
 EULER = ("roll", "pitch", "yaw")
 """Angles about the fixed axes x, y, z, in this order (REP 103 of ROS): R = Rz(yaw) Ry(pitch) Rx(roll)."""
@@ -93,6 +93,9 @@ _DERIVED = _all(
     "imu mag magnetometer bias gravity error err residual cov covariance jerk temperature temp confidence std",
     "variance delta status valid quality qvel qd dq ddq tau voltage momentum linear displacement noise",
     "moment moments power energy fx fy fz mx my mz vx vy vz ax ay az wx wy wz",
+    "speeds powers probes controls amp amps ampere amperes volt volts bat battery pwm duty",
+    "emg ecg eeg adc pressure rssi rss reward loss score",
+    "range distance dist",  # between two things, which are no coordinates of either
     "lat lon lng latitude longitude",  # angles on the Earth, which span no length
 )
 _POSITIONS = _all("pos position positions translation trans point xyz location loc coordinate coord")
@@ -122,6 +125,10 @@ _NUMBERED = _all("j q joint theta motor dof axis servo")
 _BRACKETS = re.compile(r"(?P<name>.*?)\s*[\[(](?P<unit>[^\[\]()]*)[\])]\s*")
 _RATE = re.compile(r"[/^]|s-1|^(n|nm|hz|%|v|a|w|kg|c)$", re.IGNORECASE)
 """Units of what is no coordinate."""
+_ENDS = _all("current currents")
+"""Words of what is no coordinate where a name ends with them, `motor_current_1`; `current_x` is a position now."""
+_STATISTICS = _all("mean median average avg sum total rms min max count percent weight weights gain gains")
+"""Words of numbers about others, unless a position or a joint is named as well."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +215,8 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
         return column(Kind.INDEX)
     if is_time:
         return column(Kind.TIME)
-    if (said is not None and _RATE.search(said)) or _DERIVED & set(texts) or _DERIVED & set(words_of(kind)):
+    ends = next((text for text in reversed(texts) if not text.isdigit()), "") in _ENDS
+    if ends or (said is not None and _RATE.search(said)) or _DERIVED & {*texts, *words_of(kind)}:
         return column(Kind.OTHER)
     if (found := _cartesian(core, words, kind)) is not None:
         of, axis, own = found
@@ -218,7 +226,8 @@ def _read_column(number: int, name: str, body: str, kind: str, below: str) -> Co
         return column(Kind.GRIPPER, core)
     if _is_joint(texts, said):
         return column(Kind.JOINT, core)
-    return column(Kind.OTHER, core)
+    is_other = said is not None and said not in LENGTHS and said not in ANGLES and said not in TIMES
+    return column(Kind.OTHER, "" if is_other or _STATISTICS & set(texts) else core)
 
 
 def words_of(text: str) -> list[str]:

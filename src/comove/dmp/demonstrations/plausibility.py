@@ -16,7 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.dmp.demonstrations.samples import IN_MEMORY, TIME, UNIT, Origin, fault
+from comove.dmp.demonstrations.samples import (
+    HZ,
+    IN_MEMORY,
+    SAY_RATE,
+    TIME,
+    UNIT,
+    WHICH_UNIT,
+    Origin,
+    fault,
+)
 from comove.dmp.demonstrations.units import ANGLES, LENGTHS, TIMES
 from comove.errors import DemonstrationError, OptionError
 
@@ -146,8 +155,8 @@ def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "")
         name,
         f"its steps are {step:g}, and nothing says whether these are milliseconds, seconds or frames",
         way_out
-        or f"name the unit: --time '{bare} [ms]', or '{bare} [s]'; or give the rate of frames: --rate HZ",
-        **({"time": None, "rate": 100} if step == 1.0 else {"time": f"{bare} [ms]"}),
+        or f"replace {WHICH_UNIT} by s, ms, us or ns: --time '{bare} [{WHICH_UNIT}]'; or of frames {SAY_RATE}",
+        **({"time": None, "rate": HZ} if step == 1.0 or way_out else {"time": f"{bare} [{WHICH_UNIT}]"}),
     )
 
 
@@ -228,9 +237,9 @@ def _wrong_time(time: Array) -> Doubt | None:
     return Doubt(
         "in steps of",
         f"time passes in steps of {step:.4g} s, {lasts} in all",
-        "give its unit, --time 'NAME [ms]', or the samples a second, --rate HZ",
+        f"give its unit, --time 'NAME [ms]', or {SAY_RATE}",
         "--time",
-        {"rate": 100},
+        {"rate": HZ},
     )
 
 

@@ -16,6 +16,11 @@ from numpy.typing import NDArray
 from comove.dmp.demonstrations.units import is_angle, is_length, is_of_joints, require_unit
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 
+HZ, WHICH_UNIT = "HZ", "UNIT"
+"""Words of a printed command for a rate and a unit that the file does not tell, which a person replaces."""
+SAY_RATE = "give the samples a second, which the recorder's settings or the documentation tell: --rate HZ"
+SAY_UNIT = f"replace {WHICH_UNIT} by m or mm of positions, by rad or deg of joints"
+
 
 def fault(file: object, key: str | None, message: str, way_out: str, **options: Any) -> DemonstrationError:
     """Return the error about a recording: its file, the place in it, what is wrong, and what to do.

@@ -173,7 +173,7 @@ class TaskPriority(Method):
 
     def _controller(self, search: Search, period: float, taught: CoordinatedMotion) -> Controller:
         """Return the controller of free hands, or of the joints where a robot carries."""
-        if search.carrier is None:
+        if not search.kinematics.has_limits:
             return Controller(self, search.scene, period)
         from comove.lab.compared.task_priority_joints import JointController  # which needs robots
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from comove.control.safety.qp_workspace import Rates, Sighting
 from comove.coordination.motion import CoordinatedMotion
+from comove.errors import OptionError
 from comove.lab.compared.hierarchy import PriorityTask
 from comove.lab.compared.task_priority import Controller, Performance, TaskPriority
 from comove.planning.search import Search
@@ -39,16 +40,22 @@ class JointController(Controller):
     Parameters
     ----------
     method : method that holds the controller's parameters
-    search : search whose carrier is a `RobotCarrier`
+    search : search whose kinematics is a `RobotCarrier`
     period : control period [s]
     taught : the hands' taught movement, along which the joints at the start are chosen
     """
 
     def __init__(self, method: TaskPriority, search: Search, period: float, taught: CoordinatedMotion):
         super().__init__(method, search.scene, period)
-        carrier = search.carrier
+        carrier = search.kinematics
         if not isinstance(carrier, RobotCarrier):
             raise TypeError(f"joints are those of a RobotCarrier, not of {type(carrier).__name__}")
+        if carrier.grasp.keypoints:
+            raise OptionError(
+                "its hands turn a load about the vertical only",
+                key="method",
+                way_out="use the method 'comove' for payloads that tilt",
+            )
         self.carrier, self.arms = carrier, carrier.arms
         self.first = carrier.best_course(sampled_nodes(taught))[0]
         self.joints, self.path = self.first, [self.first]
@@ -96,7 +103,7 @@ class JointController(Controller):
         off = error[:, 3:]
         self.turned = max(self.turned, float(np.linalg.norm(off, axis=1).max()))
         turn = jacobians[:, 3:].copy()
-        turn[:, 2] -= np.outer(grasp.turning, grasp.heading_rates(hands, moving.reshape(*hands.shape, -1)))
+        turn[grasp.turning] -= grasp.spins(hands, moving.reshape(*hands.shape, -1))
         pull = -TURNING.wanted(off, len(self.path) * self.period, self.period)
         return PriorityTask(turn.reshape(-1, turn.shape[2]), pull.ravel())
 

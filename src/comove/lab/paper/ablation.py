@@ -10,14 +10,14 @@ import numpy as np
 from comove.dmp.system import ExponentialPhase
 from comove.lab.bench.sets import BenchScene, scenes_of
 from comove.lab.bench.store import Run
+from comove.lab.evolution.paper import OPTIMISER, Paper
+from comove.lab.evolution.printed import Printed
 from comove.lab.examples import example_path
 from comove.lab.summaries import Interval, table, wilson
 from comove.lab.systems import OwnSystem
 from comove.optim import FactorForm, NoForm, PrintedForm, StaleForm
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
-from comove.planning.paper import OPTIMISER, Paper
-from comove.planning.printed import Printed
 
 EXAMPLES = ("wide", "narrow", "complex")
 SET = "easy"

@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 from comove.errors import ComoveError, ExtraError
 from comove.lab.compared import TaskPriority
+from comove.lab.evolution import Paper
 from comove.lab.examples import example
 from comove.lab.paper.measures import largest_turn
-from comove.planning import LeastJerk, Paper, PaperCost, SceneKind, load_kernels, movements_of
+from comove.planning import LeastJerk, PaperCost, SceneKind, load_kernels, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
 from comove.scenes import demonstration_of
+from comove.solving import solve
 
 if TYPE_CHECKING:
     from comove.sim import Execution
@@ -107,7 +109,7 @@ def missing() -> str:
 
 def transport(passage: Passage) -> Transport:
     """Plan for the arms, judge the joints, simulate, and draw."""
-    from comove.robots import Robot, carry
+    from comove.robots import Robot
     from comove.sim import Weld, simulate
 
     scene, robot = example(f"baxter_{passage.scene}"), Robot.load("baxter")
@@ -115,9 +117,9 @@ def transport(passage: Passage) -> Transport:
     recorded = passage.start == STARTS[0]
     load_kernels(SceneKind.of(scene))
     begun = now()
-    found = carry(
+    found = solve(
         scene,
-        robot,
+        robot=robot,
         demonstration=movements_of(demonstration_of(scene), scene) if recorded else None,
         seed=passage.seed,
         method=method,
@@ -125,22 +127,22 @@ def transport(passage: Passage) -> Transport:
         objective=LeastJerk() if method is None else PaperCost(velocity=passage.velocity),
     )
     seconds = now() - begun
-    if found.solution.interrupted:
+    if found.interrupted:
         raise KeyboardInterrupt
     planned = Transport(
         passage,
         verified=found.verified,
-        turn=largest_turn(found.solution.attempt),
-        distance_error=found.solution.report.distance_error_max,
-        clearance=min(found.report.clearance_scene, found.solution.report.clearance_min),
-        end_missed=found.solution.report.end_error,
+        turn=largest_turn(found.attempt),
+        distance_error=found.report.distance_error_max,
+        clearance=min(found.joints.report.clearance_scene, found.report.clearance_min),
+        end_missed=found.report.end_error,
         seconds=seconds,
-        reasons=found.solution.reasons,
-        log=found.solution.log,
+        reasons=found.reasons,
+        log=found.log,
     )
     if not found.verified:
         return planned
-    execution = simulate(found.joints, scene, robot, Weld())
+    execution = simulate(found.joints.attempt, scene, robot, Weld())
     return replace(
         planned,
         delivered=execution.delivered,

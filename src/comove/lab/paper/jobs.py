@@ -12,9 +12,10 @@ from comove.coordination.motion import CoordinatedMotion
 from comove.dmp import DMP
 from comove.dmp.operations import in_space
 from comove.lab.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
+from comove.lab.evolution import Paper, Printed, Projection
 from comove.lab.examples import example
 from comove.lab.paper.measures import Along, Measures, follow, measure
-from comove.planning import Comove, Paper, PaperCost, Printed, Projection, SceneKind, load_kernels, solve
+from comove.planning import Comove, PaperCost, SceneKind, load_kernels, solve
 from comove.planning.method import Method
 from comove.scenes import Scene
 

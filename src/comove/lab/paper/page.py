@@ -336,8 +336,8 @@ arms follow them exactly, the joints are judged, and servos that know nothing of
 the distance is 0.4 mm; the stick is fixed in the grippers. Both scenes are ours: arms reach both ends, and in the
 second the stick must turn. Seeds from {runs.plan.fresh} on, with which nothing was tuned; drawn is the first. By
 hand:
-`comove robot solve baxter_narrow.yaml --method paper --weights 1,{GAIT["velocity"]:g},10 --out arms`, then
-`comove robot simulate arms`.
+`comove solve baxter_narrow.yaml --method paper --weights 1,{GAIT["velocity"]:g},10 --out arms`, then
+`comove simulate arms`.
 
 {shown}
 
@@ -385,7 +385,7 @@ def _with_joints(runs: Runs) -> str:
         return ""
     return f"""
 The source of [5] has a robot's joints. With those of Baxter, in the passages of Figures 8 and 9, from the scene's
-recorded movement and from straight lines, without random numbers (`comove robot solve baxter_wide.yaml --method
+recorded movement and from straight lines, without random numbers (`comove solve baxter_wide.yaml --method
 task-priority --out joints`): its programmes run over the rates of all joints, links keep clear, and what is left to
 choose draws the joints to where they began.
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.coordination.motion import CoordinatedMotion
-from comove.planning.objectives.least_jerk import LeastJerk
-from comove.planning.objectives.paper import PaperCost
 from comove.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from comove.planning.objectives.least_jerk import LeastJerk
+    from comove.planning.objectives.paper import PaperCost
 
 Array = NDArray[np.float64]
 

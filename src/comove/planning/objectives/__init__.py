@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from comove.planning.objectives.criterion import Criterion
 from comove.planning.objectives.least_jerk import LeastJerk
 from comove.planning.objectives.least_time import LeastTime
 from comove.planning.objectives.own import Equality, OwnFunctions, Samples
@@ -10,6 +11,7 @@ from comove.scenes.model import Objective
 
 __all__ = [
     "OBJECTIVES",
+    "Criterion",
     "Equality",
     "LeastJerk",
     "LeastTime",
@@ -23,6 +25,6 @@ OBJECTIVES = {"least_jerk": LeastJerk, "least_time": LeastTime, "paper": PaperCo
 """By what scene files and results call them."""
 
 
-def objective_of_scene(part: Objective | None) -> LeastJerk | LeastTime | PaperCost | None:
+def objective_of_scene(part: Objective | None) -> Criterion | None:
     """Return the objective that a scene file asks for, None if it names none."""
     return None if part is None else OBJECTIVES[part.type](**part.model_dump(exclude={"type"}))

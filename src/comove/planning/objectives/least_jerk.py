@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
 from comove.errors import OptionError
+from comove.planning.convex.costs import jerk_cost
+from comove.planning.objectives.criterion import Criterion
+
+if TYPE_CHECKING:
+    from comove.coordination.motion import CoordinatedMotion
+    from comove.planning.objective import Objective
 
 
 @dataclass(frozen=True)
-class LeastJerk:
+class LeastJerk(Criterion):
     """The objective of least squared jerk of all hands; with a demonstration, of the deviation and its jerk.
 
     In unit duration, with L the root of the summed squared distances from start to goal and d_i the demonstration
@@ -30,6 +38,7 @@ class LeastJerk:
         workspaces below 0.3 m or above 5 m a hundredth of the longest side
     """
 
+    least: ClassVar[float] = 1.0
     resemblance: float | None = None
     room: float | None = None
 
@@ -52,6 +61,30 @@ class LeastJerk:
     def wish(self) -> float:
         """Return the wish for room [m], the default one in a scene of some decimetres to a few metres."""
         return 0.01 if self.room is None else float(self.room)
+
+    def value(
+        self, motion: CoordinatedMotion, evaluated: Objective, returned: Callable[[], CoordinatedMotion]
+    ) -> float:
+        """Return the value for a motion, as `Criterion.value`."""
+        return jerk_cost(motion, self, evaluated.demonstration, evaluated.precision)
+
+    @property
+    def smoothness(self) -> LeastJerk:
+        """Return the objective itself."""
+        return self
+
+    def scaled(self, ratio: float) -> Self:
+        """Return the objective for scaled lengths; a wish for room that is not given stays as it is."""
+        return replace(self, room=self.wish if self.room is None else ratio * self.room)
+
+    def check_untaught(self) -> None:
+        """Refuse a resemblance without a demonstration, as `Criterion.check_untaught`."""
+        if self.resemblance:
+            raise OptionError(
+                f"a resemblance of {self.resemblance:g} without a demonstration",
+                key="objective",
+                way_out="give a demonstration, or LeastJerk() without a resemblance",
+            )
 
     def pull(self, taught: bool) -> float:
         """Return the weight of the deviation from the demonstration; 0 if there is none or it is not used.

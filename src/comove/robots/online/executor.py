@@ -18,6 +18,7 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from comove.control.clouds import Clouds
 from comove.control.executor import Event, StepLog
@@ -28,7 +29,7 @@ from comove.coordination.blocks import write_pose
 from comove.coordination.coordinates import HandPoses, poses_at
 from comove.dmp.arguments import require_positive
 from comove.errors import OptionError, RobotError
-from comove.geometry.rotations import matrices
+from comove.geometry.rotations import matrices, quaternion_of_rotation
 from comove.planning.clock import Budget
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
@@ -147,8 +148,8 @@ class JointExecutor:
         self.log, self.n_steps = OnlineLog(), 0
         standing = scene.standing()
         self.plan = self._first_plan(standing)
-        if (held := self.plan.scene.file.grasp) != scene.file.grasp and held is not None:  # it was left open
-            scene = self.scene = scene.held_as(held)
+        if len(scene.alternatives) > 1:
+            scene = self.scene = scene.held_as_in(self.plan.scene)
             standing = scene.standing()
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
@@ -270,8 +271,8 @@ class JointExecutor:
         settings, joints = self.settings.recovery, self.position[self.columns]
         held = np.array([self.robot.tool_pose(measured, arm) for arm in self.carrier.holders])
         for poses in (self._nearest(held), self.poses):  # or to where it was driven off from
-            wanted, nodes = held.copy(), nodes_of(self.scene, poses)[: len(held)]
-            wanted[:, :3, 3], wanted[:, :3, :3] = nodes, self.carrier.grasp.hand_rotations(nodes[None])[0]
+            wanted, nodes = held.copy(), nodes_of(self.scene, poses)
+            wanted[:, :3, 3], wanted[:, :3, :3] = nodes[: len(held)], self.carrier.grasp.hand_rotations(nodes)
             way = way_back(self.arms, measured[self.columns], held, wanted, settings)
             if way is not None:
                 way += np.linspace(1.0, 0.0, len(way))[:, None] * (joints - way[0])  # commands do not jump
@@ -286,7 +287,15 @@ class JointExecutor:
 
     def _nearest(self, held: Array) -> HandPoses:
         """Return the poses of the load that are nearest to hands, array of shape (n_hands, 4, 4)."""
-        return poses_of(self.scene, held[:, : self.scene.n_dims, 3])
+        if not self.carrier.grasp.keypoints:
+            return poses_of(self.scene, held[:, : self.scene.n_dims, 3])
+        (group,), nodes = self.scene.groups, self.scene.nodes_at("start")
+        turns = (
+            held[:, :3, :3] @ self.carrier.grasp.hand_rotations(nodes).swapaxes(1, 2) @ group.start.rotation
+        )
+        rotation = Rotation.from_matrix(turns).mean().as_matrix()
+        center = held[:, :3, 3].mean(axis=0) - rotation @ group.grasps.mean(axis=0)
+        return HandPoses(center[None], quaternion_of_rotation(rotation)[None])
 
     def _go_on(self) -> None:
         """Let steps begin where the way back has ended."""
@@ -391,16 +400,17 @@ class JointExecutor:
     def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
         begun = clock.perf_counter()
         budget = Budget(work=self.settings.leisure)
-        found = carry(standing, self.robot, seed=self.seed, budget=budget, progress=False)
+        found = carry(standing, self.robot, seed=self.seed, budget=budget)
         self.log.planning.append(clock.perf_counter() - begun)
-        if found.motion is None:
+        if found.joints.motion is None:
             raise RobotError(
-                f"no carry is found among what stands: {found.solution.reasons[0]}",
+                f"no carry is found among what stands: {found.reasons[0]}",
                 file=self.scene.path,
-                way_out="solve it with 'comove robot solve' first",
+                way_out="solve it with 'comove solve' first",
             )
-        self._tell(f"a plan of {found.motion.scene.duration:.2f} s")
-        return found.motion
+        motion: VerifiedJointMotion = found.joints.motion
+        self._tell(f"a plan of {motion.scene.duration:.2f} s")
+        return motion
 
     def _keep_a_course(self, seen: Sighting) -> None:
         """Let the pilot look on, and choose another course where that is worth it."""

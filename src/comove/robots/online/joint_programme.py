@@ -116,7 +116,7 @@ class JointProgramme(TwistProgramme):
             raise SceneError(
                 "arms are run with one rigid load in all hands, and here are several",
                 file=scene.path,
-                key="load",
+                key=scene.words.key("load"),
                 way_out="let all hands hold it, or run the scene without a robot",
             )
         self.arms, self.grasp, self.joint_settings = arms, grasp, settings
@@ -190,7 +190,7 @@ class JointProgramme(TwistProgramme):
         whole.low[count : count + n_joints], whole.low[count + n_joints : last] = least, -largest
         self._n_own = last + 6 * n_hands
         hold = slice(last, self._n_own)
-        whole.rows[hold] = self._hold(jacobians, nodes)
+        whole.rows[hold] = self._hold(jacobians)
         whole.low[hold], whole.high[hold], whole.sense[hold] = 0.0, 0.0, EQUAL
         self._looked = True
 
@@ -251,14 +251,14 @@ class JointProgramme(TwistProgramme):
             whole.body[:last],
         )
 
-    def _hold(self, jacobians: Array, nodes: Array) -> Array:
+    def _hold(self, jacobians: Array) -> Array:
         """Return the equations by which hands move and turn with the load; array, shape (6 n_hands, n + n_joints)."""
         velocities = self._work.hands
         n_hands, _, n = velocities.shape
         rows = np.zeros((n_hands, 6, n + jacobians.shape[2]))
         rows[:, :, n:] = jacobians
         rows[:, :3, :n] = -velocities
-        rows[:, 5, :n] = -np.outer(self.grasp.turning, self.grasp.heading_rates(nodes[:n_hands], velocities))
+        rows[self.grasp.turning, 3:, :n] = -self._freedom.basis[0, 3:]
         return rows.reshape(6 * n_hands, -1)
 
     def _taken(self, z: Array) -> Array:

@@ -5,9 +5,9 @@ The variables are those of the twist programme, x, which move the load, and the 
     n . (velocity of a link's nearest point - velocity of the other's) >= -rate(h)
 
 is a control barrier as in `comove.control.safety.cbf_constraints`; h is the clearance that is left, n its direction.
-Links are capsules, which are a little wider than the bodies in them. Joints can change their rates only a little in a step,
-so most rows hold whatever they do: those are left out, and mostly not even measured. Where limits of joints have to
-give way themselves, the next step sees what came nearer by that.
+Links are capsules, which are a little wider than the bodies in them. Joints can change their rates only a little in
+a step, so most rows hold whatever they do: those are left out, and mostly not even measured. Where limits of joints
+have to give way themselves, the next step sees what came nearer by that.
 """
 
 from __future__ import annotations

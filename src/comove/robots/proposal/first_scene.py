@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 from comove.errors import RobotError, SceneError
 from comove.planning.clock import Budget
 from comove.planning.kernels import SceneKind
+from comove.planning.solution import Solution
 from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.examination import findings_of
 from comove.robots.proposal.homes import base_of, floor_of
 from comove.robots.proposal.surroundings import scene_of
-from comove.robots.solving import RobotSolution, carry
+from comove.robots.solving import carry
 from comove.robots.transfers import plan_transfers
 from comove.scenes.grasp import HELD
 from comove.scenes.scene import Scene
@@ -84,12 +85,13 @@ class SceneProposal:
     """
 
     data: dict[str, Any]
-    found: RobotSolution
+    found: Solution
     unreached: str = ""
 
     def text(self) -> str:
         """Return the scene as YAML."""
-        head = f"# A first scene for {self.found.robot.name}: a bar is lifted over a rail. Lengths are in metres.\n"
+        name = self.found.joints.robot.name
+        head = f"# A first scene for {name}: a bar is lifted over a rail. Lengths are in metres.\n"
         return head + yaml.safe_dump(self.data, sort_keys=False, default_flow_style=None, width=110)
 
 
@@ -245,20 +247,20 @@ def propose_scene(
         data = place.data(named, rail, duration, around)
         try:
             first_scene, budget = Scene.from_dict(data, folder=folder), Budget(work=work)
-            found = carry(first_scene, robot, seed=seed, budget=budget, progress=False)
+            found = carry(first_scene, robot, seed=seed, budget=budget)
         except SceneError as error:
             reasons.append(str(error))
             continue
-        if found.verdict.verified is not None:
+        if found.joints.motion is not None:
             try:
-                plan_transfers(found.verdict.verified, seed=seed)
+                plan_transfers(found.joints.motion, seed=seed)
             except RobotError as error:
                 first, n_carried = first or SceneProposal(data, found, error.message), n_carried + 1
                 if n_carried < settings.n_carried:
                     continue
                 return first
             return SceneProposal(data, found)
-        reasons += (*found.solution.reasons, *found.verdict.reasons, "none was found")[:1]
+        reasons += (*found.reasons, *found.joints.verdict.reasons, "none was found")[:1]
     if first is not None:
         return first
     raise RobotError(

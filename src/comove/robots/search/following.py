@@ -81,12 +81,15 @@ def solutions(
 
 
 @kernel
-def hand_rotation(around: LinkSurroundings, hands: Array, i: int, out: Array) -> None:
-    """Compute the orientation of hand i (see `Grasp.hand_rotations`); hands, array of shape (n_arms, 3)."""
+def hand_rotation(around: LinkSurroundings, nodes: Array, i: int, out: Array) -> None:
+    """Compute the orientation of hand i (see `Grasp.hand_rotations`); nodes, array of shape (n_nodes, 3)."""
+    if around.keypoints.shape[0] > 0:
+        _hand_on_keypoints(around, nodes, i, out)
+        return
     c, s = 1.0, 0.0
     if around.turning[i] and around.first != around.second:
-        x = hands[around.first, 0] - hands[around.second, 0]
-        y = hands[around.first, 1] - hands[around.second, 1]
+        x = nodes[around.first, 0] - nodes[around.second, 0]
+        y = nodes[around.first, 1] - nodes[around.second, 1]
         size = sqrt(x * x + y * y)
         c, s = x / size, y / size
     rest = around.at_rest[i]
@@ -97,13 +100,33 @@ def hand_rotation(around: LinkSurroundings, hands: Array, i: int, out: Array) ->
 
 
 @kernel
-def posture_on(course: Array, around: LinkSurroundings, hands: Array, out: Array) -> None:
-    """Compute the posture on a course to which redundant joints are drawn, as far from its ends as the hands are.
+def _hand_on_keypoints(around: LinkSurroundings, nodes: Array, i: int, out: Array) -> None:
+    """Compute the orientation of hand i from the keypoints of the load."""
+    p, q, r = nodes[around.keypoints[0]], nodes[around.keypoints[1]], nodes[around.keypoints[2]]
+    ax, ay, az = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    bx, by, bz = r[0] - p[0], r[1] - p[1], r[2] - p[2]
+    nx, ny, nz = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    size, height = sqrt(ax * ax + ay * ay + az * az), sqrt(nx * nx + ny * ny + nz * nz)
+    ax, ay, az = ax / size, ay / size, az / size
+    nx, ny, nz = nx / height, ny / height, nz / height
+    bx, by, bz = ny * az - nz * ay, nz * ax - nx * az, nx * ay - ny * ax
+    if not around.turning[i]:
+        ax, ay, az, bx, by, bz, nx, ny, nz = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
+    rest = around.at_rest[i]
+    for k in range(3):
+        out[0, k] = ax * rest[0, k] + bx * rest[1, k] + nx * rest[2, k]
+        out[1, k] = ay * rest[0, k] + by * rest[1, k] + ny * rest[2, k]
+        out[2, k] = az * rest[0, k] + bz * rest[1, k] + nz * rest[2, k]
+
+
+@kernel
+def posture_on(course: Array, around: LinkSurroundings, nodes: Array, out: Array) -> None:
+    """Compute the posture on a course to which redundant joints are drawn, as far from its ends as the load is.
 
     Parameters
     ----------
     course : array, shape (2, n_joints), joints at start and goal
-    hands : array, shape (n_arms, 3), their positions, before any nodes of the load [m]
+    nodes : array, shape (n_nodes, 3), hands first, then nodes of the load [m]
     out : result, array of shape (n_joints,)
     """
     away = np.zeros(2)
@@ -111,7 +134,7 @@ def posture_on(course: Array, around: LinkSurroundings, hands: Array, out: Array
         for i in range(around.ends.shape[1]):
             square = 0.0
             for axis in range(3):
-                square += (hands[i, axis] - around.ends[end, i, axis]) ** 2
+                square += (nodes[i, axis] - around.ends[end, i, axis]) ** 2
             away[end] += sqrt(square)
     share = away[0] / max(away[0] + away[1], 1e-12)
     for j in range(out.shape[0]):

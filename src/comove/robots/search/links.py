@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.distances import REACH, point_distance, segment_distance
+from comove.geometry.solids import N_CORNERS
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
@@ -41,9 +42,10 @@ class LinkSurroundings(NamedTuple):
     share : share of the limits of rates and torques that a search uses
     at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
     first, second : indices of the hands that define the heading; equal where one hand holds the load alone
+    keypoints : array of int, shape (3,), nodes that tell how the load is turned; (0,) where hands tell its heading
     carried : array, shape (n_arms,), mass at each hand [kg]
     posture : array, shape (n_joints,), home, to which redundant joints are drawn at the ends
-    ends : array, shape (2, n_arms, 3), hands at start and goal [m]
+    ends : array, shape (2, n, 3), the first nodes at start and goal, hands at least [m]
     """
 
     obstacles: Array
@@ -57,6 +59,7 @@ class LinkSurroundings(NamedTuple):
     turning: NDArray[np.bool_] = np.zeros(0, dtype=bool)
     first: int = 0
     second: int = 0
+    keypoints: NDArray[np.int64] = np.zeros(0, dtype=np.int64)
     carried: Array = np.zeros(0)
     posture: Array = np.zeros(0)
     ends: Array = np.zeros((2, 0, 3))
@@ -106,18 +109,33 @@ class Links(NamedTuple):
 
 
 def load_lines(scene: Scene) -> tuple[NDArray[np.int64], Array]:
-    """Return the lines that stand for a load in distances to links, and their radii: rods, and of boxes the edges
-    and the diagonals of faces.
+    """Return the lines that stand for a load in distances to links, and their radii: rods, the edges of boxes and the
+    diagonals of their faces, and the edges of the triangles that bound other solids.
 
     Returns
     -------
     edges, radii : arrays, shape (n_edges, 2) and (n_edges,), numbers of nodes, and [m]
     """
     body = scene.body
-    lines = [(a, b) for a in range(8) for b in range(a) if (a ^ b).bit_count() < 3]
-    pairs = [(corners[a], corners[b]) for corners in body.solids for a, b in lines]
+    lines = [(a, b) for a in range(N_CORNERS) for b in range(a) if (a ^ b).bit_count() < 3]
+    are_boxes = body.solids.shape[1] == N_CORNERS
+    nodes = scene.nodes_at("start")
+    pairs = [
+        (corners[a], corners[b])
+        for corners in body.solids
+        for a, b in (lines if are_boxes else _hull_edges(nodes[np.unique(corners)]))
+    ]
     lattice = np.array(pairs, dtype=np.int64).reshape(-1, 2)
     return np.concatenate([body.edges, lattice]), np.concatenate([body.radii, np.zeros(len(lattice))])
+
+
+def _hull_edges(points: Array) -> list[tuple[int, int]]:
+    """Return the edges of the triangles that bound the hull of points, array of shape (n, 3), as pairs of these."""
+    from scipy.spatial import ConvexHull  # slow to import, and only meshes need it
+
+    simplices = ConvexHull(points).simplices
+    edges = np.unique(np.sort(simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    return [(int(a), int(b)) for a, b in edges]
 
 
 def links_of(robot: Robot, arms: tuple[Arm, ...], *, meeting: float = 0.02) -> Links:

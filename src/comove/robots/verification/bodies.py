@@ -123,11 +123,15 @@ class Bodies:
     @cached_property
     def balls(self) -> tuple[Array, Array]:
         """Return the centre, in the frame of its joint, and the radius of a ball about each body; arrays, shape
-        (n_bodies, 3) and (n_bodies,) [m]; those of the load's shapes, which lie anywhere, are about their middles.
+        (n_bodies, 3) and (n_bodies,) [m]; those of the load's shapes, which lie anywhere, are about their origins.
         """
         items = list(self.geometry.geometryObjects)
-        centers = [item.placement.act(np.array(item.geometry.aabb_center)) for item in items]
-        return np.array(centers), np.array([item.geometry.aabb_radius for item in items])
+        middles = np.array([item.geometry.aabb_center for item in items])
+        centers = [item.placement.act(middle) for item, middle in zip(items, middles, strict=True)]
+        radii = np.array([item.geometry.aabb_radius for item in items])
+        loads = [rod for rod, *_ in self.rods]
+        radii[loads] += np.linalg.norm(middles[loads], axis=1)
+        return np.array(centers), radii
 
     def name(self, pair: int) -> str:
         """Return the names of both bodies of a pair, for messages."""

@@ -1,7 +1,7 @@
 """The verified motion of hands and load, the load as shapes of coal, and bounds of the errors of hands that hold it.
 
 All of it comes from the verified curve and from the bounds by which it was verified. A rod of the load is a capsule,
-a solid a box, placed by the nodes that they span.
+a solid a box or the hull of its corners, placed by the nodes that they span.
 
 Let e be the difference between a grasp frame's position and its position in the motion of the hands. At instants t_i
 of a grid, e and e' are computed. Between two of them, h apart, e' stays within h^2/8 max|e'''| of its chord, so that
@@ -35,11 +35,13 @@ from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.system import N_INTERVALS
 from comove.geometry.rotations import cross
+from comove.geometry.solids import N_CORNERS
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges, fastest, subdivided
 from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by, reaches_of
+from comove.scenes.grasp import keypoints_of
 from comove.scenes.scene import Scene
-from comove.verification.bounds import NodeBounds, node_bounds
+from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
 
 Array = NDArray[np.float64]
 
@@ -97,10 +99,10 @@ class Carried:
         grasp = self.motion.scene.grasp
         if grasp is None:
             return None
-        position, velocity = self.hands(time)
-        spin = np.zeros_like(position)
-        spin[:, grasp.turning, 2] = grasp.heading_rates(position, velocity[..., None])
-        return grasp.hand_rotations(position), spin
+        duration = self.motion.scene.duration
+        nodes, velocity, _ = self.motion.coordinates.motion(self.motion.at(time / duration))
+        spin = grasp.spins(nodes, velocity[..., None] / duration)[..., 0]
+        return grasp.hand_rotations(nodes), np.where(grasp.turning[:, None], spin[:, None], 0.0)
 
     @cached_property
     def speed(self) -> Ranges:
@@ -115,13 +117,17 @@ class Carried:
 
     @cached_property
     def swing(self) -> Ranges:
-        """Return upper bounds of the third derivative of the heading [rad/s^3]; array of width 1.
+        """Return upper bounds of the second derivative of the load's angular velocity [rad/s^3]; array of width 1.
+
+        Where it turns in any way, that of its coordinates; where it turns about the vertical, of its heading.
 
         The unit vector u along a planar vector r has ``|u'''| <= a3 + 2 sqrt(3) a1 a2 + 3 a1^3``, a_i the bounds of
         the derivatives of r over the least |r| (see `comove.verification.bounds`), and its angle has
         ``|psi'''| <= |u'''| + |u'|^3``.
         """
         scene, time = self.motion.scene, self.time
+        if scene.grasp is not None and scene.grasp.keypoints:
+            return Ranges(time, turn_jerk(self.motion, scene.grasp.keypoints[0])[:, None] / scene.duration**3)
         if scene.grasp is None or len(scene.grasp.holders) < 2:
             return Ranges(time, np.zeros((N_INTERVALS, 1)))
         pair = list(scene.grasp.holders[:2])
@@ -153,9 +159,9 @@ class LoadShape(NamedTuple):
 
     Attributes
     ----------
-    geometry : coal.Capsule or coal.Box
+    geometry : coal.Capsule, coal.Box or coal.Convex
     nodes : numbers of both end nodes of a rod; of the eight corners of a box, numbered in binary by the sides they
-        are on
+        are on; of two corners of a hull, the third and the second again
     """
 
     geometry: Any
@@ -171,10 +177,27 @@ def load_shapes(carried: Carried, thin: float = 1e-6) -> list[LoadShape]:
     for (a, b), radius in zip(body.edges.tolist(), body.radii.tolist(), strict=True):
         if a != b:
             shapes.append(LoadShape(coal.Capsule(max(radius, thin), _largest(nodes, a, b)), (a, b)))
-    for corners in body.solids.tolist():
+    boxes = body.solids if body.solids.shape[1] == N_CORNERS else body.solids[:0]
+    for corners in body.solids[len(boxes) :]:
+        spanned = tuple(corners[k] for k in keypoints_of(nodes[0, corners]))
+        shapes.append(_hull(nodes[0, np.unique(corners)], nodes[:1], (*spanned, spanned[1])))
+    for corners in boxes.tolist():
         size = [_largest(nodes, corners[0], corners[side]) for side in (1, 2, 4)]
         shapes.append(LoadShape(coal.Box(*size), tuple(corners)))
     return shapes
+
+
+def _hull(points: Array, nodes: Array, spanned: tuple[int, ...]) -> LoadShape:
+    """Return the hull of points, array of shape (n, 3), in the frame of the nodes that it spans."""
+    (turn,), (middle,) = placements(nodes, spanned)
+    return LoadShape(hull_shape((points - middle) @ turn), spanned)
+
+
+def hull_shape(points: Array) -> Any:
+    """Return the hull of points, array of shape (n, 3) [m], as a shape of coal."""
+    vertices = coal.StdVec_Vec3s()
+    vertices.extend(list(points))
+    return coal.Convex.convexHull(vertices, True, "Qt")
 
 
 def _largest(nodes: Array, a: int, b: int) -> float:

@@ -13,7 +13,7 @@ from comove.view.figures.motion import (
 from comove.view.figures.notebooks import as_html
 from comove.view.figures.pipeline import draw_pipeline
 from comove.view.figures.primitives import draw_library, draw_primitive
-from comove.view.figures.results import save_result, save_robot_result
+from comove.view.figures.results import save_result
 from comove.view.figures.robots import draw_joints, draw_robot
 from comove.view.figures.run import animate_run, draw_run
 from comove.view.figures.style import save, save_picture
@@ -39,5 +39,4 @@ __all__ = [
     "save",
     "save_picture",
     "save_result",
-    "save_robot_result",
 ]

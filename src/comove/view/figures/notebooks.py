@@ -27,7 +27,7 @@ def as_html(thing: Any) -> str:
 
     Parameters
     ----------
-    thing : a `Scene`, the result of `comove.solve` or `comove.robots.carry`, or a `VerifiedMotion`
+    thing : a `Scene`, the result of `comove.solve`, or a `VerifiedMotion`
 
     Raises
     ------
@@ -40,16 +40,11 @@ def as_html(thing: Any) -> str:
         motion, report = thing.motion, thing.report
         return _page(_verdict(motion.scene, True), (), draw_motion(motion), _measures(motion.scene, report))
     if isinstance(thing, Solution):
-        scene, report = thing.attempt.scene, thing.report
-        title = _verdict(scene, thing.verified)
-        return _page(title, thing.reasons, draw_motion(thing.attempt), _measures(scene, report))
-    solution = getattr(thing, "solution", None)  # a robot's, which is an extra
-    if isinstance(solution, Solution):
-        scene = solution.attempt.scene
-        rows = [*_measures(scene, solution.report), *joint_rows(vars(thing.report))]
-        title = f"{_verdict(scene, thing.verified)} ({thing.robot.name})"
-        figure = draw_motion(solution.attempt, arms=arms_along(thing))
-        return _page(title, solution.reasons, figure, rows)
+        scene, joints = thing.attempt.scene, thing.joints
+        title, rows = _verdict(scene, thing.verified), _measures(scene, thing.report)
+        if joints is not None:
+            title, rows = f"{title} ({joints.robot.name})", [*rows, *joint_rows(vars(joints.report))]
+        return _page(title, thing.reasons, draw_motion(thing.attempt, arms=arms_along(joints)), rows)
     raise TypeError(f"{type(thing).__name__} has no picture; give a scene, a solution or a verified motion")
 
 

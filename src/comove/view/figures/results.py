@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from comove.view.figures.robots import arm_lines, draw_joints
 from comove.view.figures.style import save
 
 if TYPE_CHECKING:  # robots are an extra
-    from comove.robots import RobotSolution
+    from comove.robots import JointSolution
 
 
 def save_result(
@@ -29,82 +29,55 @@ def save_result(
     *,
     wall_time_s: float,
     demonstration: Any = None,
+    source: str | Path | None = None,
     command: Words = (),
-    files: Iterable[Path] = (),
     made: Mapping[Path, bytes] = MappingProxyType({}),
-    has_joints: bool = False,
-    arms: Sequence[NDArray[np.float64]] = (),
 ) -> dict[str, Any]:
     """Write a solution, its scene, what it was made from and its pictures into an existing folder.
+
+    Of a robot's solution, the files and the picture of its joints' motion are written as well.
 
     Parameters
     ----------
     wall_time_s : time that the summary states for all of it [s]
     demonstration : movement that is drawn beside the motion
-    command, files, made : as of `comove.results.inputs.write_inputs`
-    has_joints : as of `comove.results.write_solution`
-    arms : as of `draw_motion`
+    source : name or path of the description of its robot; what the scene says unless given
+    command, made : as of `comove.results.inputs.write_inputs`
 
     Returns
     -------
     dict, the contents of solution.json
     """
-    scene, motion = solution.scene, solution.attempt
+    scene, motion, joints = solution.scene, solution.attempt, solution.joints
     title = scene.name if solution.verified else f"{scene.name} (not verified)"
     carried = None if demonstration is None else carried_demonstration(demonstration, scene)
+    arms = arms_along(joints)
     save(draw_motion(motion, title=title, demonstration=carried, arms=arms), folder / "motion.png")
     save(draw_progress(motion), folder / "progress.png")
     (folder / SCENE).write_bytes(canonical(scene.file) + b"\n")
+    files = () if joints is None else joints.robot.files
     write_inputs(folder, scene, command=command, files=files, made=made)
-    return write_solution(solution, folder, wall_time_s, has_joints=has_joints)
+    summary = write_solution(solution, folder, wall_time_s)
+    if joints is not None:
+        from comove.robots import write_joints
 
-
-def arms_along(found: RobotSolution, n_states: int = 4) -> list[NDArray[np.float64]]:
-    """Return the lines of a robot's arms at equal times, as `draw_motion` takes them."""
-    joints = found.joints
-    return arm_lines(found.robot, joints.at(np.linspace(0.0, joints.duration, n_states))[0])
-
-
-def save_robot_result(
-    found: RobotSolution,
-    folder: Path,
-    *,
-    wall_time_s: float,
-    demonstration: Any = None,
-    source: str | Path | None = None,
-    command: Words = (),
-    made: Mapping[Path, bytes] = MappingProxyType({}),
-) -> dict[str, Any]:
-    """Write a robot's solution as `save_result` does, and the files and the picture of its joints' motion.
-
-    Parameters
-    ----------
-    source : name or path of the robot's description; what the scene says unless given
-    command, made : as of `save_result`
-    """
-    from comove.robots import write_joints
-
-    solution = found.solution
-    summary = save_result(
-        solution,
-        folder,
-        wall_time_s=wall_time_s,
-        demonstration=demonstration,
-        command=command,
-        files=found.robot.files,
-        made=made,
-        has_joints=True,
-        arms=arms_along(found),
-    )
-    write_joints(
-        folder,
-        found.joints,
-        found.verdict,
-        found.robot,
-        solution.attempt,
-        source=source,
-        present=found.present,
-    )
-    title = f"{solution.scene.name}, {found.robot.name}" + ("" if solution.verified else " (not verified)")
-    save(draw_joints(found.robot, found.joints, title=title), folder / "joints.png")
+        write_joints(
+            folder,
+            joints.attempt,
+            joints.verdict,
+            joints.robot,
+            motion,
+            source=source,
+            present=joints.present,
+        )
+        title = f"{scene.name}, {joints.robot.name}" + ("" if solution.verified else " (not verified)")
+        save(draw_joints(joints.robot, joints.attempt, title=title), folder / "joints.png")
     return summary
+
+
+def arms_along(joints: JointSolution | None, n_states: int = 4) -> list[NDArray[np.float64]]:
+    """Return the lines of a robot's arms at equal times, as `draw_motion` takes them; none without a robot."""
+    if joints is None:
+        return []
+    motion = joints.attempt
+    return arm_lines(joints.robot, motion.at(np.linspace(0.0, motion.duration, n_states))[0])

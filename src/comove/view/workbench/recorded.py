@@ -17,9 +17,9 @@ from comove._version import __version__
 from comove.errors import OptionError
 from comove.io.files import whole_file
 from comove.io.notebooks import in_notebook
-from comove.planning import movements_of, solve
 from comove.planning.solution import ProgressCallback
 from comove.scenes.demonstration import demonstration_of
+from comove.solving import solve
 from comove.view.workbench.bodies import bodies_of, poses_of, robot_of
 from comove.view.workbench.playback import Playback, playback_of, playback_of_item
 from comove.view.workbench.server import start
@@ -41,7 +41,7 @@ def show(thing: Any, beside: Any = None) -> None:
     Parameters
     ----------
     thing
-        A scene, a solution of `comove.solve` or `comove.robots.carry`, a motion, the record of an execution, a result
+        A scene, a solution of `comove.solve`, a motion, the record of an execution, a result
         that was read, or the path of a scene file or result folder; the contents of folders are verified anew.
     beside
         Another such thing, shown to the right of it and on the same clock.
@@ -90,11 +90,7 @@ def played(
     scene = read_scene(item.scene)
     robot, demonstration = robot_of(scene), demonstration_of(scene)
     wanted: dict[str, Any] = {"seed": seed, "budget": budget, "progress": progress}
-    if robot is None:
-        return playback_of(solve(scene, demonstration=demonstration, **wanted))
-    from comove.robots import carry
-
-    return playback_of(carry(scene, robot, demonstration=movements_of(demonstration, scene), **wanted))
+    return playback_of(solve(scene, robot=robot or False, demonstration=demonstration, **wanted))
 
 
 def page_of(playback: Playback, beside: Playback | None = None) -> str:

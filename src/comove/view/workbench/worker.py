@@ -28,14 +28,12 @@ from comove.planning import (
     Budget,
     Comove,
     LeastJerk,
-    LeastTime,
     PaperCost,
     Progress,
     SceneKind,
     Solution,
     load_kernels,
     movements_of,
-    solve,
 )
 from comove.planning.compiling import IN_ALL, compiling
 from comove.planning.objectives import OBJECTIVES, objective_of_scene
@@ -44,6 +42,7 @@ from comove.planning.solution import ProgressCallback
 from comove.results.inputs import place_of_scene
 from comove.scenes.demonstration import demonstration_of
 from comove.scenes.scene import Scene
+from comove.solving import solve
 from comove.verification.verify import VerifiedMotion, verify
 from comove.view.workbench.bodies import bodies_of, poses_of, robot_of
 from comove.view.workbench.edits import Draft
@@ -60,7 +59,7 @@ from comove.view.workbench.shelf import read_scene
 from comove.view.workbench.teaching import csv_of, demonstration_from
 
 if TYPE_CHECKING:
-    from comove.robots import JointMotion, Robot, RobotSolution, VerifiedJointMotion
+    from comove.robots import JointMotion, Robot, VerifiedJointMotion
 
 Tell = Callable[[Message], None]
 
@@ -158,7 +157,7 @@ class Worker:
         self.mailbox, self.tell = mailbox, tell
         self.kept: CoordinatedMotion | None = None
         self.arms: PlannedArms | None = None
-        self.solution: tuple[int, Solution | RobotSolution | LiveRun] | None = None
+        self.solution: tuple[int, Solution | LiveRun] | None = None
         self.draft: Draft | None = None
         self.times = SearchTimes()
         self._taught: tuple[str, Any] | None = None
@@ -257,12 +256,11 @@ class Worker:
         solution = self._solved(scene, asked, progress, stop)
         if self.mailbox.draft is not None:  # which nobody waits for any more
             return
-        hands = solution if isinstance(solution, Solution) else solution.solution
         self.solution, self.draft, self.times = (asked["id"], solution), asked["draft"], asked["times"]
         if solution.verified:
-            self.kept = hands.attempt
-            if self.arms is not None and not isinstance(solution, Solution):
-                self.arms.kept = solution.joints
+            self.kept = solution.attempt
+            if self.arms is not None and solution.joints is not None:
+                self.arms.kept = solution.joints.attempt
             self._found(playback_of(solution), asked, "solved")
         else:
             self._played(playback_of(solution), asked, "failed")
@@ -276,7 +274,7 @@ class Worker:
 
     def _solved(
         self, scene: Scene, asked: Message, progress: ProgressCallback, stop: Callable[[], bool]
-    ) -> Solution | RobotSolution:
+    ) -> Solution:
         """Search a motion of the hands, or of a robot."""
         draft: Draft = asked["draft"]
         method, aim = METHODS[draft.method].kind(), _aim_of(scene, draft)
@@ -291,11 +289,9 @@ class Worker:
             "stop": stop,
         }
         if self.arms is None:
-            return solve(scene, method=method, **wanted)
-        from comove.robots import carry
-
+            return solve(scene, robot=False, method=method, **wanted)
         own = None if draft.method == Comove.name else method
-        return carry(scene, self.arms.robot, method=own, found=self.arms.find, **wanted)
+        return solve(scene, robot=self.arms.robot, method=own, found=self.arms.find, **wanted)
 
     def _movements(self, scene: Scene, solved: Scene, rows: Any) -> Any:
         """Return the movement that was demonstrated, or that a scene names, for every hand; it is read once."""
@@ -346,7 +342,7 @@ class Worker:
             return None
 
     def save(self, asked: Message) -> None:
-        """Write the last result into a folder, as `comove solve` and `comove robot solve` do.
+        """Write the last result into a folder, as `comove solve` does.
 
         Raises
         ------
@@ -355,7 +351,7 @@ class Worker:
         """
         from comove.io.folders import whole_folder
         from comove.results import RESULT
-        from comove.view.figures import save_result, save_robot_result
+        from comove.view.figures import save_result
 
         number, solution = self.solution or (-1, None)
         known = number == asked["of"] and (isinstance(solution, LiveRun) or (solution and solution.verified))
@@ -365,13 +361,9 @@ class Worker:
         with whole_folder(asked["target"], RESULT) as draft:
             if isinstance(solution, LiveRun):
                 save_run(solution, draft, seed=asked["seed"])
-            elif isinstance(solution, Solution):
+            else:
                 again = _command_again(self.draft, solution.scene, self.times)
                 save_result(solution, draft, wall_time_s=solution.solve_time_s, **again)
-            else:
-                hands = solution.solution
-                again = _command_again(self.draft, hands.scene, self.times)
-                save_robot_result(solution, draft, wall_time_s=hands.solve_time_s, **again)
         self._send(asked, "saved", target=asked["target"])
 
     def _found(self, playback: Playback, asked: Message, kind: str) -> None:
@@ -398,8 +390,8 @@ def _aim_of(scene: Scene, draft: Draft) -> Any:
     name, resemblance = draft.objective, draft.resemblance
     if draft.method != Comove.name:
         return None if name not in OBJECTIVES else PaperCost()
-    aim = OBJECTIVES[name]() if name in OBJECTIVES else objective_of_scene(scene.file.objective)
-    if resemblance is None or isinstance(aim, LeastTime):
+    aim: Any = OBJECTIVES[name]() if name in OBJECTIVES else objective_of_scene(scene.file.objective)
+    if resemblance is None or (aim is not None and aim.is_time):
         return aim
     return LeastJerk(resemblance=resemblance) if aim is None else type(aim)(resemblance=resemblance)
 

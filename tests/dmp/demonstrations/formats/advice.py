@@ -1,4 +1,7 @@
-"""Following the commands that refusals print."""
+"""Following the commands that refusals print.
+
+What no file tells stands in them in capitals, `--rate HZ` and `--unit UNIT`: a person knows it, here `KNOWN`.
+"""
 
 import shlex
 
@@ -6,6 +9,8 @@ import pytest
 
 from comove.dmp.demonstrations import Demonstration
 from comove.errors import ComoveError
+
+KNOWN = {"HZ": "100", "UNIT": "m"}
 
 
 def printed_command(error):
@@ -15,9 +20,16 @@ def printed_command(error):
     return shlex.split(command)
 
 
+def filled(words):
+    """Return the words of a command with what a person knows of the recordings of these tests."""
+    for word, known in KNOWN.items():
+        words = [known if one == word else one.replace(f"[{word}]", "[ms]") for one in words]
+    return words
+
+
 def printed_options(error):
     """Return the options of the printed command, as `Demonstration.load` takes them."""
-    program, verb, _, *words = printed_command(error)
+    program, verb, _, *words = filled(printed_command(error))
     assert (program, verb) == ("comove", "learn")
     if "--drop-missing" in words:
         words.insert(words.index("--drop-missing") + 1, True)

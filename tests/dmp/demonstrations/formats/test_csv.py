@@ -134,7 +134,7 @@ def test_harmless_habits_are_accepted(tmp_path, content):
         (GOOD + "0.3,1\n", "row 5", "2 cells", "fill in or remove"),
         (GOOD + "0.3,1", "row 5", "2 cells", "fill in or remove"),
         # orientations and named coordinates
-        ("time,qw,qx,qy,qz\n0,1,0,0,0\n1,1,0,0,0\n", "columns", "named as a position", "--columns qw,qx,qy"),
+        ("time,qw,qx,qy,qz\n0,1,0,0,0\n1,1,0,0,0\n", "header", "no positions beside time", "record them"),
         (TURNED.replace("0.6", "0.7"), "row 3, columns qw to qz", "norm 1.063, not 1", "w x y z"),
         (
             "time,elbow [rad],elbow  [rad]\n0,0,0\n1,1,1\n",
@@ -384,8 +384,8 @@ LARGE = {
         "more than 1,048,576 characters",
     ),
     "named columns": (
-        "time," + ",".join(f"{i}.x" for i in range(50_000)) + "\n" + "0," * 50_000 + "0\n",
-        "there are 50001 columns",
+        "time," + ",".join(f"{i}.x" for i in range(20_000)) + "\n" + "0," * 20_000 + "0\n",
+        "there are 20001 columns",
     ),
     "commas": ("time" + "," * 5_000_000 + "\n", "row 1: it has more than"),
     "a line without an end": ("x" * 5_000_000, "row 1: it has more than"),

@@ -174,7 +174,7 @@ def test_other_layouts_are_told(path, refused):
 
 def test_rates_that_are_none_are_told(path, refused):
     refused(
-        read_hdf5, aloha(path, np.zeros((5, 14)), fps=0.0), key="fps", says="no rate", way_out="--rate 50"
+        read_hdf5, aloha(path, np.zeros((5, 14)), fps=0.0), key="fps", says="no rate", way_out="--rate HZ"
     )
     robomimic(path)
     for text, key in [
@@ -184,7 +184,7 @@ def test_rates_that_are_none_are_told(path, refused):
     ]:
         with h5py.File(path, "a") as file:
             file["data"].attrs["env_args"] = text
-        refused(read_hdf5, path, key=key, says="no rate|no JSON", way_out="--rate 50")
+        refused(read_hdf5, path, key=key, says="no rate|no JSON", way_out="--rate HZ")
     with pytest.raises(OptionError, match="rate: -1 is no rate"):
         read_hdf5(path, rate=-1)
 
@@ -302,7 +302,7 @@ def test_a_changed_number_is_told_by_its_checksum(tmp_path, hand, layout):
         return list(demos), [array.tobytes() for three in arrays for array in three]
 
     before, content, told = numbers(), file.read_bytes(), 0
-    for at in range(0, len(content), 5):
+    for at in range(0, len(content), 11):
         file.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
         try:
             after = numbers()
@@ -310,7 +310,7 @@ def test_a_changed_number_is_told_by_its_checksum(tmp_path, hand, layout):
             told += 1
         else:
             assert after == before, at
-    assert told > 100
+    assert told > 50
 
 
 @pytest.mark.parametrize("chunks", [None, (4, 3)])

@@ -244,7 +244,7 @@ def test_a_rate_is_asked_for_where_nothing_says_it(path):
     with pytest.raises(DemonstrationError, match="nothing says when its rows were recorded") as caught:
         load(path)
     demo = load(path, **printed_options(caught.value))
-    assert demo.duration == pytest.approx((N - 1) / 50)
+    assert demo.duration == pytest.approx((N - 1) / 100)
     assert demo.orientation is None
     assert any("nothing says in which order" in note for note in demo.notes)
     told = load(written(path, {"xyz": PATH}, {"@fps": 30}))

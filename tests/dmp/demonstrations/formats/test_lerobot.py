@@ -10,7 +10,9 @@ import pytest
 
 from comove.dmp.demonstrations import Demonstration, read_lerobot, write_lerobot
 from comove.dmp.demonstrations.formats import lerobot
+from comove.dmp.demonstrations.formats.lerobot_tables import DatasetTables
 from comove.errors import DemonstrationError
+from tests.dmp.demonstrations.formats import test_lerobot_features as features
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -35,9 +37,13 @@ def info(path, **changes):
     file.write_text(json.dumps(content | {"features": features} | changes))
 
 
-def parquet(path, episode=0, **changes):
-    """Change columns of an episode's table."""
-    file = path / f"data/chunk-000/episode_{episode:06d}.parquet"
+DATA = "data/chunk-000/file-000.parquet"
+EPISODES = "meta/episodes/chunk-000/file-000.parquet"
+
+
+def parquet(path, **changes):
+    """Change columns of the table of frames."""
+    file = path / DATA
     table = pq.read_table(file)
     columns = {name: table.column(name) for name in table.column_names} | changes
     pq.write_table(pa.table({name: column for name, column in columns.items() if column is not None}), file)
@@ -96,26 +102,27 @@ def test_what_is_written_is_read_to_the_precision_of_its_numbers(path, hand, dty
         assert again["1"]["left"].orientation.tobytes() == episodes[1]["left"].orientation.tobytes()
 
 
-def test_the_folder_is_laid_out_as_version_2_1(path, hand):
+def test_the_folder_is_laid_out_as_version_3(path, hand):
     write_lerobot(path, [pair(hand), pair(hand, 1, n_steps=7)], task="carry", robot_type="two hands")
     content = json.loads((path / "meta/info.json").read_text())
-    assert content["codebase_version"] == "v2.1"
+    assert content["codebase_version"] == "v3.0"
     assert (content["fps"], content["total_episodes"], content["total_frames"]) == (30, 2, 19)
     assert content["robot_type"] == "two hands"
     names = content["features"][STATE]["names"]
     assert names[:8] == [*(f"left_{a}" for a in ("x", "y", "z", "qw", "qx", "qy", "qz")), "right arm_x"]
-    rows = [json.loads(line) for line in (path / "meta/episodes.jsonl").read_text().splitlines()]
-    assert rows[1] == {"episode_index": 1, "tasks": ["carry"], "length": 7}
-    assert json.loads((path / "meta/tasks.jsonl").read_text()) == {"task_index": 0, "task": "carry"}
-    stats = [json.loads(line) for line in (path / "meta/episodes_stats.jsonl").read_text().splitlines()]
-    assert set(stats[0]["stats"]) == set(content["features"])
-    table = pq.read_table(path / "data/chunk-000/episode_000001.parquet")
+    row = pq.read_table(path / EPISODES).to_pylist()[1]
+    assert (row["episode_index"], row["tasks"], row["length"]) == (1, ["carry"], 7)
+    assert (row["dataset_from_index"], row["dataset_to_index"]) == (12, 19)
+    assert pq.read_table(path / "meta/tasks.parquet").column("task").to_pylist() == ["carry"]
+    table = pq.read_table(path / DATA)
+    assert set(table.column_names) == set(content["features"])
     assert str(table.schema.field("timestamp").type) == "float"
-    assert table.column("index").to_pylist() == list(range(12, 19))
-    state = np.array(table.column(STATE).to_pylist())
-    np.testing.assert_array_equal(np.array(table.column("action").to_pylist())[:-1], state[1:])
-    np.testing.assert_allclose(stats[1]["stats"][STATE]["mean"], state.mean(axis=0))
-    assert stats[1]["stats"][STATE]["count"] == [7]
+    assert table.column("index").to_pylist() == list(range(19))
+    state, action = (np.array(table.column(name).to_pylist())[12:] for name in (STATE, "action"))
+    np.testing.assert_array_equal(action[:-1], state[1:])
+    np.testing.assert_allclose(row[f"stats/{STATE}/mean"], state.mean(axis=0))
+    assert row[f"stats/{STATE}/count"] == [7]
+    assert json.loads((path / "meta/stats.json").read_text())[STATE]["count"] == [19]
 
 
 def test_joints_keep_their_names(path, hand):
@@ -208,7 +215,6 @@ VECTOR = {"dtype": "float32", "shape": [7], "names": list("abcdefg")}
         ({"data_path": "/tmp/{episode_index}"}, "data_path: .*names no file in the dataset"),
         ({"data_path": "{episode_index.__class__}"}, "data_path: .*names no file in the dataset"),
         ({"data_path": "{episode_index:0999999999d}"}, "data_path: .*names no file in the dataset"),
-        ({"data_path": "data/{file_index:03d}.parquet"}, "data_path: .*names no file in the dataset"),
         ({"data_path": "data/no_{episode_index:06d}.parquet"}, "no_000000.parquet: there is no such file"),
         ({"features": {STATE: VECTOR | {"shape": [7, 2]}}}, r"shape \[7, 2\], which is no vector"),
         ({"features": {STATE: VECTOR | {"shape": [6]}}}, "coordinates have no names: nothing says"),
@@ -270,8 +276,13 @@ def test_tables_that_do_not_fit_are_told(path, hand, changes, says):
     assert str(file) in str(caught.value)
 
 
-def test_episodes_that_are_empty_or_out_of_order_are_told(path, hand):
-    write_lerobot(path, [hand(rate=30.0)])
+def older(path):
+    """A dataset of version 2.1 with one episode of 12 rows."""
+    return features.state(path, np.eye(12)[:, :3], ["x", "y", "z"], lengths=(12,))
+
+
+def test_episodes_that_are_empty_or_out_of_order_are_told(path):
+    older(path)
     file = path / "meta/episodes.jsonl"
     for row, says in [
         ({"episode_index": 0, "length": 11}, "it holds 12 rows of episode 0, and 11 were recorded"),
@@ -285,7 +296,10 @@ def test_episodes_that_are_empty_or_out_of_order_are_told(path, hand):
             read_lerobot(path)
     empty = {"episode_index": 0, "length": 0}
     file.write_text(json.dumps(empty) + "\n")
-    parquet(path, episode_index=pa.array([5] * 12))
+    table = path / "data/chunk-000/episode_000000.parquet"
+    content = pq.read_table(table)
+    at = content.column_names.index("episode_index")
+    pq.write_table(content.set_column(at, "episode_index", pa.array([5] * 12)), table)
     with pytest.raises(DemonstrationError, match="a movement needs two rows at least, episode 0 has 0"):
         read_lerobot(path)
     version_3(path.with_name("three"))
@@ -294,8 +308,8 @@ def test_episodes_that_are_empty_or_out_of_order_are_told(path, hand):
         read_lerobot(path.with_name("three"))
 
 
-def test_claims_are_compared_with_a_limit_before_anything_is_read(path, hand, monkeypatch):
-    write_lerobot(path, [hand(rate=30.0)])
+def test_claims_are_compared_with_a_limit_before_anything_is_read(path, monkeypatch):
+    older(path)
     monkeypatch.setattr(pq.ParquetFile, "iter_batches", lambda *_, **__: pytest.fail("read"))
     for name, says in [("MAX_ROWS", "12 rows"), ("MAX_BYTES", "more than")]:
         with monkeypatch.context() as patch:
@@ -314,10 +328,11 @@ def test_columns_are_read_up_to_the_limit(path, hand, monkeypatch):
         read_lerobot(path)
 
 
-def test_a_damaged_description_of_a_column_does_not_end_the_process(path, hand):
+@pytest.mark.parametrize("step", [pytest.param(1, marks=pytest.mark.slow), 8])
+def test_a_damaged_description_of_a_column_does_not_end_the_process(path, hand, step):
     """Which pyarrow does where it is asked for the sizes of columns; found by changing bytes."""
     write_lerobot(path, [hand(rate=30.0)])
-    file = path / "data/chunk-000/episode_000000.parquet"
+    file = path / DATA
     content = file.read_bytes()
     footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
     code = """
@@ -328,7 +343,7 @@ from comove.errors import DemonstrationError
 
 file = Path(sys.argv[2])
 content = file.read_bytes()
-for at in range(int(sys.argv[3]), len(content)):
+for at in range(int(sys.argv[3]), len(content), int(sys.argv[4])):
     file.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
     try:
         read_lerobot(sys.argv[1])
@@ -336,7 +351,7 @@ for at in range(int(sys.argv[3]), len(content)):
         pass
 """
     done = subprocess.run(
-        [sys.executable, "-c", code, path, file, str(footer)], capture_output=True, text=True
+        [sys.executable, "-c", code, path, file, str(footer), str(step)], capture_output=True, text=True
     )
     assert (done.returncode, done.stderr) == (0, "")
 
@@ -345,7 +360,7 @@ def test_a_changed_number_is_told_by_the_checksum_of_its_page(path, hand):
     """Every number of a movement that comove wrote; files without checksums of pages cannot tell."""
     write_lerobot(path, [hand(rate=30.0)])
     before = read_lerobot(path)["0"][""]
-    file = path / "data/chunk-000/episode_000000.parquet"
+    file = path / DATA
     content = file.read_bytes()
     footer = len(content) - 8 - int.from_bytes(content[-8:-4], "little")
     told = 0
@@ -365,39 +380,40 @@ def test_a_changed_number_is_told_by_the_checksum_of_its_page(path, hand):
 def test_files_cut_anywhere_are_refused(path, hand, cut_anywhere):
     write_lerobot(path, [hand(rate=30.0)])
     cut_anywhere(lambda: read_lerobot(path), path / "meta/info.json", step=7)
-    file = path / "meta/episodes.jsonl"
+    cut_anywhere(lambda: read_lerobot(path), path / DATA, step=11)
+    cut_anywhere(lambda: read_lerobot(path), path / EPISODES, step=31)
+    two = older(path.with_name("two"))
+    file = two / "meta/episodes.jsonl"
     file.write_text(file.read_text().rstrip("\n"))
     content = file.read_bytes()
     for length in range(len(content)):
         file.write_bytes(content[:length])
         with pytest.raises(DemonstrationError, match=r"line 1|0 episodes are described"):
-            read_lerobot(path)
+            read_lerobot(two)
     file.write_bytes(content)
-    cut_anywhere(lambda: read_lerobot(path), path / "data/chunk-000/episode_000000.parquet", step=5)
-    three = path.with_name("three")
-    version_3(three)
-    cut_anywhere(lambda: read_lerobot(three), three / "meta/episodes/chunk-000/file-000.parquet", step=11)
-    cut_anywhere(lambda: read_lerobot(three), three / "data/chunk-000/file-001.parquet", step=11)
+    cut_anywhere(lambda: read_lerobot(two), two / "data/chunk-000/episode_000000.parquet", step=11)
 
 
 @pytest.mark.slow
 def test_tables_cut_at_every_byte_are_refused(path, hand, cut_anywhere):
     write_lerobot(path, [hand(rate=30.0)])
-    cut_anywhere(lambda: read_lerobot(path), path / "data/chunk-000/episode_000000.parquet")
+    cut_anywhere(lambda: read_lerobot(path), path / DATA)
 
 
 def test_damage_is_read_or_told(path, hand, damaged):
     write_lerobot(path, [hand(rate=30.0)])
+    two = older(path.with_name("two"))
 
-    def read():
-        return [demo for demos in read_lerobot(path).values() for demo in demos.values()]
+    def read(folder):
+        return [demo for demos in read_lerobot(folder).values() for demo in demos.values()]
 
-    for file in ("data/chunk-000/episode_000000.parquet", "meta/info.json", "meta/episodes.jsonl"):
-        damaged(read, path / file, 100)
+    for file in (DATA, EPISODES, "meta/info.json"):
+        damaged(lambda: read(path), path / file, 60)
+    damaged(lambda: read(two), two / "meta/episodes.jsonl", 60)
 
 
 def test_the_folder_appears_whole_or_not_at_all(path, hand, monkeypatch):
-    monkeypatch.setattr(lerobot, "_write_meta", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    monkeypatch.setattr(DatasetTables, "finish", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
     with pytest.raises(KeyboardInterrupt):
         write_lerobot(path, [hand(rate=30.0)])
     assert os.listdir(path.parent) == []

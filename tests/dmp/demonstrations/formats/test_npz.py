@@ -283,7 +283,7 @@ def test_stamps_in_other_units_are_told_by_their_size(path, per_second, start):
 
 def test_the_unit_or_rate_of_an_archive_can_be_stated(path):
     np.savez(path, time=np.arange(60), position=np.column_stack((STEADY, STEADY**2)))
-    with pytest.raises(DemonstrationError, match=r"steps are 1.*; run: comove learn .* --rate 100"):
+    with pytest.raises(DemonstrationError, match=r"steps are 1.*; run: comove learn .* --rate HZ"):
         Demonstration.load(path)
     np.testing.assert_array_equal(Demonstration.load(path, rate=50).time, STEADY)
     np.testing.assert_allclose(Demonstration.load(path, time="time [ms]").time, np.arange(60) / 1e3)

@@ -2,9 +2,11 @@
 
 import json
 import re
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from comove.dmp.demonstrations import Demonstration, read_rosbag
 from comove.dmp.demonstrations.formats import rosbag
@@ -232,7 +234,7 @@ def test_paths_without_times_need_a_rate(path, stamp):
     with pytest.raises(DemonstrationError, match="11 poses have one and the same stamp") as caught:
         load(path)
     demo = load(path, **printed_options(caught.value))
-    np.testing.assert_allclose(demo.time, 0.1 * np.arange(11))
+    np.testing.assert_allclose(demo.time, np.arange(11) / 100)
     np.testing.assert_allclose(demo.position[:, 0], 0.1 * np.arange(11))
     timed = bag(path.with_name("timed"), poses_at(SECOND, 2 * SECOND))
     with pytest.raises(DemonstrationError, match="times of their own; leave the rate out"):
@@ -291,7 +293,6 @@ def written_by_mcap(path, encoding, profile="", schema_encoding="jsonschema"):
 @pytest.mark.parametrize(
     ("encoding", "said", "way_out"),
     [
-        ("json", "JSON", "time,x,y,z"),
         ("protobuf", "Protobuf", "time,x,y,z"),
         ("ros1", "ROS 1", "the .bag"),
         ("cdr", "CDR without the profile ros2", "ros2 bag convert"),
@@ -304,6 +305,123 @@ def test_a_whole_mcap_of_other_messages_is_not_called_damaged(tmp_path, encoding
     assert f"it is whole, but its messages are {said}, not those of ROS 2: /hand" in str(caught.value)
     assert way_out in caught.value.way_out
     assert "repair" not in str(caught.value)
+
+
+HAND = np.column_stack([0.01 * np.arange(30), 0.5 + 0.02 * np.arange(30), np.cos(0.1 * np.arange(30))])
+TURNS = Rotation.from_rotvec(np.outer(0.05 * np.arange(30), [0.2, 0.3, 0.9]))
+BEGIN = 1_700_000_000 * SECOND
+
+
+def json_pose(k):
+    turn = dict(zip("xyzw", TURNS[k].as_quat().tolist(), strict=True))
+    return {"position": dict(zip("xyz", HAND[k].tolist(), strict=True)), "orientation": turn}
+
+
+def stamp_of(k):
+    return divmod(BEGIN + k * SECOND // 50, SECOND)
+
+
+def of_foxglove(k):
+    sec, nsec = stamp_of(k)
+    return {"timestamp": {"sec": sec, "nsec": nsec}, "frame_id": "base", "pose": json_pose(k)}
+
+
+def of_rosbridge(k):
+    secs, nsecs = stamp_of(k)
+    return {"header": {"stamp": {"secs": secs, "nsecs": nsecs}, "frame_id": "base"}, "pose": json_pose(k)}
+
+
+def with_dates(k):
+    sec, nsec = stamp_of(k)
+    date = f"{datetime.fromtimestamp(sec, UTC):%Y-%m-%dT%H:%M:%S}.{nsec:09d}Z"
+    return {"timestamp": date, "pose": {"pose": json_pose(k), "covariance": [0.0] * 36}}
+
+
+def as_transform(k):
+    pose = json_pose(k)
+    moved = {"translation": pose["position"], "rotation": pose["orientation"]}
+    return of_foxglove(k) | {"parent_frame_id": "base", "child_frame_id": "tool"} | moved
+
+
+def as_frames(k):
+    own = as_transform(k)
+    header = {"stamp": own["timestamp"], "frame_id": "base"}
+    return {"transforms": [{"header": header, "child_frame_id": "tool", "transform": own}]}
+
+
+def written_as_json(path, topics, compression):
+    with open(path, "wb") as stream:
+        mcap = pytest.importorskip("mcap.writer")
+        writer = mcap.Writer(stream, compression=mcap.CompressionType[compression], chunk_size=2000)
+        writer.start()
+        for topic, (schema, make) in topics.items():
+            schema = writer.register_schema(schema, "jsonschema", b"{}")
+            channel = writer.register_channel(topic, "json", schema)
+            for k in range(30):
+                received = BEGIN + k * SECOND // 50 + 1000
+                data = make(k) if isinstance(make(k), bytes) else json.dumps(make(k)).encode()
+                writer.add_message(channel, received, data, received)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+@pytest.mark.parametrize(
+    ("schema", "make"),
+    [
+        ("foxglove.PoseInFrame", of_foxglove),
+        ("geometry_msgs/PoseStamped", of_rosbridge),
+        ("mine", with_dates),
+        ("foxglove.FrameTransform", as_transform),
+        ("tf2_msgs/msg/TFMessage", as_frames),
+    ],
+)
+def test_poses_in_json_are_read_as_those_of_ros(tmp_path, schema, make, compression):
+    path = written_as_json(tmp_path / "a.mcap", {"/hand": (schema, make)}, compression)
+    hand = load(path)
+    np.testing.assert_array_equal(hand.position, HAND)
+    np.testing.assert_allclose(hand.time, np.arange(30) / 50, atol=1e-12)
+    assert (hand.rotation * TURNS.inv()).magnitude().max() < 1e-7
+
+
+def test_joints_in_json_are_read_and_what_holds_no_movement_is_told(tmp_path):
+    def joints(k):
+        return {"name": ["a", "b"], "position": HAND[k, :2].tolist()}
+
+    others = {
+        "/log": ("foxglove.Log", lambda k: {"text": "a"}),
+        "/speed": ("foxglove.Vector3", lambda k: {"x": 1}),
+    }
+    path = written_as_json(tmp_path / "a.mcap", {"/j": ("sensor_msgs/JointState", joints)} | others, "ZSTD")
+    arm = load(path)
+    np.testing.assert_array_equal(arm.position, HAND[:, :2])
+    assert (arm.axes, arm.unit) == (("a", "b"), "rad")
+    with pytest.raises(DemonstrationError, match=r"it holds /log \(foxglove.Log\), /speed"):
+        load(written_as_json(tmp_path / "b.mcap", others, "ZSTD"))
+
+
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (
+            {"pose": {"position": {"x": 0, "y": 0}, "orientation": {}}},
+            r"PoseStamped.pose.position.z: .* no number",
+        ),
+        ({"timestamp": "yesterday"} | {"pose": json_pose(0)}, "'yesterday' is no time"),
+        (b"{", "a message is no JSON"),
+        ([], "a message has no object"),
+    ],
+)
+def test_json_that_lacks_what_others_have_is_told(tmp_path, broken, words):
+    topic = "geometry_msgs/PoseStamped", lambda k: broken if k == 7 else of_foxglove(k)
+    path = written_as_json(tmp_path / "a.mcap", {"/hand": topic}, "NONE")
+    with pytest.raises(DemonstrationError, match=words):
+        load(path)
+    damaged = bytearray(path.read_bytes())
+    damaged[200] ^= 1
+    path.write_bytes(damaged)
+    with pytest.raises(DemonstrationError, match=r"checksum|whole"):
+        load(path)
 
 
 def test_a_bag_of_another_serialisation_is_not_called_damaged(path):

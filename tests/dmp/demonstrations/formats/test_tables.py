@@ -1,6 +1,8 @@
 """Tables of other programs: what is written is read, in metres and seconds, and what cannot be is told in words."""
 
+import shlex
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -139,7 +141,7 @@ def test_what_stands_still_is_refused():
         ({"rate": 0.0}, "no rate"),
         ({"rate": 100.0, "time": "t"}, "both a column of time and a rate"),
         ({"unit": "parsec"}, "'parsec' is not known"),
-        ({"time": "n"}, r"steps are 1, .* --rate HZ; run: .* --rate 100 "),
+        ({"time": "n"}, r"steps are 1, .* --rate HZ; run: .* --rate HZ "),
         ({"time": "X"}, "time"),
         ({"unit": "deg", "columns": None}, "X is a position, which deg does not measure"),
         ({"manipulator": "left"}, "one movement without a name"),
@@ -164,7 +166,7 @@ def test_bad_options_are_told(tmp_path, options, words):
         ("t;X\n0;1\n0.1\n", "row 3: it has 1 cells"),
         ("t;X\n0;1\n0.1;nan\n", "row 3, column X"),
         ("t;X\n0.2;1\n0.1;2\n", "time goes back"),
-        ("Y;X\n0.2;1\n0.1;2\n", "no column of time.* --rate 100"),
+        ("Y;X\n0.2;1\n0.1;2\n", "no column of time.* --rate HZ; run: .* --rate HZ "),
     ],
 )
 def test_bad_tables_are_told(tmp_path, text, words):
@@ -230,6 +232,92 @@ def test_speeds_and_counts_without_names_are_not_offered_as_positions(tmp_path):
     np.testing.assert_allclose(follow(path).position, 1e-3 * POSITION[:400], atol=1e-8)
 
 
+@pytest.mark.parametrize(
+    ("header", "asked"),
+    [
+        ("n,wheel_l,wheel_r,beta", ["UNIT", "HZ"]),  # speeds, or angles, or metres: no name says it
+        ("t,u,v,w1", ["UNIT"]),
+        ("n,x,y,z", ["HZ"]),
+        ("time,x,y,z", ["UNIT"]),  # in steps of 2
+    ],
+)
+def test_a_printed_command_states_nothing_that_nobody_told(tmp_path, monkeypatch, header, asked):
+    """Followed to the letter it is refused, and says what to write; with that it is learned."""
+    monkeypatch.chdir(tmp_path)
+    first = TIME if header[0] == "t" else np.arange(len(TIME))
+    first = 2 * np.arange(len(TIME)) if "time" in header else first
+    write(tmp_path / "r.csv", header, first, 1e-3 * POSITION, separator=",")
+    words, found = ["learn", "r.csv", "--out", "r.json"], []
+    for _ in range(5):
+        outcome = invoke(*words)
+        if outcome.exit_code == 0:
+            break
+        words = shlex.split(outcome.stderr.partition("; run: comove ")[2].partition(" (comove explain")[0])
+        open_ = [word for word in asked if any(word in one.strip("[]").split(" [") for one in words)]
+        if open_:
+            literal = invoke(*words)
+            assert literal.exit_code == 2
+            assert open_[0] in literal.stderr or "seconds" in literal.stderr
+        found += open_
+        words = [{"HZ": "100", "UNIT": "m"}.get(word, word.replace("[UNIT]", "[s]")) for word in words]
+    assert found == asked
+    assert Path("r.json").exists()
+
+
+def test_currents_statistics_and_orientations_are_not_offered_as_positions(tmp_path):
+    path = tmp_path / "r.csv"
+    for header in (
+        "time,motor_current_1,V_bat [V],pos_current",
+        "time,mean_val,median_val,sum_val",
+        "time,Range to 0x6a7b (mm),RSS to 0x6a7b (dB),induction [uT]",
+        "t,qx,qy,qz",
+    ):
+        write(path, header, TIME, 1e-3 * POSITION, separator=",")
+        with pytest.raises(DemonstrationError, match="no positions beside time") as caught:
+            Demonstration.load(path)
+        assert "run:" not in caught.value.way_out
+    write(path, "time,current_x,current_y,current_z", TIME, 1e-3 * POSITION, separator=",")
+    np.testing.assert_allclose(Demonstration.load(path).position, 1e-3 * POSITION, atol=1e-12)
+
+
+def test_one_coordinate_with_its_speed_and_acceleration_is_no_point_in_space(tmp_path):
+    path = tmp_path / "r.txt"
+    noise = np.random.default_rng(3).normal(0.0, [[1e-4, 0.2, 9.0]], (len(TIME), 3))
+    speed = np.gradient(1e-3 * POSITION[:, 0], TIME)
+    for share in (0.0, 1.0):
+        columns = 1e-3 * POSITION[:, 0], speed, np.gradient(speed, TIME)
+        np.savetxt(path, np.column_stack([TIME, np.column_stack(columns) + share * noise]))
+        with pytest.raises(DemonstrationError, match=r"columns: no column is named") as caught:
+            Demonstration.load(path)
+        assert caught.value.options["columns"][0] == "2"
+
+
+def test_numbers_of_steps_are_not_offered_as_time(tmp_path):
+    """Every twentieth step of a simulation is logged: how long a step lasts, nobody told."""
+    path = write(tmp_path / "r.csv", "step,x,y,z", 20 * np.arange(len(TIME)), 1e-3 * POSITION, separator=",")
+    with pytest.raises(DemonstrationError, match="no column of time") as caught:
+        Demonstration.load(path)
+    assert caught.value.options == {"rate": "HZ"}
+
+
+def test_a_column_that_states_no_unit_is_not_believed_to_state_one(tmp_path):
+    """`x [mm],y,z` may be millimetres in all three: it is doubted as if nothing were stated."""
+    path = write(tmp_path / "r.csv", "time,x [mm],y,z", TIME, POSITION, separator=",")
+    assert_refused(invoke("learn", path, "--out", tmp_path / "p.json"), "looks like millimetres", "--unit mm")
+    np.testing.assert_allclose(Demonstration.load(path, unit="mm").position, 1e-3 * POSITION, atol=1e-12)
+
+
+def test_angles_of_an_orientation_have_the_unit_that_one_of_them_states(tmp_path):
+    path = tmp_path / "r.csv"
+    turns = np.column_stack([2.0 * SHARE, 3.0 * SHARE, 4.0 * SHARE])  # deg, as small as radians are
+    columns = 1e-3 * POSITION, turns
+    read = []
+    for angles in ("roll,pitch,yaw [deg]", "roll [deg],pitch [deg],yaw [deg]"):
+        write(path, f"time,x,y,z,{angles}", TIME, *columns, separator=",")
+        read.append(Demonstration.load(path).orientation)
+    np.testing.assert_array_equal(*read)
+
+
 def test_places_on_the_earth_and_its_times_are_no_positions(tmp_path):
     header = "app_epoch_ms,lat,lon"
     path = write(tmp_path / "r.csv", header, 1.7e12 + 1e3 * TIME, POSITION[:, :2] / 10, separator=",")
@@ -284,7 +372,7 @@ def test_what_grows_only_at_first_is_not_offered_as_time(tmp_path):
     np.savetxt(path, np.column_stack([1e-3 * POSITION, np.minimum(TIME, 0.8)]))
     with pytest.raises(DemonstrationError, match="no time among 4") as caught:
         Demonstration.load(path, columns=["1", "2", "3"])
-    assert caught.value.options == {"rate": 100}
+    assert caught.value.options == {"rate": "HZ"}
 
 
 def test_several_recordings_in_one_table_are_told(tmp_path):

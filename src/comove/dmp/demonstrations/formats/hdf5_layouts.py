@@ -16,7 +16,7 @@ from comove.dmp.demonstrations.cleaning import MAX_DIMS
 from comove.dmp.demonstrations.clocks import time_of
 from comove.dmp.demonstrations.columns import Kind, read_columns
 from comove.dmp.demonstrations.formats.hdf5_access import HDF5File
-from comove.dmp.demonstrations.samples import AXES, TIME, UNIT, Origin, RecordedSamples
+from comove.dmp.demonstrations.samples import AXES, HZ, SAY_RATE, TIME, UNIT, Origin, RecordedSamples
 from comove.dmp.demonstrations.units import unit_named
 from comove.errors import listed
 from comove.geometry.rotations import exponential
@@ -42,7 +42,6 @@ FEWEST_OF_TWO = 12
 """Columns of joints, in ALOHA's layout, from which on they are those of two arms."""
 RATES = ("fps", "rate", "rate_hz", "frequency", "hz", "control_freq", "sampling_rate")
 """Attributes that say how many samples a second there are."""
-_SAY_RATE = "say how many samples a second there are: --rate 50"
 _EPISODE = re.compile(r"(?:(?:demo|traj|trajectory|episode|ep|run|rollout|trial)_?)?(\d+)")
 _HAND = re.compile(r"(?:(?P<hand>.+?)_)?(?:(?:eef|ee|tcp)_(?P<what>pos|position|pose)|(?P<whole>tcp))")
 _JOINTS = re.compile(r"(?:(?P<robot>.+?)_)?(?:joint_pos|joint_position|joint_positions|joint_states|qpos)")
@@ -363,7 +362,7 @@ class EpisodeReader:
                     stamps = self.file.array(place, (None,) * len(shape), exact=True).ravel()
                     found.append((replace(column, name=place, unit=self._unit(place) or column.unit), stamps))
         if found:
-            time = time_of(found, Origin(self.file.path), way_out=_SAY_RATE)
+            time = time_of(found, Origin(self.file.path), way_out=SAY_RATE)
             return time.seconds, time.is_stated, (time.words, *time.notes)
         rate, notes = self._recorded_rate(key)
         return frames / rate, True, notes
@@ -387,7 +386,7 @@ class EpisodeReader:
             return MANISKILL_RATE, (_usual(MANISKILL_RATE, "ManiSkill"),)
         if key.startswith("observations/") and self.file.shape("observations/qpos") is not None:
             return ALOHA_RATE, (_usual(ALOHA_RATE, "ALOHA"),)
-        raise self.file.fault(key, "nothing says when its rows were recorded", _SAY_RATE, rate=50)
+        raise self.file.fault(key, "nothing says when its rows were recorded", SAY_RATE, rate=HZ)
 
     def _control_rate(self) -> float | None:
         """Return `control_freq` in the attribute `env_args` of `data`; None if it is not stated."""
@@ -398,7 +397,7 @@ class EpisodeReader:
             rate = json.loads(said[1]).get("env_kwargs", {}).get("control_freq")  # type: ignore[arg-type]
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             key = "data, attribute env_args"
-            raise self.file.fault(key, "it is no JSON object", _SAY_RATE, rate=50) from error
+            raise self.file.fault(key, "it is no JSON object", SAY_RATE, rate=HZ) from error
         return None if rate is None else self._require_rate("env_args.env_kwargs.control_freq", rate)
 
     def _require_rate(self, key: str, rate: Any) -> float:
@@ -406,7 +405,7 @@ class EpisodeReader:
             value = np.ravel(rate)[0]
             if isinstance(value, int | float | np.number) and 0.0 < value < 1e6:
                 return float(value)
-        raise self.file.fault(key, f"{rate!r} is no rate", _SAY_RATE, rate=50)
+        raise self.file.fault(key, f"{rate!r} is no rate", SAY_RATE, rate=HZ)
 
 
 def _usual(rate: float, layout: str) -> str:

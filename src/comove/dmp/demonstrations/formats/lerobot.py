@@ -1,7 +1,7 @@
 """Recordings as LeRobot datasets: folders of Parquet tables and JSON.
 
 The readable layouts are v2.0, v2.1 (`data/chunk-000/episode_000000.parquet`, `meta/episodes.jsonl`) and v3.0
-(`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`); v2.1 is written. Videos are ignored.
+(`data/chunk-000/file-000.parquet`, `meta/episodes/chunk-000/file-000.parquet`), which is written. Videos are ignored.
 One vector feature of each episode is read, by default `observation.state`. The names of its coordinates in
 `meta/info.json` tell position, orientation, joints and gripper, and whose they are (`lerobot_features`).
 
@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from comove.dmp.demonstrations.bodies import Body
 from comove.dmp.demonstrations.formats.lerobot_features import STATE, Feature, Movement, movements_of
+from comove.dmp.demonstrations.formats.lerobot_tables import CHUNK, DATA, DatasetTables
 from comove.dmp.demonstrations.plausibility import require_rate
 from comove.dmp.demonstrations.samples import (
     AXES,
@@ -62,12 +63,6 @@ MAX_COLUMN_BYTES = 512 * 2**20
 """Largest columns of a file, unpacked [bytes]."""
 _BATCH = 65_536
 """Rows that are read at a time."""
-CHUNK = 1000
-"""Episodes, or files, of one folder `chunk-...`."""
-SCALARS = {"timestamp": "float32"} | dict.fromkeys(
-    ("frame_index", "episode_index", "index", "task_index"), "int64"
-)
-"""Columns of a number a row, which all tables of frames have, and their kinds."""
 _STAMP_TOLERANCE = 1e-4
 """How far LeRobot lets stamps lie from even ones [s]."""
 _PLACE = re.compile(r"\{(episode_chunk|episode_index|chunk_index|file_index)(:0?\d{1,2}d)?\}")
@@ -179,7 +174,7 @@ def write(
     robot_type: str = "unknown",
     dtype: str = "float32",
 ) -> None:
-    """Write episodes as a dataset of version 2.1.
+    """Write episodes as a dataset of version 3.0.
 
     `observation.state` holds the coordinates of all manipulators and their quaternions w x y z, if there are any;
     `action` is the state of the next sample.
@@ -209,20 +204,14 @@ def write(
     if units != {"m"} and len(units) == 1:
         feature["info"] = {"unit": units.pop()}
     _require_readable(path, feature, written[0])
-    pa, parquet = extra("pyarrow", path), extra("pyarrow.parquet", path)
-    lengths: list[int] = []
-    with whole_folder(Path(path), Contents("recording", error=DemonstrationError)) as draft:
-        (draft / "meta").mkdir(parents=True)
-        with open(draft / "meta/episodes_stats.jsonl", "w", encoding="utf-8") as statistics:
-            for number, demos in enumerate(written):
-                columns = _columns(demos, fps, number, sum(lengths), dtype)
-                lengths.append(len(columns["index"]))
-                file = draft / f"data/chunk-{number // CHUNK:03d}/episode_{number:06d}.parquet"
-                file.parent.mkdir(parents=True, exist_ok=True)
-                parquet.write_table(arrow_table(pa, columns), file, write_page_checksum=True)
-                stats = {key: _statistics(values) for key, values in columns.items()}
-                statistics.write(json.dumps({"episode_index": number, "stats": stats}) + "\n")
-        _write_meta(draft, lengths, feature, fps, task, robot_type)
+    extra("pyarrow", path)
+    with (
+        whole_folder(Path(path), Contents("recording", error=DemonstrationError)) as draft,
+        DatasetTables(draft, fps, task, robot_type) as tables,
+    ):
+        for demos in written:
+            tables.add(_vectors(demos, dtype))
+        tables.finish({STATE: feature, "action": feature})
 
 
 FORMAT = Format(
@@ -321,7 +310,7 @@ def _data_path(file: Path, info: Mapping[str, Any], row: Mapping[str, Any], numb
             file,
             "data_path",
             f"{pattern!r} names no file in the dataset",
-            "use data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+            f"use {DATA}",
         )
     return pattern.format(**places)
 
@@ -556,88 +545,10 @@ def _require_readable(path: object, vector: dict[str, Any], demos: Mapping[str, 
         )
 
 
-def _columns(
-    demos: Mapping[str, RecordedSamples], fps: int, number: int, first: int, dtype: str
-) -> dict[str, NDArray]:
-    """Return the columns of an episode that begins at row `first` of the dataset."""
+def _vectors(demos: Mapping[str, RecordedSamples], dtype: str) -> dict[str, NDArray]:
+    """Return state and action of an episode, by feature."""
     blocks = [
         block for demo in demos.values() for block in (demo.position, demo.orientation) if block is not None
     ]
     state = np.concatenate(blocks, axis=1).astype(dtype)
-    vectors = {STATE: state, "action": np.concatenate((state[1:], state[-1:]))}
-    return vectors | scalar_columns(len(state), fps, number, first)
-
-
-def scalar_columns(n_steps: int, fps: float, number: int, before: int) -> dict[str, NDArray]:
-    """Return the columns `SCALARS` of an episode.
-
-    Parameters
-    ----------
-    n_steps, fps : number of frames, and frames a second
-    number : number of the episode in the dataset
-    before : number of frames of the episodes before
-    """
-    frames = np.arange(n_steps, dtype=np.int64)
-    return {
-        "timestamp": (frames / fps).astype(np.float32),
-        "frame_index": frames,
-        "episode_index": np.full_like(frames, number),
-        "index": frames + before,
-        "task_index": np.zeros_like(frames),
-    }
-
-
-def arrow_table(pa: Any, columns: Mapping[str, NDArray]) -> Any:
-    """Return columns of numbers and of vectors as a table of Arrow; `pa` is the package pyarrow."""
-    return pa.table(
-        {
-            name: pa.array(values)
-            if values.ndim == 1
-            else pa.FixedSizeListArray.from_arrays(pa.array(values.ravel()), values.shape[1])
-            for name, values in columns.items()
-        }
-    )
-
-
-def _statistics(values: NDArray) -> dict[str, list]:
-    rows = values.reshape(len(values), -1).astype(np.float64)
-    return {
-        "min": rows.min(axis=0).tolist(),
-        "max": rows.max(axis=0).tolist(),
-        "mean": rows.mean(axis=0).tolist(),
-        "std": rows.std(axis=0).tolist(),
-        "count": [len(rows)],
-    }
-
-
-def described_scalars() -> dict[str, Any]:
-    """Return the description of the columns `SCALARS`, in the form that LeRobot gives it."""
-    return {key: {"dtype": kind, "shape": [1], "names": None} for key, kind in SCALARS.items()}
-
-
-def _write_meta(
-    folder: Path, lengths: list[int], vector: dict[str, Any], fps: int, task: str, robot_type: str
-) -> None:
-    """Write the files that describe the tables; `vector` describes state and action."""
-    info = {
-        "codebase_version": "v2.1",
-        "robot_type": robot_type,
-        "total_episodes": len(lengths),
-        "total_frames": sum(lengths),
-        "total_tasks": 1,
-        "total_videos": 0,
-        "total_chunks": -(-len(lengths) // CHUNK),
-        "chunks_size": CHUNK,
-        "fps": fps,
-        "splits": {"train": f"0:{len(lengths)}"},
-        "data_path": "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet",
-        "video_path": None,
-        "features": {STATE: vector, "action": vector} | described_scalars(),
-    }
-    (folder / _INFO).write_text(json.dumps(info, indent=4), encoding="utf-8")
-    rows = [
-        {"episode_index": number, "tasks": [task], "length": length} for number, length in enumerate(lengths)
-    ]
-    (folder / _EPISODES).write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
-    tasks = json.dumps({"task_index": 0, "task": task}) + "\n"
-    (folder / "meta/tasks.jsonl").write_text(tasks, encoding="utf-8")
+    return {STATE: state, "action": np.concatenate((state[1:], state[-1:]))}

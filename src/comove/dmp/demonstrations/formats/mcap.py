@@ -27,49 +27,52 @@ _CRC = struct.Struct("<I")
 _TAIL = _HEAD.size + _STARTS.size + _CRC.size + len(MAGIC)
 
 
-def check_mcap(path: Path) -> None:
-    """Verify that the messages of a file are of ROS 2, and its checksums.
+def check_mcap(path: Path) -> bool:
+    """Verify that the messages of a file are of ROS 2, or JSON, and its checksums; return whether they are JSON.
 
     Raises
     ------
     DemonstrationError
-        If a checksum does not match its bytes, or the messages are of another kind: JSON, Protobuf, ROS 1.
+        If a checksum does not match its bytes, or the messages are of another kind: Protobuf, ROS 1.
     """
     with open(path, "rb") as file:
         size = file.seek(0, 2)
         if size < len(MAGIC) + _DATA.size + _TAIL:
-            return  # the library tells
+            return False  # the library tells
         start, said = _footer(file, size)
         if start and said and start < size and said != _crc(file, start, size - len(MAGIC) - _CRC.size):
             raise _damaged(path, "its summary")
-        _require_ros2(path, file, start, size)
+        is_json = _is_json(path, file, start, size)
         at = (start or size - _TAIL) - _DATA.size  # where the record stands that ends the data
         if size > MAX_DATA or at < len(MAGIC):
-            return
+            return is_json
         file.seek(at)
         kind, length, said = _DATA.unpack(file.read(_DATA.size))
         if (kind, length) == (_DATA_END, _CRC.size) and said and said != _crc(file, 0, at):
             raise _damaged(path, "its data")
+        return is_json
 
 
-def _require_ros2(path: Path, file: IO[bytes], start: int, size: int) -> None:
-    """Raise if a whole file says that its messages are of another kind; `start` is that of its summary."""
+def _is_json(path: Path, file: IO[bytes], start: int, size: int) -> bool:
+    """Return whether the messages of a file are JSON, and raise if a whole file says that they are of another kind
+    than that and ROS 2; `start` is that of its summary.
+    """
     file.seek(0)
     content = file.read(_MAX_HEADER)
     if not content.startswith(MAGIC) or content[len(MAGIC) : len(MAGIC) + 1] != bytes([_HEADER]) or not start:
-        return  # damaged, or without a summary: the library tells
-    profile = _text(content, len(MAGIC) + _HEAD.size)
+        return False  # damaged, or without a summary: the library tells
+    profile = text_at(content, len(MAGIC) + _HEAD.size)
     if profile == "ros2":
-        return
+        return False
     encodings, topics = set(), []
-    for at, kind, length in _records(file, size, start):
+    for at, kind, length in records(file, size, start):
         if kind == _CHANNEL:
             file.seek(at + _HEAD.size)
             body = file.read(length)
-            topics.append(_text(body, 4))
-            encodings.add(_text(body, 8 + len(topics[-1].encode())))
-    if not encodings:
-        return
+            topics.append(text_at(body, 4))
+            encodings.add(text_at(body, 8 + len(topics[-1].encode())))
+    if encodings <= {"json"}:
+        return bool(encodings)
     known = {"json": "JSON", "protobuf": "Protobuf", "ros1": "ROS 1", "cdr": "CDR without the profile ros2"}
     named = listed(sorted(known.get(encoding, encoding) for encoding in encodings))
     raise fault(
@@ -84,7 +87,7 @@ def _require_ros2(path: Path, file: IO[bytes], start: int, size: int) -> None:
     )
 
 
-def _text(content: bytes, at: int) -> str:
+def text_at(content: bytes, at: int) -> str:
     """Return the text at a place, behind its length."""
     (length,) = struct.unpack_from("<I", content, at)
     return content[at + 4 : at + 4 + length].decode(errors="replace")
@@ -94,7 +97,7 @@ def seal_mcap(path: Path) -> None:
     """Write the checksums of a file whose chunks are not compressed."""
     with open(path, "rb+") as file:
         size = file.seek(0, 2)
-        places = list(_records(file, size))
+        places = list(records(file, size))
         for at, kind, length in places:
             if kind == _CHUNK:
                 file.seek(at + _HEAD.size)
@@ -116,7 +119,7 @@ def seal_mcap(path: Path) -> None:
         file.write(_CRC.pack(crc))
 
 
-def _records(file: IO[bytes], size: int, at: int = len(MAGIC)) -> Iterator[tuple[int, int, int]]:
+def records(file: IO[bytes], size: int, at: int = len(MAGIC)) -> Iterator[tuple[int, int, int]]:
     """Iterate over the position, kind and length of each complete record from `at` on."""
     while at + _HEAD.size <= size - len(MAGIC):
         file.seek(at)

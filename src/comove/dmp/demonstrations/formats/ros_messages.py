@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.dmp.demonstrations.formats.ros_transforms import Transforms, TransformTree
-from comove.dmp.demonstrations.samples import fault
+from comove.dmp.demonstrations.samples import HZ, SAY_RATE, fault
 
 NANO = 10**9
 LATEST = NANO // 2
@@ -256,8 +256,8 @@ def _read_path(path: Path, topic: str, messages: Messages, rate: float | None) -
             path,
             topic,
             f"its {len(said)} poses have one and the same stamp: it is a path without times",
-            "choose another topic, or say how many poses pass a second: --rate 10",
-            rate=10,
+            f"choose another topic, or {SAY_RATE}",
+            rate=HZ,
         )
     return _track(said, rows, notes)
 

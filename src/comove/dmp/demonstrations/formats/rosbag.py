@@ -6,7 +6,8 @@ each message is a sample; a `Path` or a `JointTrajectory` is a whole movement, a
 of quaternions, x y z w in ROS, is changed to w x y z here. Time is that of the headers; if one of them is zero, the
 bag's own. Stamps are whole nanoseconds.
 
-Needs rosbags. Messages are decoded by the standard definitions; code or definitions in a bag are not used.
+Needs rosbags. Messages are decoded by the standard definitions; code or definitions in a bag are not used. A file
+`.mcap` may hold JSON messages instead (`formats.mcap_json`).
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.dmp.demonstrations.formats.mcap import check_mcap, seal_mcap
+from comove.dmp.demonstrations.formats.mcap_json import JsonReader
 from comove.dmp.demonstrations.formats.ros_messages import (
     KINDS,
     NANO,
@@ -205,6 +207,7 @@ def _opened(path: Path) -> Iterator[_Bag]:
 
     # A damaged bag makes the library fail in any way, assertions included.
     with decoding(path, "bag", (Exception,), _RECORD), _supported(path):
+        is_json = False
         for file in sorted(path.iterdir()) if is_folder else [path]:
             if file.suffix.lower() in (".db3", ".mcap", ".bag"):
                 existing_file(file, MAX_BYTES, "split the bag")
@@ -212,8 +215,11 @@ def _opened(path: Path) -> Iterator[_Bag]:
             if file.suffix.lower() == ".db3":
                 _check_sqlite_size(file)
             elif file.suffix.lower() == ".mcap":
-                check_mcap(file)
-        if path.suffix.lower() == ".bag" and not is_folder:
+                is_json = check_mcap(file)
+        if is_json and not is_folder:
+            json_messages = JsonReader(path)
+            yield _Bag(json_messages, json_messages.decode)
+        elif path.suffix.lower() == ".bag" and not is_folder:
             store = get_typestore(Stores.ROS1_NOETIC)
             for kind in TRANSFORMS:
                 store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", kind))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import islice, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +18,16 @@ from comove.dmp.demonstrations.samples import AXES, QUATERNION
 Array = NDArray[np.float64]
 
 _XYZW = (*QUATERNION[1:], QUATERNION[0])
+_TRIED = 1000
+"""Rows by which columns without names are told apart."""
 _TOLERANCE = 1e-3
 """How far quaternions may be from unit norm, and matrices from orthogonal."""
+
+
+def tried(layout: Layout) -> list[list[str]]:
+    """Return the cells of many rows, for what the first ones do not tell."""
+    rows = (layout.cells(line) for _, line in islice(layout.rows(), _TRIED))
+    return [row for row in rows if len(row) == layout.n_cells]
 
 
 def numbers_of(cells: Sequence[str]) -> Array:
@@ -39,13 +48,18 @@ def grows_evenly(values: Array) -> bool:
 
 
 def are_rates_of(rates: Array, values: Array, stamps: Array) -> bool:
-    """Return whether numbers are the speeds at which others change, within a fifth; steady ones may be anything."""
+    """Return whether numbers are the speeds at which others change, within a fifth of these or of their integral.
+
+    Steady ones may be anything.
+    """
     steps = np.diff(stamps)
     if len(steps) < 3 or not (steps > 0.0).all():
         return False
     speeds = np.diff(values) / steps
-    away = np.linalg.norm(0.5 * (rates[1:] + rates[:-1]) - speeds)
-    return bool(np.ptp(speeds) > 0.05 * np.abs(speeds).max() and away < 0.2 * np.linalg.norm(speeds))
+    middle = 0.5 * (rates[1:] + rates[:-1])
+    are_near = np.linalg.norm(middle - speeds) < 0.2 * np.linalg.norm(speeds)
+    are_near |= np.ptp(values[1:] - np.cumsum(middle * steps)) < 0.2 * np.ptp(values)
+    return bool(np.ptp(speeds) > 0.05 * np.abs(speeds).max() and are_near)
 
 
 def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
@@ -78,6 +92,9 @@ def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:
             )
             words = f"time, x y z and quaternion {' '.join(axis[1] for axis in order)}, as {like} them"
     elif len(rest) == 3 == n_columns - 1 and times and grows_evenly(sample[:, 0]):
+        stamps, *values = (numbers_of(column) for column in zip(*tried(layout), strict=True))
+        if any(are_rates_of(rates, others, stamps) for others, rates in pairwise(values)):
+            return tuple(plain), ""  # one coordinate, its speed and its acceleration
         names = dict(zip(rest, AXES, strict=True))
         return _named(plain, times, names, None), "columns without names: taken for time x y z"
     if not names:

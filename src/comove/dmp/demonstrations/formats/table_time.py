@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from comove.dmp.demonstrations.clocks import Time, time_of
 from comove.dmp.demonstrations.columns import Column
 from comove.dmp.demonstrations.formats.layout import Layout
-from comove.dmp.demonstrations.samples import Origin, fault
+from comove.dmp.demonstrations.samples import HZ, SAY_RATE, Origin, fault
 from comove.errors import DemonstrationError
 
 _ZONE = re.compile(r"(?:Z|([+-])(\d{2}):?(\d{2}))$")
-_DAY = 86_400_000_000_000  # ns
+_DAY, _HOUR = 86_400_000_000_000, 3_600_000_000_000  # ns
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,10 @@ class Clock:
 
 
 def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.int64]:
-    """Return nanoseconds of dates from 1970, or of times of the day, which may pass midnight."""
+    """Return nanoseconds of dates from 1970, or of times of the day, which may pass midnight.
+
+    Minutes and seconds may pass a full hour.
+    """
     zone = _ZONE.search(str(stamps[0]))
     text = np.char.strip(np.char.replace(stamps, ",", "."))
     if zone is not None:
@@ -77,15 +80,15 @@ def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.
     has_dates = bool((parts[:, 2] != "").all()) or "-" in str(stamps[0])
     days, clocks = (parts[:, 0], parts[:, 2]) if has_dates else (np.array([]), parts[:, 0])
     clocks = np.where(clocks == "", "0:00:00", clocks)
-    clocks = np.where(
-        np.char.count(clocks, ":") == 1, np.char.add("0:", clocks), clocks
-    )  # minutes and seconds
+    are_minutes = np.char.count(clocks, ":") == 1  # and seconds
+    clocks = np.where(are_minutes, np.char.add("0:", clocks), clocks)
     hours = np.char.partition(clocks, ":")
     try:
         passed = np.char.add("1970-01-01T00:", hours[:, 2]).astype("datetime64[ns]").astype(np.int64)
-        passed += hours[:, 0].astype(np.int64) * 3_600_000_000_000
+        passed += hours[:, 0].astype(np.int64) * _HOUR
         if not has_dates:
-            return passed + _DAY * np.r_[0, np.cumsum(np.diff(passed) < -_DAY // 2)]
+            whole = _HOUR if are_minutes.all() else _DAY
+            return passed + whole * np.r_[0, np.cumsum(np.diff(passed) < -whole // 2)]
         unique, places = np.unique(days, return_inverse=True)
         passed += _DAY * np.array(_days(unique.tolist()))[places]
     except ValueError as error:
@@ -121,7 +124,7 @@ def _no_dates(layout: Layout, column: Column, message: str) -> DemonstrationErro
         layout.path,
         f"column {column.name}",
         message,
-        "give the samples a second instead: --rate HZ",
+        f"instead, {SAY_RATE}",
         time=None,
-        rate=100,
+        rate=HZ,
     )

@@ -46,12 +46,24 @@ from comove.dmp.demonstrations.formats.table_guesses import (
     columns_by_numbers,
     grows_evenly,
     numbers_of,
+    tried,
     with_matrices,
 )
 from comove.dmp.demonstrations.formats.table_rows import TOO_LONG, TableRows, check_length
 from comove.dmp.demonstrations.formats.table_time import Clock
 from comove.dmp.demonstrations.plausibility import require_rate
-from comove.dmp.demonstrations.samples import AXES, TIME, Format, Origin, RecordedSamples, fault
+from comove.dmp.demonstrations.samples import (
+    AXES,
+    HZ,
+    SAY_RATE,
+    SAY_UNIT,
+    TIME,
+    WHICH_UNIT,
+    Format,
+    Origin,
+    RecordedSamples,
+    fault,
+)
 from comove.dmp.demonstrations.units import LENGTHS, TIMES, is_angle, is_length, require_unit, unit_named
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, listed, near_name
 from comove.io.files import existing_file, telling
@@ -60,8 +72,6 @@ MAX_BYTES = 512 * 2**20
 SPELT = {"tab": "\t", "\\t": "\t", "space": " ", "blank": " ", "comma": ",", "semicolon": ";", "pipe": "|"}
 _SHOWN = 12
 """Columns that a message lists."""
-_TRIED = 1000
-"""Rows by which columns without names are told apart."""
 
 
 def read(
@@ -385,7 +395,7 @@ class _Table:
 
     def _warn_of_restarts(self) -> None:
         """Warn if the rows are counted from the begin several times, as where a table holds several recordings."""
-        rows = self._tried()
+        rows = tried(self.layout)
         for column in self.columns:
             if column.kind is not Kind.INDEX or not column.name or "sub" in words_of(column.name):
                 continue
@@ -436,8 +446,11 @@ class _Table:
         candidates = [
             column
             for column in self.columns
-            if column.kind not in (Kind.TIME, Kind.INDEX) and self._is_number(column.number)
-            if column.name and self._may_be_anything(column) and column.unit not in TIMES
+            if column.kind in (Kind.OTHER, Kind.INDEX) and self._is_number(column.number)
+            if column.name
+            and self._may_be_anything(column)
+            and column.unit not in TIMES
+            and not (column.kind is Kind.INDEX and self._is_whole(column.number))
         ]
         if not candidates:
             are_lists = any(cell.startswith("[") for row in self.layout.sample for cell in row)
@@ -454,27 +467,37 @@ class _Table:
             candidates = candidates[1:]
         if not self.layout.names:
             candidates = self._coordinates(candidates, time == "1")
+        unit = self.request.unit
+        chosen = candidates if is_angle(unit) else candidates[: len(AXES)]
         asked = [
-            str(c.number + 1) if len(columns_named(c.name, self.columns)) > 1 else c.name
-            for c in candidates[:3]
+            str(c.number + 1) if len(columns_named(c.name, self.columns)) > 1 else c.name for c in chosen
         ]
+        advice = "name those of the positions, or of the joints, and their unit, by which they are told apart"
+        is_told = unit is not None or all(column.unit is not None for column in chosen)
         return fault(
             self.request.path,
             "columns",
-            f"no column is named as a position or a joint is; there are {names}",
-            "name those of the positions, or of joints with --unit rad or deg: --columns",
+            f"no column is named as a position or a joint is; there are {self._with_ranges(candidates)}",
+            "name those of the positions: --columns" if is_told else f"{advice}: --columns, and {SAY_UNIT}",
             columns=asked,
             time=time,
+            unit=None if is_told else WHICH_UNIT,
         )
 
-    def _tried(self) -> list[list[str]]:
-        """Return the cells of many rows, for what the first ones do not tell."""
-        rows = (self.layout.cells(line) for _, line in islice(self.layout.rows(), _TRIED))
-        return [row for row in rows if len(row) == self.layout.n_cells]
+    def _with_ranges(self, columns: Sequence[Column]) -> str:
+        """Return the names of columns, each with the range of its numbers in many rows."""
+        rows = tried(self.layout)
+        said = []
+        for column in columns[:_SHOWN]:
+            values = numbers_of([row[column.number] for row in rows])
+            values = values[np.isfinite(values)]
+            least, most = (values.min(), values.max()) if values.size else (np.nan, np.nan)
+            said.append(f"{column.name or column.number + 1} ({least:.3g} to {most:.3g})")
+        return listed(said + [column.name for column in columns[_SHOWN:]], _SHOWN)
 
     def _coordinates(self, columns: Sequence[Column], is_timed: bool) -> list[Column]:
         """Return columns without names: none that counts nothing in front of the others, and none of speeds."""
-        layout, rows = self.layout, self._tried()
+        layout, rows = self.layout, tried(self.layout)
         stamps = numbers_of([row[0] for row in rows]) if is_timed else np.zeros(0)
         seen: list[Array] = []
         kept: list[Column] = []
@@ -492,6 +515,9 @@ class _Table:
     def _may_be_anything(self, column: Column) -> bool:
         """Return whether nothing says what a column holds; speeds and forces are known, though not read."""
         return bool(column.axis) or column.kind is Kind.INDEX or not self.layout.names
+
+    def _is_whole(self, number: int) -> bool:
+        return all(cell.isdigit() for cell in self.layout.sampled(number))
 
     def _is_number(self, number: int) -> bool:
         return all(self.layout.is_number(cell) or is_missing(cell) for cell in self.layout.sampled(number))
@@ -536,10 +562,11 @@ class _Table:
             if self._may_be_anything(column)
             and self._grows(column.number)
             and not self._counts(column.number)
-            and (np.diff(numbers_of([row[column.number] for row in self._tried()])) > 0.0).all()
+            and not (column.kind is Kind.INDEX and self._is_whole(column.number))
+            and (np.diff(numbers_of([row[column.number] for row in tried(self.layout)])) > 0.0).all()
         ]
-        options: dict[str, Any] = {"rate": 100}
-        advice = "give the samples a second: --rate HZ"
+        options: dict[str, Any] = {"rate": HZ}
+        advice = SAY_RATE
         if growing and not self.guessed:
             named = growing[0].name or str(growing[0].number + 1)
             advice, options = f"name it: --time {named!r}, or {advice}", {"time": named}

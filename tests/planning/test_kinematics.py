@@ -7,8 +7,10 @@ import pytest
 
 from comove import Demonstration
 from comove.coordination.blocks import place
-from comove.planning import Comove, Paper, PaperCost, solve
+from comove.lab.evolution import Paper
+from comove.planning import Comove, PaperCost, solve
 from comove.planning.convex.costs import third_differences
+from comove.planning.kinematics import LimitedKinematics
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
 from comove.planning.seeds import RIDGES, minimum_jerk, profiles
@@ -30,7 +32,7 @@ SCENE = Scene.from_dict(
 
 
 @dataclass(frozen=True)
-class Ceiling:
+class Ceiling(LimitedKinematics):
     """Hands that cannot go above a height, less a margin that grows with caution."""
 
     height: float
@@ -96,7 +98,7 @@ def test_a_search_stays_where_its_carrier_can_go():
     assert free.verified
     for seed in range(4):
         carrier = Ceiling(0.72)
-        found = solve(SCENE, seed=seed, budget=10, carrier=carrier)
+        found = solve(SCENE, seed=seed, budget=10, kinematics=carrier)
         assert found.verified and highest(found.attempt) <= 0.72
 
 
@@ -105,8 +107,8 @@ def test_smooth_motions_stay_where_their_carrier_can_go():
     free = solve(SCENE, seed=3, budget=3)
     low = highest(free.attempt) - 0.01
     carrier = Ceiling(low)
-    found = solve(SCENE, budget=10, carrier=carrier)
-    paper = solve(SCENE, budget=10, carrier=carrier, objective=PaperCost())
+    found = solve(SCENE, budget=10, kinematics=carrier)
+    paper = solve(SCENE, budget=10, kinematics=carrier, objective=PaperCost())
     assert found.verified and highest(found.attempt) <= low
     assert found.report.acceleration_max < 0.2 * paper.report.acceleration_max
 
@@ -126,8 +128,8 @@ def test_a_carrier_that_says_what_it_has_to_spare_is_followed_at_once_and_more_s
             return super().reasons(motion)
 
     low = highest(solve(SCENE, seed=3, budget=3).attempt) - 0.01
-    told, drawn = Told(low), solve(SCENE, budget=10, carrier=Ceiling(low))
-    found = solve(SCENE, budget=10, carrier=told)
+    told, drawn = Told(low), solve(SCENE, budget=10, kinematics=Ceiling(low))
+    found = solve(SCENE, budget=10, kinematics=told)
     assert found.verified and all(told.judged)
     assert found.followed is None and jerk(found) < jerk(drawn)
 
@@ -139,7 +141,7 @@ def test_what_a_carrier_cannot_spare_does_not_end_a_search():
         def along(self, nodes):
             return Below(self.height - 0.2)
 
-    assert solve(SCENE, budget=10, carrier=Timid(0.72)).verified
+    assert solve(SCENE, budget=10, kinematics=Timid(0.72)).verified
 
 
 def test_motions_are_drawn_to_the_demonstration_as_far_as_hands_can_follow():
@@ -155,8 +157,8 @@ def test_motions_are_drawn_to_the_demonstration_as_far_as_hands_can_follow():
         def along(self, nodes):
             return Below(self.height)
 
-    near = solve(SCENE, demonstration=taught, budget=10, carrier=Told(low))
-    smooth = solve(SCENE, budget=10, carrier=Told(low))
+    near = solve(SCENE, demonstration=taught, budget=10, kinematics=Told(low))
+    smooth = solve(SCENE, budget=10, kinematics=Told(low))
     assert near.verified and highest(near.attempt) <= low
     hands = [found.attempt.hands(way)[0] for found in (free, near, smooth)]
     away, before = (np.linalg.norm(q - hands[0], axis=2).mean() for q in hands[1:])
@@ -179,7 +181,7 @@ def test_the_papers_method_asks_it_about_the_load_as_it_is():
     assert free.verified
     low = highest(free.attempt) - 0.02
     carrier = Watched(low)
-    found = solve(SCENE, method=Paper(), budget=120, carrier=carrier)
+    found = solve(SCENE, method=Paper(), budget=120, kinematics=carrier)
     assert found.verified and highest(found.attempt) <= low
     assert min(carrier.apart) > 0.05
 
@@ -195,7 +197,7 @@ def test_what_a_check_rejects_makes_the_carrier_careful():
             )  # the first motion stands, polishing it does not
 
     carrier = Reluctant(0.72)
-    found = solve(SCENE, method=Comove(n_plans=1), budget=20, objective=PaperCost(), carrier=carrier)
+    found = solve(SCENE, method=Comove(n_plans=1), budget=20, objective=PaperCost(), kinematics=carrier)
     assert found.verified and len(judged) >= 3
     assert max(carrier.asked) == 1
 
@@ -211,7 +213,7 @@ def test_what_nothing_can_carry_is_handed_out_as_an_attempt():
         def reasons(self, motion):
             return ["never"]
 
-    found = solve(SCENE, seed=0, budget=1.5, carrier=Helpless(0.5))
+    found = solve(SCENE, seed=0, budget=1.5, kinematics=Helpless(0.5))
     assert not found.verified and "never" in found.reasons
 
 
@@ -229,7 +231,7 @@ def test_where_a_carrier_only_doubts_its_check_is_asked():
             return [] if len(judged) == 3 else ["not like this"]
 
     method = Comove(n_plans=1, n_unfit=np.inf, n_polishings=1, polishing=UNPOLISHED)
-    found = solve(SCENE, budget=600, method=method, objective=PaperCost(), carrier=Doubtful(0.72))
+    found = solve(SCENE, budget=600, method=method, objective=PaperCost(), kinematics=Doubtful(0.72))
     assert found.verified
     assert len(judged) == 4  # two of the first plan, one of the second, and what comes of polishing
     assert found.evaluations <= 5 * len(profiles(2)) * len(RIDGES)

@@ -6,9 +6,9 @@ import pytest
 import comove
 from comove.coordination import arms_coordinates
 from comove.errors import OptionError
-from comove.planning import Paper
+from comove.lab.evolution import Paper
+from comove.lab.evolution.paper import window_errors
 from comove.planning.objective import N_STEPS
-from comove.planning.paper import window_errors
 from comove.planning.search import OutOfTime, Search
 from comove.scenes import Scene, recording_of
 from tests import brute_force
@@ -41,7 +41,7 @@ def test_the_planner_is_never_asked(monkeypatch):
     def planned(*_, **__):
         raise AssertionError("planned")
 
-    monkeypatch.setattr("comove.planning.methods.plan", planned)
+    monkeypatch.setattr("comove.planning.kinematics.plan", planned)
     monkeypatch.setattr(Search, "over", lambda search: search.generations >= 10)
     comove.solve(example("wide"), method=Paper(), seed=0)
 
@@ -124,8 +124,8 @@ def test_every_attempt_begins_with_the_demonstration(monkeypatch, taught, starts
         if len(seen) == len(starts):
             raise OutOfTime
 
-    monkeypatch.setattr("comove.planning.paper.first_guess", guessed)
-    monkeypatch.setattr("comove.planning.paper.threaded", lambda *_: None)
+    monkeypatch.setattr("comove.lab.evolution.paper.first_guess", guessed)
+    monkeypatch.setattr("comove.lab.evolution.paper.threaded", lambda *_: None)
     scene = example("complex")
     comove.solve(scene, demonstration=comove.DMP.fit(recording_of(scene)) if taught else None, method=Paper())
     assert seen == starts

@@ -1,0 +1,20 @@
+"""Free hands whose every rollout is projected onto the constraints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar
+
+from comove.coordination.coordinates import Coordinates, projected_coordinates
+from comove.planning.methods import Comove
+from comove.scenes.scene import Scene
+
+
+@dataclass(frozen=True)
+class Projection(Comove):
+    """A variant of the default method with free hands, which projects every rollout onto the constraints."""
+
+    name: ClassVar[str] = "projection"
+    smooths: ClassVar[bool] = False
+    coordinates: Callable[[Scene], Coordinates] = projected_coordinates

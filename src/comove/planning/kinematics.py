@@ -1,0 +1,136 @@
+"""What moves end effectors, as a search meets it: within the limits of the scene alone, or of its own as well."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.planning.planner import PlannerSettings, plan
+from comove.verification.verify import Check
+
+if TYPE_CHECKING:
+    from comove.coordination.motion import CoordinatedMotion
+    from comove.planning.configurations import Space
+    from comove.planning.convex.programme import Follower
+    from comove.planning.objective import Evaluation, Objective
+    from comove.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+
+# Work, as computed distances that take about as long.
+FOLLOWED = 5e4  # of a rollout that arms follow
+CERTIFIED = 2e5  # of a certificate
+CARRIED = 6e6  # of a certificate of joints
+
+
+class Kinematics:
+    """The kinematics of free end effectors, and the protocol of all others: what can be moved, and how fast.
+
+    Attributes
+    ----------
+    has_limits : whether it limits motions besides the scene; then it plans, and is asked about movements
+    work_of_rollout, work_of_check : work of asking about a movement, and of verifying a motion
+    """
+
+    has_limits: ClassVar[bool] = False
+    work_of_rollout: ClassVar[float] = 0.0
+    work_of_check: ClassVar[float] = CERTIFIED
+
+    @property
+    def duration(self) -> float:
+        """Return the duration in which motions are searched where the scene leaves it open [s]."""
+        return 1.0
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Return the checks that a motion must pass, besides those of the scene."""
+        return ()
+
+    def planner(self, settings: PlannerSettings) -> Callable[..., Array | None]:
+        """Return the function that plans paths, as `comove.planning.planner.plan`; settings are of free ones."""
+        return partial(plan, settings=settings)
+
+    def along(self, nodes: Array) -> Follower | None:
+        """Return what follows movements near one, array of shape (n_steps, n_nodes, 3) [m]; None if nothing must."""
+        return None
+
+    def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
+        """Return the evaluation of rollouts with their limits; array, shape (n_rollouts, n_columns, n_steps)."""
+        return value
+
+    def shortest(self, motion: CoordinatedMotion) -> float:
+        """Return the least duration in which a movement can be executed [s], inf if it never can."""
+        return 0.0
+
+    def stricter(self) -> Kinematics:
+        """Return a more careful one, after a movement that this one took for possible was rejected."""
+        return self
+
+
+FREE = Kinematics()
+"""The kinematics of free end effectors."""
+
+
+class LimitedKinematics(Kinematics):
+    """The base class of what moves end effectors within limits of its own, such as a robot."""
+
+    has_limits: ClassVar[bool] = True
+    work_of_rollout: ClassVar[float] = FOLLOWED
+    work_of_check: ClassVar[float] = CARRIED
+    scene: Scene
+    """The scene on which end effectors are moved, with the duration in which motions are searched."""
+
+    @abstractmethod
+    def plan(
+        self,
+        space: Space,
+        start: Array,
+        goal: Array,
+        margin: float,
+        rng: np.random.Generator,
+        *,
+        required: float,
+        max_nodes: int,
+    ) -> Array | None:
+        """Return a path that can be executed, or None; as `comove.planning.planner.plan`."""
+
+    @abstractmethod
+    def ask(self, nodes: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return penalties of movements that are impossible or nearly so, and whether movements look possible.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_rollouts, n_steps, n_nodes, 3), hands first, evenly spaced in time [m]
+
+        Returns
+        -------
+        penalty, possible : arrays, shape (n_rollouts,)
+        """
+
+    @abstractmethod
+    def reasons(self, motion: CoordinatedMotion) -> Sequence[str]:
+        """Return the reasons why a motion cannot be executed, verified exactly; none if it can."""
+
+    @property
+    def duration(self) -> float:
+        """Return the duration of its scene [s]."""
+        return self.scene.duration
+
+    def planner(self, settings: PlannerSettings) -> Callable[..., Array | None]:
+        """Return its own function `plan`."""
+        return self.plan
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Return the check of whether a motion can be executed."""
+        return (self.reasons,)
+
+    def followed(self, value: Evaluation, objective: Objective, q: Array) -> Evaluation:
+        """Return the evaluation of rollouts with penalties, as of `ask`, and which of them are possible."""
+        penalty, possible = self.ask(objective.coordinates.nodes(q))  # arms hold the real load
+        return value._replace(penalty=value.penalty + penalty, possible=possible)
