@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,19 +178,28 @@ class Comove(Method):
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until no improvement is expected; raises `OutOfTime` when time is up."""
-        if search.own is not None:
-            self._customise(search, search.own, planner=planner)
-            return
-        if search.taught is not None and search.objective.weights.resemblance > 0:
-            self._grow(search, range(1))  # from the demonstration, to stay near it
-        if (planner and self._plan(search)) or search.best is not None:
-            return
-        if self._grow(search, range(self.settings.restarts) if planner else count()):
-            return
-        while not self._plan(search):  # only with the planner: without it the load grows until time is up
-            search.check_time()
+        stages: Stages = self._stages(search, planner)
+        done: bool | None = None
+        with suppress(StopIteration):
+            while True:
+                stage = stages.send(done)
+                done = stage()
 
-    def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> None:
+    def _stages(self, search: Search, planner: bool) -> Stages:
+        """Yield what is tried one after the other."""
+        if search.own is not None:
+            return bool((yield partial(self._customise, search, search.own, planner=planner)))
+        if search.taught is not None and search.objective.weights.resemblance > 0:
+            yield partial(self._grow, search, range(1))  # from the demonstration, to stay near it
+        if (planner and (yield from self._planned(search))) or search.best is not None:
+            return True
+        if (yield partial(self._grow, search, range(self.settings.restarts) if planner else count())):
+            return True
+        while not (yield from self._planned(search)):  # without the planner the load grows until time is up
+            search.check_time()
+        return True
+
+    def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> bool:
         """Find smooth motions without what has to be sampled, the user's functions and constraints of the scene, then
         optimise with all of it from the best motions.
         """
@@ -219,32 +229,28 @@ class Comove(Method):
         for motion in reversed(kept[-self.settings.n_starts :]):
             search.check_time()
             improve_own(search, own, motion, self.settings.custom)
+        return search.best is not None
 
-    def _plan(self, search: Search) -> bool:
-        """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
-        scene = search.scene
-        planning = load_coordinates(scene)
-        space, ends = (
-            configuration_space(scene, planning, self.settings.space, search.clock),
-            planning.boundary(),
-        )
-        in_time = scene.moving.any() or ends[1].any()
-        plans_are_dear = not (search.kinematics.has_limits or in_time)  # beside mending
-        targets_of = (
-            _planner_in_time(search, space, ends, self) if in_time else _planner(search, space, ends, self)
-        )
+    def _planned(self, search: Search) -> Stages:
+        """Plan paths, and make them smooth motions, or fit motions to them, as the objective asks."""
+        plans = Plans.of(search, self)
         if search.aim.is_smooth:
-            if self._smooth(search, space, targets_of, ends):
+            if (yield partial(self._smooth, search, plans)):
                 return True
             if not search.kinematics.has_limits:
                 return False
             search.settle_for(search.objective.weights)  # nothing as smooth can be carried out
+        return bool((yield partial(self._fitted, search, plans)))
+
+    def _fitted(self, search: Search, plans: Plans) -> bool:
+        """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
+        plans_are_dear = not (search.kinematics.has_limits or plans.in_time)  # beside mending
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, unfit = 0, 0
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
             search.stage = "planning"
-            found, start = targets_of(failures, self._nodes(failures)), None
+            found, start = plans.targets(failures, self._nodes(failures)), None
             if found is not None:
                 mend = search.best is None and (plans_are_dear or unfit >= self.n_unfit)
                 start = self._certified_fit(search, *found, mend)
@@ -270,16 +276,17 @@ class Comove(Method):
             self._polish(search, starts[0][1])
         return bool(starts)
 
-    def _smooth(self, search: Search, space: Space, targets_of: Targets, ends: Array) -> bool:
+    def _smooth(self, search: Search, plans: Plans) -> bool:
         """Smooth several planned paths, and the demonstration; return whether a motion was found that will do.
 
         The motion is verified, or would be in a longer duration that is known. Of a few plans the shortest is
         smoothed first: long paths seldom make good motions.
         """
         failures = idle = met = smooth = 0
+        space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
-        dear = limited or search.scene.moving.any() or ends[1].any()
+        dear = limited or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
             if idle >= self.settings.hasty_idle and (
@@ -289,7 +296,7 @@ class Comove(Method):
             for _ in range(n_drawn):
                 search.check_time()
                 search.stage = "planning"
-                found = targets_of(failures, self._nodes(failures if search.best is None else 0))
+                found = plans.targets(failures, self._nodes(failures if search.best is None else 0))
                 if found is None:
                     failures += 1
                     break
@@ -446,9 +453,9 @@ class Quick(Comove):
     n_idle: int = 1
     polishing: Schedule = UNPOLISHED
 
-    def run(self, search: Search, *, planner: bool) -> None:
+    def _stages(self, search: Search, planner: bool) -> Stages:
         """Plan, fit and verify; the load is never grown."""
-        self._plan(search)
+        return (yield from self._planned(search))
 
 
 @dataclass(frozen=True)
@@ -476,6 +483,35 @@ class Guide(Quick):
 
 Targets = Callable[[int, int], tuple[Array, Array] | None]
 """What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
+Stages = Generator[Callable[[], bool], bool | None, bool]
+"""What yields functions that search, to be called one after the other, and receives what they return."""
+
+
+class Plans(NamedTuple):
+    """What plans paths for a search.
+
+    Attributes
+    ----------
+    space : configuration space of the payload
+    ends : boundary of the motions, as in `CoordinatedMotion`
+    targets : what plans
+    in_time : whether plans are in time as well
+    """
+
+    space: Space
+    ends: Array
+    targets: Targets
+    in_time: bool
+
+    @classmethod
+    def of(cls, search: Search, method: Comove) -> Plans:
+        """Return what plans for a search by a method."""
+        planning = load_coordinates(search.scene)
+        space = configuration_space(search.scene, planning, method.settings.space, search.clock)
+        ends = planning.boundary()
+        in_time = bool(search.scene.moving.any() or ends[1].any())
+        planner = _planner_in_time if in_time else _planner
+        return cls(space, ends, planner(search, space, ends, method), in_time)
 
 
 def _unsampled(scene: Scene) -> Scene:
