@@ -9,7 +9,8 @@ import tempfile
 
 import comove
 from comove.dmp import operations as op
-from comove.planning import best_movement, combine
+from comove.lab.evolution import combine
+from comove.planning import best_movement
 from comove.view.figures import draw_library, save
 
 

@@ -13,7 +13,7 @@ from comove.errors import OptionError
 from comove.planning import Budget, SceneKind, Solution, load_kernels
 from comove.robots import JointVerdict
 from comove.robots.online.executor import JointExecutor
-from comove.stored import Part
+from comove.stored import ResultPart
 from comove.verification import Verdict
 from tests.robots.known_folder import write
 from tests.robots.small_robots import gantry_scene, robot
@@ -89,7 +89,9 @@ def test_motions_solutions_and_folders_are_verified_by_one_call(carried, tmp_pat
     found = comove.verify(carried)
     assert isinstance(found, JointVerdict) and found.verified is not None
     parts = comove.verify(write(tmp_path / "known"))
-    assert [part.part for part in parts] == [Part.MOTION, Part.JOINTS] and all(p.verified for p in parts)
+    assert [part.part for part in parts] == [ResultPart.MOTION, ResultPart.JOINTS] and all(
+        p.verified for p in parts
+    )
     assert comove.verify(carried.attempt, checks=[lambda motion: ["no"]]).reasons == ("no",)
 
 

@@ -11,7 +11,7 @@ from comove.cli import run
 from comove.cli.app import WITH_ROBOT
 from comove.errors import RobotError
 from comove.io.folders import LIST
-from comove.stored import Part, parts_of, verify_folder
+from comove.stored import ResultPart, parts_of, verify_folder
 from tests.commands import invoke
 from tests.robots.known_carry import scene_data
 from tests.robots.known_folder import write
@@ -226,7 +226,7 @@ def test_a_former_verb_still_needs_a_robot(scenes, tmp_path):
 def test_solve_is_that_of_the_robot(tmp_path):
     done = invoke("solve", SCENE, "--out", tmp_path / "out")
     assert done.exit_code == 0, done.stderr
-    assert parts_of(tmp_path / "out") == (Part.MOTION, Part.JOINTS)
+    assert parts_of(tmp_path / "out") == (ResultPart.MOTION, ResultPart.JOINTS)
     assert "hands_alone" not in json.loads((tmp_path / "out" / "solution.json").read_text())
     done = invoke("verify", SCENE, tmp_path / "out")
     assert done.exit_code == 0 and "links from obstacles" in done.stdout
@@ -236,7 +236,7 @@ def test_solve_is_that_of_the_robot(tmp_path):
 def test_run_is_that_of_the_robot(tmp_path):
     done = invoke("run", SCENE, "--out", tmp_path / "out", "--period", 0.004)
     assert done.exit_code == 0, done.stderr
-    assert parts_of(tmp_path / "out") == (Part.ROBOT_RUN,)
+    assert parts_of(tmp_path / "out") == (ResultPart.ROBOT_RUN,)
     assert (tmp_path / "out/scene.json").is_file()
     assert (tmp_path / "out/robot_run.png").is_file() or "no pictures" in done.stderr
     done = invoke("verify", SCENE, tmp_path / "out")

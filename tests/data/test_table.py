@@ -27,9 +27,7 @@ def test_rows_are_those_of_solve(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     table.write_parquet(tmp_path / "table.parquet")
     assert parquet.read_table(tmp_path / "table.parquet").to_pydict() == table.columns
-    assert (
-        study(scenes, seeds=1, out=tmp_path / "study").runs == table.runs[:2]
-    )  # nothing is run again
+    assert study(scenes, seeds=1, out=tmp_path / "study").runs == table.runs[:2]  # nothing is run again
 
 
 def test_bad_arguments():

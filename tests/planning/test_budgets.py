@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from comove.errors import OptionError
-from comove.lab.evolution import Paper, Projection
-from comove.planning import Budget, Comove, LeastJerk, LeastTime, PaperCost, combine, solve
+from comove.lab.evolution import Paper, Projection, combine
+from comove.planning import Budget, Comove, LeastJerk, LeastTime, PaperCost, solve
 from comove.planning.methods import Quick
 from comove.processes import one_blas_thread
 from comove.results.sealed import checksum

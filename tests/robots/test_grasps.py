@@ -56,9 +56,7 @@ def test_the_mesh_of_a_scene_is_found_from_the_results_folder(tmp_path):
     found = comove.solve(scene, robot=Robot.load("two_ur10"), seed=0)
     assert found.verified
     save_result(found, tmp_path, wall_time_s=1.0)
-    assert read_joints(tmp_path).scene.sha256 == found.scene.sha256, (
-        "the mesh is found, and the same one"
-    )
+    assert read_joints(tmp_path).scene.sha256 == found.scene.sha256, "the mesh is found, and the same one"
 
 
 def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(monkeypatch):

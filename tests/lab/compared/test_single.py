@@ -7,7 +7,7 @@ import comove
 from comove.errors import OptionError
 from comove.lab.compared import Single
 from comove.lab.compared.single import alone
-from comove.planning import combine
+from comove.lab.evolution import combine
 from comove.scenes import Scene, demonstration_of
 from tests import brute_force
 from tests.coordination.examples import POLYGON, TRAY
