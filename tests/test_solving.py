@@ -11,7 +11,7 @@ import comove
 from comove.control import Executor as FreeExecutor
 from comove.errors import OptionError
 from comove.planning import Budget, SceneKind, Solution, load_kernels
-from comove.robots import JointVerdict
+from comove.robots import JointVerdict, carry
 from comove.robots.online.executor import JointExecutor
 from comove.stored import ResultPart
 from comove.verification import Verdict
@@ -173,3 +173,9 @@ def test_few_frames_lie_between_the_call_and_the_mathematics(kernel, monkeypatch
     with pytest.raises(Enough) as ended:
         comove.solve(scene)
     assert len(ended.value.args[0]) <= 6, ended.value.args[0]
+
+
+def test_the_former_name_of_a_robots_call_says_the_new_one():
+    with pytest.warns(DeprecationWarning, match=r"comove\.solve\(scene, robot=robot\)"):
+        found = carry(gantry_scene(), robot("gantry"), budget=WORK)
+    assert isinstance(found, Solution) and found.joints.verified
