@@ -17,8 +17,8 @@ from comove.scenes.version2 import SceneFile2
 
 INTRODUCTION = """# Scene files: keys
 
-Every key of a scene file, from the models that read it: `SceneFile2` is version 2, `SceneFile` version 1. Keys without
-a default are required; unknown keys are errors.
+Every key of a scene file, from the models that read it: `SceneFile2` is version 2, `SceneFile` version 1. Keys
+without a default are required; unknown keys are errors.
 [Scenes](../scenes.md) says what they mean, with examples.
 """
 
