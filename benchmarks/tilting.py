@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from timing import print_head, print_row
 
+import comove
 from comove.coordination.coordinates import load_coordinates
 from comove.coordination.motion import CoordinatedMotion
 from comove.data.carried import robot_of
@@ -38,7 +39,7 @@ from comove.planning import SceneKind
 from comove.planning.configurations import configuration_space
 from comove.planning.seeds import fit, targets_along
 from comove.planning.solution import Progress
-from comove.robots import RobotCarrier, carry
+from comove.robots import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
 from comove.scenes import Scene
 from comove.sim import Weld, simulate
@@ -387,11 +388,11 @@ def solved(draft: Draft) -> list[Any]:
         if np.isnan(first[0]) and progress.best is not None:
             first[0] = time.perf_counter() - begun
 
-    found = carry(scene, robot, progress=told)
+    found = comove.solve(scene, robot=robot, progress=told)
     spent = time.perf_counter() - begun
-    if found.motion is None:
-        return ["no", first[0], spent, "-", found.solution.reasons[0]]
-    played = simulate(found.joints, scene, robot, Weld())
+    if found.joints.motion is None:
+        return ["no", first[0], spent, "-", found.reasons[0]]
+    played = simulate(found.joints.attempt, scene, robot, Weld())
     return ["yes", first[0], spent, "yes" if played.delivered else "no", "; ".join(played.reasons)]
 
 

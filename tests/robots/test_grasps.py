@@ -8,7 +8,8 @@ import pytest
 
 import comove
 from comove.errors import SceneError
-from comove.planning import Budget, solve
+from comove.planning import Budget
+from comove.planning.solver import problem_of
 from comove.robots import Robot, solving
 from comove.robots.files import read_joints
 from comove.scenes import Scene
@@ -70,9 +71,9 @@ def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(
 
     def counted(scene, **how):
         searched.append(scene.file.grasp.offset_deg)
-        return solve(scene, **how)
+        return problem_of(scene, **how)
 
-    monkeypatch.setattr(solving, "solve", counted)
+    monkeypatch.setattr(solving, "problem_of", counted)
     balls = []
     scene = lifts_scene(**wanted)
     for choice in scene.alternatives:
@@ -81,9 +82,8 @@ def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(
         balls.append({"shape": "sphere", "center": place.tolist(), "radius": 0.02})
     for ball, other in zip(balls, reversed(grasps), strict=True):
         searched.clear()
-        assert not comove.solve(
-            lifts_scene((ball,), **wanted), robot=robot("lifts"), budget=Budget(work=0.2)
-        ).verified
+        scene = lifts_scene((ball,), **wanted)
+        assert not comove.solve(scene, robot=robot("lifts"), budget=Budget(work=0.2)).verified
         assert set(searched) == {other["offset_deg"]}
     searched.clear()
     with pytest.raises(

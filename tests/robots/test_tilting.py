@@ -7,9 +7,10 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
+import comove
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, SceneError
-from comove.robots import Robot, RobotCarrier, carry, verify_joints
+from comove.robots import Robot, RobotCarrier, verify_joints
 from comove.robots.search.following import hand_rotation
 from comove.robots.verification.carried import Carried
 from comove.scenes import Scene
@@ -181,9 +182,9 @@ def test_a_tray_is_tilted_through_a_slot_and_delivered():
         for side in (-1, 1)
     ]
     scene = Scene.from_dict(tray_data(tilted(20), obstacles=slabs, to=(0.6, 0.05, 0.5)))
-    found = carry(scene, robot(), seed=0)
-    assert found.verified, found.solution.reasons
-    played = simulate(found.joints, scene, robot(), Weld())
+    found = comove.solve(scene, robot=robot(), seed=0)
+    assert found.verified, found.reasons
+    played = simulate(found.joints.attempt, scene, robot(), Weld())
     assert played.delivered, played.reasons
 
 
@@ -193,5 +194,5 @@ def test_one_arm_tilts_what_it_holds_alone():
     data["manipulators"], data["load"]["held_by"] = data["manipulators"][:1], ["left"]
     for key in (data["load"]["grasps"], data["grasp"]["frames"]):
         del key["right"]
-    found = carry(Scene.from_dict(data), robot(), seed=0)
-    assert found.verified, found.solution.reasons
+    found = comove.solve(Scene.from_dict(data), robot=robot(), seed=0)
+    assert found.verified, found.reasons

@@ -19,7 +19,8 @@ from comove.data.cameras import require_cameras
 from comove.data.distributions import Distribution, OneOf, TruncatedNormal, Uniform
 from comove.data.episode import Made, solved_run
 from comove.data.keys import LENGTH, change, fit_hands, hand_names
-from comove.data.runs import StudyRun, digest
+from comove.data.runs import StudyRun
+from comove.data.store import digest
 from comove.data.study_file import GENERATE, MAX_EPISODES, DrawPart, StudyFile
 from comove.dmp import Library
 from comove.dmp.demonstrations.formats import format_of, is_format

@@ -19,7 +19,7 @@ from comove.robots.free_space import Room
 from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import Chains, chains_of, turned_towards
 from comove.robots.search.closed_form import ClosedForm, closed_form, closed_seeds
-from comove.robots.search.following import MET, Arms, solutions
+from comove.robots.search.following import MET, Arms, follow_one, solutions
 from comove.robots.search.links import ENOUGH, FAT, FATTEST, Links, clearance_at, links_of
 from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.verification.bodies import bodies_of, obstacle_object
@@ -44,6 +44,7 @@ class EndSettings:
     n_angles : angles of the joint that a closed form leaves open
     n_branches, same_branch : solutions of an end that are kept for each arm, and how far apart they are [rad]
     n_measured : solutions whose bodies' distances are computed where capsules tell of no room
+    other : difference from the joints in which the straight motion ends, beyond which others are another branch [rad]
     last : weight of the turn of an arm's last joint, which no singularity hinders, where joints are compared
     whatever : of so many pairs of joints at start and goal, one is chosen whatever its capsules touch
     unlikely : plans that led to nothing which every further pair of joints at start and goal is credited with
@@ -56,6 +57,7 @@ class EndSettings:
     n_branches: int = 8
     same_branch: float = 0.3
     n_measured: int = 24
+    other: float = 1.0
     last: float = 0.5
     whatever: int = 4
     unlikely: float = 0.5
@@ -141,8 +143,10 @@ class EndJoints:
         A pair's turns are the largest from the present joints to the start and the largest from there to the goal, as
         one follows the other. Most pairs are the next of those that keep the clearance, then of those that may keep
         it, and among them of those with the least turns; one of `whatever` is the next of those with the least turns,
-        whatever they keep, as capsules may be much wider than links. Goals are there as they were found and, where
-        joints can turn further than once, as many turns away as is nearest to the start.
+        whatever they keep, as capsules may be much wider than links. Of a load that tilts, those pairs come first
+        whose goal is in the branch in which the straight motion from the start ends, as arms hardly ever change it on
+        the way. Goals are there as they were found and, where joints can turn further than once, as many turns away
+        as is nearest to the start.
 
         Parameters
         ----------
@@ -159,15 +163,39 @@ class EndJoints:
         )
         tightest = np.repeat([max(pair) for pair in product(*tight)], 2)
         differ = (self.difference(self.present, first) + self.difference(first, last)).round(DIGITS)
+        others = np.zeros(len(first), dtype=bool)
+        if self.grasp.keypoints:
+            led = [np.concatenate(q) for q in product(*self._led(starts))]
+            others = ~(self.difference(np.repeat(led, 2 * len(both[1]), axis=0), last) < self.settings.other)
         rows = np.hstack([first, last]).round(DIGITS) + 0.0  # one zero
         _, once = np.unique(rows.view(f"V{rows.strides[0]}"), return_index=True)
         once.sort()
-        likely = np.lexsort((differ[once], tightest[once])), np.argsort(differ[once], kind="stable")
+        likely = (
+            np.lexsort((differ[once], others[once], tightest[once])),
+            np.lexsort((differ[once], others[once])),
+        )
         roomy, near = (np.argsort(order) for order in likely)
         every = self.settings.whatever
         places = np.minimum(roomy + roomy // (every - 1), every * near + every - 1)
         ranked = once[np.argsort(places, kind="stable")]
         return tuple((first[k], last[k]) for k in ranked)
+
+    def _led(self, starts: tuple[Array, ...], n_steps: int = 41) -> list[Array]:
+        """Return the joints in which the straight motion from joints at the start ends, by arm.
+
+        Arrays, shape (n_branches, n_joints of the arm), as `starts`; NaN where an arm cannot follow it.
+        """
+        motion, led = Carried.straight(self.scene).motion, [np.full_like(joints, np.nan) for joints in starts]
+        nodes = motion.coordinates.motion(motion.at(np.linspace(0.0, 1.0, n_steps)))[0]
+        nodes, left = np.ascontiguousarray(nodes), np.empty((n_steps, len(starts)))
+        q = np.empty((n_steps, len(self.present)))
+        for k in range(max(map(len, starts))):
+            first = np.concatenate([joints[min(k, len(joints) - 1)] for joints in starts])
+            follow_one(self.arms, nodes, np.stack([first, first]), q, left)
+            for i, missing in enumerate(left.T):
+                if k < len(led[i]) and missing.max() <= MET:
+                    led[i][k] = q[-1, self.part(i)]
+        return led
 
     def difference(self, first: Array, last: Array) -> Array:
         """Return by how much a joint turns at most between joints of all arms, the last of each arm by its weight.
