@@ -92,7 +92,7 @@ def test_there_is_room_beside_the_rail_however_short_the_way_is(reach, way):
 
 def test_a_first_scene_can_be_approached_from_home_and_left_for_it(proposal):
     assert proposal.unreached == ""
-    transfers = plan_transfers(proposal.found.joints)
+    transfers = plan_transfers(proposal.found.joints.motion)
     home = proposal.found.joints.robot.home
     np.testing.assert_array_equal(
         [transfers.approach.position[0], transfers.release.position[-1]], [home, home]
