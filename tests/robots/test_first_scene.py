@@ -56,6 +56,11 @@ def proposal():
 def test_a_first_scene_is_solved_and_its_rail_is_in_the_way(proposal):
     robot = proposal.found.joints.robot
     scene = Scene.from_dict(proposal.data)
+    written = yaml.safe_load(proposal.text())
+    assert written["version"] == 2
+    for end in ("start", "goal"):
+        again = Scene.from_dict(written).nodes_at(end)[: scene.body.n_nodes]
+        assert again == pytest.approx(scene.nodes_at(end), abs=1e-12)
     assert proposal.found.verified
     RobotCarrier(robot, scene).require_reach()
     rail = scene.file.obstacles[0]
