@@ -22,6 +22,7 @@ from timing import by_toppra, on_one_thread, peer, print_table
 
 import comove
 from comove import LeastJerk, LeastTime, PaperCost
+from comove.coordination import CoordinatedMotion
 from comove.lab.examples import example_path
 from comove.lab.peers.common import clearances
 from comove.lab.peers.drake import Drake
@@ -62,7 +63,7 @@ def main() -> None:
     print_table(("s (found within)", *NAMES), [[words, *told] for words, told in rows.items()])
 
 
-def toppra_duration(motion: comove.CoordinatedMotion) -> str:
+def toppra_duration(motion: CoordinatedMotion) -> str:
     """Shortest duration of a path by TOPP-RA, no hand beyond its limits."""
     n_dims, n = motion.scene.n_dims, motion.scene.start.size
     share = np.full(n, 1.0 / np.sqrt(n_dims))  # of a hand's limit, that each of its axes may use
@@ -71,7 +72,7 @@ def toppra_duration(motion: comove.CoordinatedMotion) -> str:
     return "-" if found is None else f"{found.duration:.3f}"
 
 
-def roboplan_duration(motion: comove.CoordinatedMotion, blended: bool) -> str:
+def roboplan_duration(motion: CoordinatedMotion, blended: bool) -> str:
     """Shortest duration of a path by RoboPlan, for a robot whose joints are the hands' axes."""
     core, timing = peer("roboplan.core"), peer("roboplan.toppra")
     n, share = motion.scene.start.size, 1.0 / np.sqrt(motion.scene.n_dims)  # as for TOPP-RA
@@ -102,7 +103,7 @@ def roboplan_duration(motion: comove.CoordinatedMotion, blended: bool) -> str:
     return f"{min(found):.3f}" if found else "-"
 
 
-def drake_duration(motion: comove.CoordinatedMotion) -> str:
+def drake_duration(motion: CoordinatedMotion) -> str:
     """Shortest duration by Drake, from the path of a motion; what it misses of distance and clearance, if it does."""
     solvers = peer("pydrake.solvers")
     scene = motion.scene

@@ -174,7 +174,8 @@ def grown(folder: Path, rows: int) -> dict[str, Any]:
     last = min(rows, N_IDLE)
     with store.writer() as writer:
         store.describe({}, rows)
-        writer.add_all(map(row_of, range(rows - last)))
+        for number in range(rows - last):
+            writer.add(row_of(number))
         begun = time.process_time()
         for number in range(rows - last, rows):
             writer.add(row_of(number))

@@ -218,9 +218,11 @@ def unknown_columns(taken: Demonstration, held: Movement) -> str:
     """Return which coordinates are no column of a text in any unit; "" if all are, or it is no text."""
     for k, values in enumerate(taken.position.T):
         scales = (1.0, 0.1, 0.01, 1e-3, 1e-6, np.pi / 180)
+        rows = np.isfinite(held.position).all(axis=1).sum()
+        near = 1e-6 if len(values) >= rows else 0.3 * np.ptp(values)  # rows were left out, or merged
         ends = [column[np.isfinite(column)] for column in held.position.T]
         close = (
-            abs(one.max() * scale - values.max()) < 1e-6 and abs(one.min() * scale - values.min()) < 1e-6
+            abs(one.max() * scale - values.max()) < near and abs(one.min() * scale - values.min()) < near
             for one in ends
             if len(one) > 1
             for scale in scales

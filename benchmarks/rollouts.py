@@ -20,14 +20,14 @@ import numpy as np
 from timing import medians, number, on_one_thread, peer, print_table
 
 import comove
-from comove.coordination import load_coordinates
+from comove.coordination import CoordinatedDMP, load_coordinates
 from comove.dmp import motion_basis
 
 N_ROLLOUTS, N_STEPS, N_BASIS = 1000, 200, 20
 N_PEER = 20  # rollouts of the peer that are measured
 
 
-def coordinated_dmp() -> comove.CoordinatedDMP:
+def coordinated_dmp() -> CoordinatedDMP:
     """Two free manipulators in the plane, 4 columns."""
     scene = comove.Scene.from_dict(
         {
@@ -42,7 +42,7 @@ def coordinated_dmp() -> comove.CoordinatedDMP:
     )
     coordinates, basis = load_coordinates(scene), motion_basis(N_BASIS)
     weights = np.zeros((coordinates.n_columns, N_BASIS))
-    return comove.CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), weights)
+    return CoordinatedDMP(scene, coordinates, basis, coordinates.boundary(), weights)
 
 
 def peer_rollouts(weights: np.ndarray):

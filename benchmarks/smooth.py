@@ -23,6 +23,7 @@ from timing import Watch, on_one_thread, print_table
 
 import comove
 from comove import LeastJerk, PaperCost
+from comove.coordination import CoordinatedMotion
 from comove.lab.bench.sets import SETS
 from comove.planning import Comove
 from comove.planning.convex.costs import jerk_cost
@@ -107,7 +108,7 @@ def measured(scene: comove.Scene, budget: float) -> dict[str, tuple[float, ...]]
     }
 
 
-def acceleration_along(motion: comove.CoordinatedMotion) -> float:
+def acceleration_along(motion: CoordinatedMotion) -> float:
     """Largest acceleration of a hand where all go the same path with minimum jerk along its length [m/s^2]."""
     s = np.linspace(0.0, 1.0, N_PATH)
     hands, velocity, _ = motion.hands(s)

@@ -54,7 +54,7 @@ from comove.results.sealed import checksum, finite
 from comove.results.solution import SOLUTION, motion_arrays, read_result, rebuild, smoothness_of
 from comove.scenes import Scene
 from comove.scenes.model import canonical
-from comove.stored import Part, verify_part
+from comove.stored import ResultPart, verify_part
 from comove.verification.measures import WEIGHTS, unit_terms, unit_terms_of
 from comove.verification.record import verify_execution
 from comove.verification.verify import verify
@@ -851,12 +851,12 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
     "robot-runs": make_robot_runs,
 }
 FORGERS = {
-    "motions": (forge_motion, Part.MOTION, look_at_motion),
-    "runs": (forge_run, Part.RUN, look_at_run),
+    "motions": (forge_motion, ResultPart.MOTION, look_at_motion),
+    "runs": (forge_run, ResultPart.RUN, look_at_run),
     "studies": (forge_study, None, judge_study),
-    "joints": (forge_joints, Part.JOINTS, look_at_joints),
-    "simulations": (forge_simulation, Part.SIMULATION, look_at_simulation),
-    "robot-runs": (forge_robot_run, Part.ROBOT_RUN, look_at_robot_run),
+    "joints": (forge_joints, ResultPart.JOINTS, look_at_joints),
+    "simulations": (forge_simulation, ResultPart.SIMULATION, look_at_simulation),
+    "robot-runs": (forge_robot_run, ResultPart.ROBOT_RUN, look_at_robot_run),
 }
 
 

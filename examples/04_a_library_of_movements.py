@@ -9,6 +9,8 @@ import tempfile
 
 import comove
 from comove.dmp import operations as op
+from comove.lab.evolution import combine
+from comove.planning import best_movement
 from comove.view.figures import draw_library, save
 
 
@@ -39,9 +41,9 @@ with tempfile.TemporaryDirectory() as folder:
     save(draw_library(library), "movements.png")
     print("most like another sine:", library.find(shape=comove.Demonstration.from_lasa("Sine", 4))[0].name)
 
-    ranking = comove.best_movement(library, scene).ranking
+    ranking = best_movement(library, scene).ranking
     print("movements that pass alone:", [candidate.name for candidate in ranking if candidate.passes])
-    combination = comove.combine(library, scene, seed=0)
+    combination = combine(library, scene, seed=0)
     for name, coefficients in zip(combination.names, combination.coefficients, strict=True):
         print(f"  {coefficients[0]:+.2f}, {coefficients[1]:+.2f} of {name}")
     print("the combination is verified:", combination.verified)

@@ -8,15 +8,16 @@ hold as ever.
 
 import comove
 from comove.lab.examples import example
+from comove.planning import Samples
 from comove.view.figures import draw_side_by_side, save
 
 
-def height(motion: comove.Samples) -> float:
+def height(motion: Samples) -> float:
     """Return the mean height of the hands [m]."""
     return motion.position[..., 1].mean()
 
 
-def slow(motion: comove.Samples) -> float:
+def slow(motion: Samples) -> float:
     """Return by how much a hand is faster along x than 0.25 m/s."""
     return abs(motion.velocity[..., 0]).max() - 0.25
 
@@ -25,7 +26,7 @@ scene = example("narrow")
 smooth = comove.solve(scene, seed=0)
 low = comove.solve(scene, objective=height, constraints=[slow], budget=8.0, seed=0)
 for name, solution in (("smooth", smooth), ("low", low)):
-    samples = comove.Samples.of(solution.attempt)
+    samples = Samples.of(solution.attempt)
     print(
         f"{name}: verified {solution.verified}, mean height {height(samples):.3f} m, "
         f"at most {0.25 + slow(samples):.3f} m/s along x"

@@ -9,10 +9,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import comove
+from comove.dmp import ProMP
 from comove.view.figures import save
 
 recordings = [comove.Demonstration.from_lasa("Sine", demo) for demo in range(7)]
-movement = comove.ProMP.fit(recordings, n_basis=15)
+movement = ProMP.fit(recordings, n_basis=15)
 time = np.linspace(0.0, movement.mean.duration, 101)
 mean = movement.mean.at(time).position
 samples = [movement.sample(np.random.default_rng(seed)).at(time).position for seed in range(20)]

@@ -8,7 +8,7 @@ A hand passes a thin wall between two samples: at every sample it is clear. The 
 import numpy as np
 
 import comove
-from comove.coordination import load_coordinates
+from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp import motion_basis
 from comove.view.figures import draw_motion, save
 
@@ -23,7 +23,7 @@ scene = comove.Scene.from_dict(
 )
 coordinates, basis = load_coordinates(scene), motion_basis(16, "jerk")
 weights = np.zeros((coordinates.n_columns, basis.n_basis))
-straight = comove.CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
+straight = CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
 samples = straight.trajectory(201).position[:, 0]
 print(f"nearest at 201 samples: {1e3 * abs(samples[:, 0] - 0.503).min() - 0.25:.1f} mm from the wall")
 verdict = comove.verify(straight)

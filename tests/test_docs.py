@@ -13,10 +13,12 @@ import sys
 import webbrowser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from comove.dmp.demonstrations import formats
 from comove.lab.examples import copy_examples
+from comove.scenes import Scene
 from tests.commands import invoke
 from tests.lab.paper.test_page import SMALL
 
@@ -173,12 +175,12 @@ def test_the_scene_of_the_readme_is_the_example():
     import yaml
 
     (_, text), *_ = blocks("yaml")
-    shown, example = (
-        yaml.safe_load(text),
-        yaml.safe_load((SCENES / "narrow.yaml").read_text(encoding="utf-8")),
-    )
-    example.pop("demonstration")
-    assert shown == example
+    shown, example = Scene.from_dict(yaml.safe_load(text)), Scene.load(SCENES / "narrow.yaml")
+    for end in ("start", "goal"):
+        assert shown.nodes_at(end) == pytest.approx(example.nodes_at(end), abs=1e-12)
+    assert np.array_equal(shown.obstacles, example.obstacles)
+    assert shown.file.limits == example.file.limits
+    assert (shown.name, shown.duration) == (example.name, example.duration)
 
 
 def test_pictures_exist_and_are_small():

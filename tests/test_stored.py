@@ -9,7 +9,7 @@ import pytest
 from comove.errors import ResultError
 from comove.sim import SIMULATION, play, write_simulation
 from comove.sim.robot_runs import ROBOT_RUN
-from comove.stored import Part, parts_of, verify_folder, verify_part
+from comove.stored import ResultPart, parts_of, verify_folder, verify_part
 from tests.commands import invoke
 from tests.robots.known_carry import baxter, known_carry
 from tests.robots.known_folder import write, write_forged
@@ -44,10 +44,10 @@ def forge(kind, folder, change, **said):
 
 
 def test_the_parts_of_a_folder_are_those_of_its_files(simulated, tmp_path):
-    assert parts_of(simulated) == (Part.MOTION, Part.JOINTS, Part.SIMULATION)
+    assert parts_of(simulated) == (ResultPart.MOTION, ResultPart.JOINTS, ResultPart.SIMULATION)
     hidden = shutil.copytree(simulated, tmp_path / "hidden")
     (hidden / "robot.json").unlink()  # joints that no summary tells of are not passed over
-    assert Part.JOINTS in parts_of(hidden)
+    assert ResultPart.JOINTS in parts_of(hidden)
     with pytest.raises(ResultError, match="no such folder"):
         parts_of(tmp_path / "nowhere")
 
@@ -65,7 +65,7 @@ def test_a_simulation_of_another_motion_is_not_this_ones(simulated, tmp_path):
     other = shutil.copytree(simulated, tmp_path / "other")
     motion, joints = known_carry()
     write_simulation(play(joints.stretched(1.5), baxter(), motion.scene), other)
-    assert any("of another motion" in reason for reason in reasons_of(other, Part.SIMULATION))
+    assert any("of another motion" in reason for reason in reasons_of(other, ResultPart.SIMULATION))
 
 
 @pytest.mark.parametrize(
@@ -84,12 +84,12 @@ def test_a_simulation_of_another_motion_is_not_this_ones(simulated, tmp_path):
 def test_a_simulation_that_contradicts_itself_is_told(change, said, why, simulated, tmp_path):
     copy = shutil.copytree(simulated, tmp_path / "copy")
     forge(SIMULATION, copy, change, **said)
-    assert any(why in reason for reason in reasons_of(copy, Part.SIMULATION))
+    assert any(why in reason for reason in reasons_of(copy, ResultPart.SIMULATION))
 
 
 def test_an_honest_run_of_a_robot_is_as_it_should_be(run):
     (checked,) = verify_folder(run)
-    assert checked.part is Part.ROBOT_RUN and checked.reasons == ()
+    assert checked.part is ResultPart.ROBOT_RUN and checked.reasons == ()
     done = invoke("verify", run)
     assert (
         done.exit_code == 0 and "at samples" in done.stdout and "verified" not in done.stdout.split("\n")[0]
@@ -119,7 +119,7 @@ def through_the_table(arrays):
 def test_a_run_that_contradicts_scene_and_robot_is_told(change, why, run, tmp_path):
     copy = shutil.copytree(run, tmp_path / "copy")
     forge(ROBOT_RUN, copy, change)
-    assert any(why in reason for reason in reasons_of(copy, Part.ROBOT_RUN))
+    assert any(why in reason for reason in reasons_of(copy, ResultPart.ROBOT_RUN))
 
 
 @pytest.mark.parametrize("verb", ["export", "simulate", "send"])

@@ -13,10 +13,12 @@ from pydantic import BaseModel
 
 from comove.constraints import KINDS, ConstraintKeys
 from comove.scenes.model import SceneFile
+from comove.scenes.version2 import SceneFile2
 
 INTRODUCTION = """# Scene files: keys
 
-Every key of a scene file, from the models that read it. Keys without a default are required; unknown keys are errors.
+Every key of a scene file, from the models that read it: `SceneFile2` is version 2, `SceneFile` version 1. Keys
+without a default are required; unknown keys are errors.
 [Scenes](../scenes.md) says what they mean, with examples.
 """
 
@@ -24,7 +26,7 @@ Every key of a scene file, from the models that read it. Keys without a default 
 def page() -> str:
     """Return the Markdown of the page on the keys of scene files."""
     parts = [INTRODUCTION]
-    for model in _models(SceneFile):
+    for model in dict.fromkeys([*_models(SceneFile2), *_models(SceneFile)]):
         parts += [
             f"## {model.__name__}",
             "",

@@ -34,9 +34,9 @@ _ROOMS = {
 }
 _FORMER = {
     **dict.fromkeys(("CoordinatedDMP", "CoordinatedMotion"), "coordination"),
-    **dict.fromkeys(("Comove", "Equality", "Samples", "best_movement", "combine"), "planning"),
+    **dict.fromkeys(("Comove", "Equality", "Samples", "best_movement"), "planning"),
     **dict.fromkeys(("Primitive", "ProMP"), "dmp"),
-    "Projection": "lab.evolution",
+    **dict.fromkeys(("Projection", "combine"), "lab.evolution"),
     **{"Trajectory": "trajectory", "VerifiedMotion": "verification", "study": "data"},
 }
 """Names that moved to subpackages; they are still found here for one version, with a warning."""

@@ -10,6 +10,7 @@ from comove.control.executor import Executor as FreeExecutor
 from comove.control.executor import Pace
 from comove.control.observers import Observer
 from comove.errors import ExtraError, OptionError
+from comove.planning.arguments import check_scene
 from comove.planning.clock import Budget
 from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind, load_kernels
@@ -166,6 +167,7 @@ def robot_of(scene: Scene, robot: Robot | str | Literal[False] | None = None) ->
     ExtraError
         If one is named, and robots are not installed.
     """
+    check_scene(scene)
     if robot is False or (robot is None and scene.file.robot is None):
         return None
     try:

@@ -189,7 +189,7 @@ def _limit(value: float | None, unit: str) -> str:
     return "" if value is None else f"{value:.4g} {unit}"
 
 
-class Part(Enum):
+class ResultPart(Enum):
     """A part of a result folder, with the name of its summary, and what it is called."""
 
     MOTION = "solution.json", "the hands"
@@ -202,11 +202,11 @@ class Part(Enum):
         self.file, self.words = file, words
 
 
-ARRAYS = {Part.JOINTS: "joints.npz"}
+ARRAYS = {ResultPart.JOINTS: "joints.npz"}
 """Further files that show that a part is there, so that it is not passed over where its summary was removed."""
 
 
-def parts_of(folder: Path) -> tuple[Part, ...]:
+def parts_of(folder: Path) -> tuple[ResultPart, ...]:
     """Return the parts of a result folder.
 
     Raises
@@ -217,12 +217,12 @@ def parts_of(folder: Path) -> tuple[Part, ...]:
     require_folder(folder, "comove solve SCENE --out DIR")
     found = tuple(
         part
-        for part in Part
+        for part in ResultPart
         if (folder / part.file).is_file() or (part in ARRAYS and (folder / ARRAYS[part]).is_file())
     )
     if not found:
         raise ResultError(
-            f"it holds no {Part.MOTION.file} and no {Part.RUN.file}",
+            f"it holds no {ResultPart.MOTION.file} and no {ResultPart.RUN.file}",
             file=folder,
             way_out="name a folder of comove solve or comove run",
         )
@@ -261,7 +261,7 @@ class Verification:
 
     __repr__ = brief
 
-    part: Part
+    part: ResultPart
     scene: Scene
     against: tuple[str, ...]
     reasons: tuple[str, ...]
@@ -279,12 +279,12 @@ class Verification:
     @property
     def is_proof(self) -> bool:
         """Return whether the measures hold at every instant, and not at samples."""
-        return self.part not in (Part.ROBOT_RUN, Part.SIMULATION)
+        return self.part not in (ResultPart.ROBOT_RUN, ResultPart.SIMULATION)
 
     @property
     def is_hands_alone(self) -> bool:
         """Return whether the scene names a robot, and no joint of it was looked at."""
-        return self.scene.file.robot is not None and self.part in (Part.MOTION, Part.RUN)
+        return self.scene.file.robot is not None and self.part in (ResultPart.MOTION, ResultPart.RUN)
 
     @property
     def verified(self) -> bool:
@@ -371,7 +371,7 @@ def verify_folder(
 
 
 def verify_part(
-    folder: str | Path, part: Part, scene: Scene | None = None, robot: str | Path | None = None
+    folder: str | Path, part: ResultPart, scene: Scene | None = None, robot: str | Path | None = None
 ) -> Verification:
     """Verify one part of a result folder anew; as `verify_folder`."""
     return _Folder(Path(folder), scene, robot).verify(part)
@@ -384,14 +384,14 @@ class _Folder:
         self.folder, self.robot = folder, robot
         self.given = reference_of(folder, scene)
 
-    def verify(self, part: Part) -> Verification:
+    def verify(self, part: ResultPart) -> Verification:
         """Verify one part."""
         return {
-            Part.MOTION: lambda: self.hands,
-            Part.JOINTS: lambda: self.carried,
-            Part.RUN: self._run,
-            Part.ROBOT_RUN: self._robot_run,
-            Part.SIMULATION: self._simulation,
+            ResultPart.MOTION: lambda: self.hands,
+            ResultPart.JOINTS: lambda: self.carried,
+            ResultPart.RUN: self._run,
+            ResultPart.ROBOT_RUN: self._robot_run,
+            ResultPart.SIMULATION: self._simulation,
         }[part]()
 
     @cached_property
@@ -426,7 +426,7 @@ class _Folder:
             motion = None
         rows = motion_rows({**verdict.report.asdict(), "duration": scene.duration}, scene)
         return Verification(
-            part=Part.MOTION,
+            part=ResultPart.MOTION,
             scene=scene,
             against=(str(reference), *limits_row(scene)),
             reasons=verdict.reasons,
@@ -448,7 +448,7 @@ class _Folder:
         fits = not _robots().unfit_joints(source.robot, hands.scene, joints)
         return replace(
             hands,
-            part=Part.JOINTS,
+            part=ResultPart.JOINTS,
             against=(*hands.against, str(source)),
             reasons=tuple(dict.fromkeys((*hands.reasons, *verdict.reasons))),
             rows=(*hands.rows, *joint_rows(vars(verdict.report))),
@@ -467,7 +467,7 @@ class _Folder:
         report = verify_run(stored)
         rows = motion_rows({**report.asdict(), "duration": float(stored.record.time[-1])}, reference.scene)
         return Verification(
-            part=Part.RUN,
+            part=ResultPart.RUN,
             scene=reference.scene,
             against=(str(reference), *limits_row(reference.scene)),
             reasons=report.reasons,
@@ -485,7 +485,7 @@ class _Folder:
         source = _robots().robot_of(self.folder, reference, self.robot, ROBOT_RUN)
         record, report = verify_robot_run(stored, reference.scene, source.robot)
         return Verification(
-            part=Part.ROBOT_RUN,
+            part=ResultPart.ROBOT_RUN,
             scene=reference.scene,
             against=(str(reference), str(source)),
             reasons=report.reasons,
@@ -505,7 +505,7 @@ class _Folder:
         reasons = verify_simulation(summary, arrays, self.source.robot, carried.scene, joints)
         return replace(
             carried,
-            part=Part.SIMULATION,
+            part=ResultPart.SIMULATION,
             reasons=tuple(dict.fromkeys((*carried.reasons, *reasons))),
             rows=tuple(simulation_rows({**summary, "without_gripper": without_gripper(self.source.robot)})),
             summary=summary,

@@ -113,9 +113,7 @@ def cases(folder):
             ["run", plain, "--out", "o", *words.split()]
             for words in ("--period 0", "--period 1e-9", "--budget -1", "--budget 1e9", "--grasp weld")
         ),
-        *(
-            ["solve", name, "--out", "o"] for name in (nobody, loose, "third.yaml")
-        ),
+        *(["solve", name, "--out", "o"] for name in (nobody, loose, "third.yaml")),
         ["solve", robot, "--out", "full"],
         ["solve", plain, "--out", "o", "--robot", "baxter"],
         *(

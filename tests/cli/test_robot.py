@@ -381,7 +381,10 @@ def test_bad_input_is_one_sentence_and_writes_nothing(tmp_path, changes, words):
         (["send", ".", "--timeout", "0"], "--timeout: 0.0 is not possible"),
         (["send", ".", "--start-tolerance", "-1"], "--start-tolerance: -1.0 is not possible"),
         (["send", ".", "--path-tolerance", "nan"], "--path-tolerance: nan is not possible"),
-        (["solve", SCENE, "--out", "never", "--method", "printed"], "--method: unknown method 'printed'"),
+        (
+            ["solve", SCENE, "--out", "never", "--method", "printed"],
+            "--method: the method 'printed' moves hands",
+        ),
         (["solve", SCENE, "--out", "never", "--method", "paper"], "method: free hands"),
         (["solve", SCENE, "--out", "never", "--library", "nowhere"], "none of the 0 movements"),
         (["solve", SCENE, "--out", "never", "--robot", "baxxter"], "--robot: there is no robot 'baxxter'"),

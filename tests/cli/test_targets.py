@@ -49,7 +49,7 @@ def place(tmp_path, monkeypatch):
     def working(*_, **__):
         pytest.fail("work was begun")
 
-    for name in ("planning.solve", "planning.load_kernels", "planning.combine", "dmp.learn"):
+    for name in ("planning.solve", "planning.load_kernels", "lab.evolution.combine", "dmp.learn"):
         monkeypatch.setattr(f"comove.{name}", working)
     for name in ("control.Executor", "solving.solve", "lab.paper.page.reproduce"):
         monkeypatch.setattr(f"comove.{name}", working)

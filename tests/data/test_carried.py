@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import comove
-from comove.data import Shard, Study, StudyStore, Sweep, groups_of, on_processes, report_of, run_study
+from comove.data import Shard, Study, StudyStore, Sweep, groups_of, on_processes, report_of, run_study, study
 from comove.data.datasets import FORMATS, export_episodes
 from comove.data.datasets.samples import episodes_of
 from comove.data.keys import change
@@ -366,7 +366,7 @@ def test_bad_sweeps_of_robots_are_one_sentence(tmp_path, changes, told):
 def test_robots_are_no_free_hands_in_python_either():
     scene = comove.Scene.from_dict(SCENE)
     with pytest.raises(OptionError, match="by the method 'projection' no robot carries; use comove or paper"):
-        comove.study([scene], ["comove", "projection"])
+        study([scene], ["comove", "projection"])
 
 
 def test_a_scene_that_no_robot_can_carry_is_told_with_its_reason(tmp_path):

@@ -16,7 +16,7 @@ import pytest
 
 from comove.data import Shard, StudyStore, on_processes, run_study
 from comove.data.merging import merge
-from comove.data.runs import RUNS, UNREPEATED
+from comove.data.runs import RUNS, UNREPEATED, StudyRun
 from comove.errors import OptionError, ResultError
 from tests.data.works import FakeStudy
 
@@ -54,6 +54,21 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     run_study(FakeStudy(40), folder, on_processes(1))
     return rows(folder)
+
+
+@pytest.mark.parametrize(
+    ("sql", "told"),
+    [("cost = 'abc'", "cost is 'abc'"), ("seed = NULL", "seed is None"), ("number = 1.5", "1.5")],
+)
+def test_a_row_that_was_edited_is_told(tmp_path, sql, told):
+    store = StudyStore.create(tmp_path / RUNS)
+    with store.writer() as writer:
+        writer.add(StudyRun("k", 0, status="verified", cost=1.0))
+    assert [run.key for run in store.runs()] == ["k"]
+    with store.connected() as connection:
+        connection.execute(f"UPDATE runs SET {sql}")
+    with pytest.raises(ResultError, match=f"the row 'k' was changed: .*{told}; copy it again"):
+        list(store.runs())
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from comove.data import Study, Sweep
 from comove.data.distributions import OneOf, TruncatedNormal, Uniform
@@ -99,6 +100,29 @@ def test_hands_stay_at_the_ends_of_a_bar(tmp_path):
             center = np.mean([SCENE["manipulators"][i][end] for i in (0, 1)], axis=0)
             assert np.allclose(np.mean([hand[end] for hand in hands], axis=0), center)
         assert study.draw(number).scene is not None
+
+
+@pytest.mark.parametrize("key", ["rpy_deg", "quaternion_wxyz", "angle_deg", None])
+def test_poses_of_a_payload_are_shifted_and_turned_about_the_vertical(key):
+    """As scipy turns them; without an orientation, from the world's axes."""
+    n, turn = 2 if key == "angle_deg" else 3, Rotation.from_euler("xyz", [10, 20, 30], degrees=True)
+    said = {"rpy_deg": [10, 20, 30], "quaternion_wxyz": turn.as_quat(scalar_first=True).tolist()}
+    pose = {"position": [0.1, 0.2, 0.3][:n]} | ({} if key is None else {key: said.get(key, 30.0)})
+    data = {"version": 2, "payload": {"goal": pose}}
+    change(data, "goal", [0.5, 0.0, 0.1][:n])
+    change(data, "goal.turn_deg", 40)
+    assert pose["position"] == pytest.approx([0.6, 0.2, 0.4][:n])
+    if n == 2:
+        assert pose["angle_deg"] == 70
+        return
+    found = (
+        Rotation.from_quat(pose[key], scalar_first=True)
+        if key == "quaternion_wxyz"
+        else Rotation.from_euler("xyz", pose["rpy_deg"], degrees=True)
+    )
+    before = turn if key else Rotation.identity()
+    wanted = Rotation.from_euler("z", 40, degrees=True) * before
+    assert found.as_matrix() == pytest.approx(wanted.as_matrix(), abs=1e-12)
 
 
 def test_what_has_no_bar_is_left_alone():

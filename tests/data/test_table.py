@@ -3,6 +3,7 @@
 import pytest
 
 import comove
+from comove.data import study
 from comove.errors import OptionError
 from comove.lab.examples import example_path
 
@@ -10,7 +11,7 @@ from comove.lab.examples import example_path
 @pytest.mark.slow
 def test_rows_are_those_of_solve(tmp_path):
     scenes = [comove.Scene.load(example_path(name)) for name in ("wide", "turning")]
-    table = comove.study(scenes, seeds=2, workers=2, out=tmp_path / "study")
+    table = study(scenes, seeds=2, workers=2, out=tmp_path / "study")
     assert [(run.seed, run.scene) for run in table.runs] == [
         (0, "wide"),
         (0, "turning"),
@@ -26,17 +27,15 @@ def test_rows_are_those_of_solve(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     table.write_parquet(tmp_path / "table.parquet")
     assert parquet.read_table(tmp_path / "table.parquet").to_pydict() == table.columns
-    assert (
-        comove.study(scenes, seeds=1, out=tmp_path / "study").runs == table.runs[:2]
-    )  # nothing is run again
+    assert study(scenes, seeds=1, out=tmp_path / "study").runs == table.runs[:2]  # nothing is run again
 
 
 def test_bad_arguments():
     wide = comove.Scene.load(example_path("wide"))
     with pytest.raises(OptionError, match="two scenes are called 'wide'"):
-        comove.study([wide, wide])
+        study([wide, wide])
     with pytest.raises(OptionError, match="did you mean 'comove'"):
-        comove.study([wide], ["comvoe"])
+        study([wide], ["comvoe"])
     for arguments in (([],), ([wide], []), ([wide], ["comove"], 0)):
         with pytest.raises(OptionError, match="nothing to run"):
-            comove.study(*arguments)
+            study(*arguments)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import comove
+from comove.coordination import CoordinatedMotion
 from comove.data.variety import N_PATH, passing_class, variety
 from comove.lab.examples import example_path
 
@@ -40,11 +41,11 @@ def test_many_episodes_are_compared_by_some_pairs(monkeypatch):
 
 @pytest.mark.parametrize(("name", "views"), [("wide", 1), ("window", 2)])
 def test_a_motion_has_a_class_for_every_view(name, views):
-    motion = comove.CoordinatedMotion.straight(comove.Scene.load(example_path(name)))
+    motion = CoordinatedMotion.straight(comove.Scene.load(example_path(name)))
     assert len(passing_class(motion).split(" | ")) == views
 
 
 def test_the_class_is_that_of_the_hands_centre():
     """Between the two boxes of the wide scene, the upward ray of the lower one alone is crossed."""
-    motion = comove.CoordinatedMotion.straight(comove.Scene.load(example_path("wide")))
+    motion = CoordinatedMotion.straight(comove.Scene.load(example_path("wide")))
     assert passing_class(motion) == "0+"

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Demonstration, ProMP
+from comove import DMP, Demonstration
 from comove.control import Executor
+from comove.dmp import ProMP
 from comove.dmp.operations import scale
 from comove.dmp.variants import APART, extent_of
 from comove.errors import ComoveWarning
-from comove.planning import best_movement, carried_demonstration, combine, movements_of
+from comove.lab.evolution import combine
+from comove.planning import best_movement, carried_demonstration, movements_of
 from comove.planning.arguments import warn_of_adaptation
 from tests.solved import example
 

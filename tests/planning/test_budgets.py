@@ -5,9 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-import comove
 from comove.errors import OptionError
-from comove.lab.evolution import Paper, Projection
+from comove.lab.evolution import Paper, Projection, combine
 from comove.planning import Budget, Comove, LeastJerk, LeastTime, PaperCost, solve
 from comove.planning.methods import Quick
 from comove.processes import one_blas_thread
@@ -61,7 +60,7 @@ SEARCHES = {
     "projection": lambda: solve(example("wide"), method=Projection()),
     "paper": lambda: solve(example("wide"), method=Paper()),
     "moving": lambda: solve(door()),
-    "combination": lambda: comove.combine(bumps(), two_gaps()),
+    "combination": lambda: combine(bumps(), two_gaps()),
 }
 
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import comove
-from comove import Equality, LeastJerk, Samples
+from comove import LeastJerk
 from comove.errors import OptionError
 from comove.lab.evolution import Projection
+from comove.planning import Equality, Samples
 from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import example

@@ -119,13 +119,16 @@ def test_a_duration_that_is_too_short_is_answered_by_one_that_does(name, limits,
 @pytest.mark.slow
 def test_where_a_search_in_time_finds_nothing_the_fastest_motion_decides(monkeypatch, duration):
     """A search that fails although a longer duration is known is not the last word: a faster motion may do."""
-    search, fastest = solver._searched, comove.solve(hasty("narrow"))
+    solution_of, fastest = solver._solution, comove.solve(hasty("narrow"))
 
-    def failing(problem):
-        found, needed = search(problem)
-        return (replace(found, motion=None), 9.0) if problem.is_timed else (found, needed)
+    def failing(problem, search, timed_out):
+        found = solution_of(problem, search, timed_out)
+        if not problem.is_timed:
+            return found
+        search.needed = 9.0
+        return replace(found, motion=None)
 
-    monkeypatch.setattr(solver, "_searched", failing)
+    monkeypatch.setattr(solver, "_solution", failing)
     solution = comove.solve(hasty("narrow", duration))
     assert solution.verified == (fastest.scene.duration < duration)
     assert solution.scene.duration == duration

@@ -6,7 +6,8 @@ import warnings
 import numpy as np
 import pytest
 
-from comove import Demonstration, LeastJerk, ProMP, Scene, solve
+from comove import Demonstration, LeastJerk, Scene, solve
+from comove.dmp import ProMP
 from comove.dmp.demonstrations.formats import write
 from comove.errors import OptionError
 from comove.planning import carried_demonstration, movements_of

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import comove
+from comove.coordination import CoordinatedMotion
 from comove.lab.examples import example
 from comove.scenes import Scene
 
@@ -62,7 +63,7 @@ def test_the_room_that_an_objective_asks_for_is_scaled_and_its_weights_are_not()
 
 def test_a_motion_on_a_larger_scene_is_the_motion_made_larger():
     scene = example("triangle")
-    motion = comove.CoordinatedMotion.straight(scene)
+    motion = CoordinatedMotion.straight(scene)
     other = motion.on(scene.scaled(20.0))
     s = np.linspace(0, 1, 11)
     assert other.hands(s) == pytest.approx(20.0 * motion.hands(s))

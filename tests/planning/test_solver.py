@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import comove
-from comove import DMP, Comove, Demonstration, PaperCost
+from comove import DMP, Demonstration, PaperCost
 from comove.errors import OptionError
 from comove.lab.evolution import Projection
-from comove.planning import carried_demonstration
+from comove.planning import Comove, carried_demonstration
 from comove.planning.methods import MethodSettings
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene
@@ -514,7 +514,7 @@ def test_without_the_planner_nothing_is_planned(monkeypatch):
     def plan(*_, **__):
         pytest.fail("the planner ran")
 
-    monkeypatch.setattr("comove.planning.methods.plan", plan)
+    monkeypatch.setattr("comove.planning.kinematics.plan", plan)
     method = Comove(settings=MethodSettings(restarts=1))
     assert not comove.solve(closed(), method=method, planner=False, budget=3.0).verified
 

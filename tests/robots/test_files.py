@@ -15,9 +15,9 @@ from comove.io import arrays as archives
 from comove.results.sealed import checksum, finite
 from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
-from comove.robots.files import JOINTS, read_joints, verified_motion, verify_stored
+from comove.robots.files import JOINTS, read_joints, verified_against, verify_stored
 from comove.scenes import Scene
-from comove.stored import Part, verify_folder
+from comove.stored import ResultPart, verify_folder
 from tests.cases import examples
 from tests.robots.known_carry import (
     baxter,
@@ -407,7 +407,7 @@ def test_what_robot_json_names_does_not_verify_the_joints_of_a_robot_that_the_sc
     assert verdict.verified is None
     assert any("left_e1 moves at" in reason for reason in verdict.reasons)
     with pytest.raises(ResultError, match="its motion is not verified"):
-        verified_motion(folder)
+        verified_against(folder)
 
 
 def test_beside_a_trusted_scene_without_a_robot_only_a_bundled_one_or_a_given_one_verifies(tmp_path):
@@ -416,7 +416,7 @@ def test_beside_a_trusted_scene_without_a_robot_only_a_bundled_one_or_a_given_on
     with pytest.raises(RobotError, match="neither the scene nor the command names a robot"):
         verify_stored(folder, scene=scene)
     assert verify_stored(folder, baxter(), scene=scene).verified is None
-    (own,) = (part for part in verify_folder(folder) if part.part is Part.JOINTS)
+    (own,) = (part for part in verify_folder(folder) if part.part is ResultPart.JOINTS)
     assert own.verified and any("that the folder names" in words for words in own.against)
 
 

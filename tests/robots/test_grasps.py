@@ -8,7 +8,8 @@ import pytest
 
 import comove
 from comove.errors import SceneError
-from comove.planning import Budget, solve
+from comove.planning import Budget
+from comove.planning.solver import problem_of
 from comove.robots import Robot, solving
 from comove.robots.files import read_joints
 from comove.scenes import Scene
@@ -55,9 +56,7 @@ def test_the_mesh_of_a_scene_is_found_from_the_results_folder(tmp_path):
     found = comove.solve(scene, robot=Robot.load("two_ur10"), seed=0)
     assert found.verified
     save_result(found, tmp_path, wall_time_s=1.0)
-    assert read_joints(tmp_path).scene.sha256 == found.scene.sha256, (
-        "the mesh is found, and the same one"
-    )
+    assert read_joints(tmp_path).scene.sha256 == found.scene.sha256, "the mesh is found, and the same one"
 
 
 def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(monkeypatch):
@@ -72,9 +71,9 @@ def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(
 
     def counted(scene, **how):
         searched.append(scene.file.grasp.offset_deg)
-        return solve(scene, **how)
+        return problem_of(scene, **how)
 
-    monkeypatch.setattr(solving, "solve", counted)
+    monkeypatch.setattr(solving, "problem_of", counted)
     balls = []
     scene = lifts_scene(**wanted)
     for choice in scene.alternatives:
@@ -83,7 +82,8 @@ def test_grasps_that_collide_at_an_end_are_left_out_before_anything_is_searched(
         balls.append({"shape": "sphere", "center": place.tolist(), "radius": 0.02})
     for ball, other in zip(balls, reversed(grasps), strict=True):
         searched.clear()
-        assert not comove.solve(lifts_scene((ball,), **wanted), robot=robot("lifts"), budget=Budget(work=0.2)).verified
+        scene = lifts_scene((ball,), **wanted)
+        assert not comove.solve(scene, robot=robot("lifts"), budget=Budget(work=0.2)).verified
         assert set(searched) == {other["offset_deg"]}
     searched.clear()
     with pytest.raises(

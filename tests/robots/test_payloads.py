@@ -12,6 +12,7 @@ from comove.robots import Robot, verify_joints
 from comove.robots.carrying import RobotCarrier
 from comove.robots.effort import carried_masses, loaded_model
 from comove.scenes import Scene
+from tests.meshes import hull, write_obj
 from tests.robots.known_carry import baxter, known_carry, on_scene, scene_data
 from tests.robots.known_path import DISTANCE
 from tests.robots.small_robots import robot, urdf, written
@@ -37,6 +38,25 @@ def test_shares_balance_the_load_about_its_centre_of_mass(off):
     assert masses @ [off + 0.5 * DISTANCE, off - 0.5 * DISTANCE] == pytest.approx(0.0, abs=1e-9)
     if off == 0.0:
         assert masses.tolist() == [1.0, 1.0]
+
+
+def test_a_mesh_balances_about_the_centre_of_its_volume(tmp_path):
+    """A club has most corners at its thin end; the integral is over the tetrahedra of its triangles."""
+    angle = 2.0 * np.pi * np.arange(12) / 12
+    thin = np.column_stack([np.full(12, 0.5), 0.02 * np.cos(angle), 0.02 * np.sin(angle)])
+    thick = np.array([[0.0, y, z] for y in (-0.08, 0.08) for z in (-0.08, 0.08)])
+    vertices, faces = hull(np.concatenate([thin, thick]))
+    write_obj(tmp_path / "club.obj", vertices, faces)
+    corners = vertices[faces]
+    center = np.average(0.25 * corners.sum(axis=1), axis=0, weights=np.linalg.det(corners))
+    assert abs(vertices.mean(axis=0) - center)[0] > 0.1
+    grasps = {"left": [0.4, 0.0, 0.0], "right": [0.0, 0.0, 0.0]}
+    load = {"shape": "mesh", "file": "club.obj", "mass": 2.0, "grasps": grasps}
+    data = scene_data(obstacles=(), load=load, workspace={"lower": [-5] * 3, "upper": [5] * 3})
+    for hand in data["manipulators"]:
+        hand["start"] = hand["goal"] = (np.array(grasps[hand["name"]]) + [0.4, 0.0, 0.3]).tolist()
+    masses = carried_masses(Scene.from_dict(data, folder=tmp_path))
+    assert masses.tolist() == pytest.approx([2.0 * center[0] / 0.4, 2.0 - 2.0 * center[0] / 0.4], rel=1e-3)
 
 
 def test_three_hands_hold_a_frame_in_balance():

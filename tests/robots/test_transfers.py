@@ -252,17 +252,17 @@ def test_joints_without_an_approach_do_not_win_where_one_is_asked_for():
     with pytest.raises(
         RobotError, match=r"behind the grasp at the start, left_elbow and .*solve .* with --approach"
     ):
-        plan_transfers(alone.motion)
-    assert both.verified and not both.without
+        plan_transfers(alone.joints.motion)
+    assert both.verified and not both.joints.without
     assert elbow_of_left(alone) == -elbow_of_left(both)
     assert both.joints.transfers.carry is both.joints.motion
-    again = plan_transfers(both.motion)
+    again = plan_transfers(both.joints.motion)
     for part in ("approach", "release"):
-        assert (getattr(again, part).position == getattr(both.transfers, part).position).all()
+        assert (getattr(again, part).position == getattr(both.joints.transfers, part).position).all()
 
 
 def test_a_shelf_above_all_elbows_is_told_before_anything_is_searched(monkeypatch):
-    monkeypatch.setattr("comove.robots.solving.solve", lambda *_, **__: pytest.fail("it was searched"))
+    monkeypatch.setattr("comove.robots.solving.problem_of", lambda *_, **__: pytest.fail("it was searched"))
     roof = {"shape": "box", "center": [0.2, 0.0, 0.557], "size": [0.9, 1.6, 0.03]}
     with pytest.raises(
         RobotError, match=r"no joints that hold the load leave room for approach: 0.02 m behind"

@@ -196,7 +196,7 @@ ONE_WRONG = [
     ("duration: 10.0", "duration: [1]", "duration (line 3)", "[1] is not a number", "plain number"),
     ("duration: 10.0", "durration: 10", "durration (line 3)", "unknown key 'durration'", "'duration'?"),
     ("name: narrow", "", None, "'name' is missing", "required here: name, workspace"),
-    ("version: 1 ", "version: 2 ", "version (line 1)", "version 2 is not known", "write 1"),
+    ("version: 1 ", "version: 3 ", "version (line 1)", "version 3 is not known", "write 2, or 1"),
     ("version: 1 ", "version: true ", "version (line 1)", "true is not a whole number", "write a whole"),
     ("name: narrow", "name: ''", "name (line 2)", "'' cannot name a file", "begin with a letter"),
     ("name: narrow", "name: ../up", "name (line 2)", "'../up' cannot name a file", "begin with a letter"),

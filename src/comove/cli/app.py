@@ -224,7 +224,7 @@ def options(
 
 VERBS = (
     *("bench", "demo", "explain", "export", "generate", "learn", "library", "report", "reproduce", "robot"),
-    *("run", "send", "show", "simulate", "solve", "sweep", "verify", "view"),
+    *("run", "scene", "send", "show", "simulate", "solve", "sweep", "verify", "view"),
 )
 """Files of this folder that register verbs."""
 

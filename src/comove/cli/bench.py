@@ -107,9 +107,9 @@ def export(
     store: Store, out: Annotated[Path, typer.Option(help="File for the table (Parquet); it is replaced.")]
 ) -> int:
     """Write the runs of STORE as a Parquet file, a row each."""
-    from comove.lab.bench.store import RunStore, export_parquet
+    from comove.lab.bench.store import RunStore
 
-    count = export_parquet(RunStore.open(store), out)
+    count = RunStore.open(store).write_parquet(out)
     print(f"{out} holds {count} run{'' if count == 1 else 's'}")
     return 0
 

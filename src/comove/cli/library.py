@@ -248,7 +248,7 @@ def combine(
     from comove._version import __version__
     from comove.cli.progress import progress_bar
     from comove.dmp import Library, Primitive, write_primitive
-    from comove.planning import combine
+    from comove.lab.evolution import combine
     from comove.planning.choice import suitable
     from comove.scenes import Scene
 

@@ -142,9 +142,9 @@ class Trusted:
         """Return the joint motion in a folder, verified anew, and print what it was verified against."""
         from comove.cli.texts import say
         from comove.scenes import Scene
-        from comove.stored import Part, parts_of
+        from comove.stored import ResultPart, parts_of
 
-        if Part.JOINTS not in parts_of(folder):
+        if ResultPart.JOINTS not in parts_of(folder):
             raise ResultError(
                 "no robot's joints move in it",
                 file=folder,
@@ -317,8 +317,8 @@ def from_library(
     To combine them takes up to a quarter of the budget besides.
     """
     from comove.dmp import ProMP
-    from comove.lab.evolution import Paper, Printed
-    from comove.planning import Budget, best_movement, combine
+    from comove.lab.evolution import Paper, Printed, combine
+    from comove.planning import Budget, best_movement
 
     plane = _plane_of(scene)
     if isinstance(method, (Paper, Printed)):

@@ -131,7 +131,8 @@ def run(
         check_steps(budget or LONGEST * loaded.duration, period)
     with progress_bar():
         taught = demonstration_of(loaded)
-        require_no_rest(loaded.require_free_ends())
+        loaded = loaded.require_free_ends().in_one_way()
+        require_no_rest(loaded)
         load_kernels(SceneKind.of(loaded))
         if not loaded.is_timed:  # as long as it takes if all goes as foreseen
             planned = solve(loaded, demonstration=taught, seed=seed, budget=Budget(work=FORESEEN))

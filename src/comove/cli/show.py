@@ -14,7 +14,7 @@ from comove.errors import ResultError
 
 if TYPE_CHECKING:
     from comove.results import ResultKind
-    from comove.stored import Part, Verification
+    from comove.stored import ResultPart, Verification
 
 AS_STORED = "AS STORED, NOT VERIFIED"
 
@@ -28,9 +28,9 @@ def show(
     from comove.cli.progress import progress_bar
     from comove.cli.texts import in_rows, pictures_in
     from comove.results.inputs import command_again
-    from comove.stored import Part, Verification, parts_of, verify_folder
+    from comove.stored import ResultPart, Verification, parts_of, verify_folder
 
-    code, found, why = VERIFIED, dict[Part, Verification](), ""
+    code, found, why = VERIFIED, dict[ResultPart, Verification](), ""
     summaries = {part: _kind_of(part).read(folder, whole=True)[0] for part in parts_of(folder)}
     try:
         with progress_bar():
@@ -60,41 +60,41 @@ def show(
     return code
 
 
-def _kind_of(part: Part) -> ResultKind:
+def _kind_of(part: ResultPart) -> ResultKind:
     """Return the files of a part."""
-    from comove.stored import Part
+    from comove.stored import ResultPart
 
-    if part is Part.MOTION:
+    if part is ResultPart.MOTION:
         from comove.results.solution import SOLUTION as kind
-    elif part is Part.RUN:
+    elif part is ResultPart.RUN:
         from comove.results.runs import RUN as kind
-    elif part is Part.JOINTS:
+    elif part is ResultPart.JOINTS:
         from comove.robots.files import JOINTS as kind
-    elif part is Part.ROBOT_RUN:
+    elif part is ResultPart.ROBOT_RUN:
         from comove.sim.robot_runs import ROBOT_RUN as kind
     else:
         from comove.sim import SIMULATION as kind
     return kind
 
 
-def _is_claimed(part: Part, summary: Mapping[str, Any]) -> bool:
+def _is_claimed(part: ResultPart, summary: Mapping[str, Any]) -> bool:
     """Return whether a summary claims that all is well."""
-    from comove.stored import Part
+    from comove.stored import ResultPart
 
-    named = {Part.ROBOT_RUN: "as_it_should_be", Part.SIMULATION: "delivered"}
+    named = {ResultPart.ROBOT_RUN: "as_it_should_be", ResultPart.SIMULATION: "delivered"}
     return summary.get(named.get(part, "verified")) is True
 
 
 def _measured(found: Verification) -> dict[str, Any]:
     """Return the measures of a verification, by their names in the summary of its part."""
     from comove.results.sealed import finite
-    from comove.stored import Part
+    from comove.stored import ResultPart
 
     measures: dict[str, Any] = {}
-    if found.part is Part.JOINTS and found.verified_joints is not None:
+    if found.part is ResultPart.JOINTS and found.verified_joints is not None:
         report = found.verified_joints.report
         measures = report.asdict() | {"without_gripper": report.without_gripper}
-    elif found.part in (Part.MOTION, Part.RUN) and found.report is not None:
+    elif found.part in (ResultPart.MOTION, ResultPart.RUN) and found.report is not None:
         measures = {name: value for name, value in found.report.asdict().items() if name != "reasons"}
     elif found.robot is not None:
         from comove.robots.grippers import without_gripper
@@ -103,18 +103,18 @@ def _measured(found: Verification) -> dict[str, Any]:
     return {name: finite(value) if isinstance(value, float) else value for name, value in measures.items()}
 
 
-def _text(part: Part, summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
+def _text(part: ResultPart, summary: Mapping[str, Any], folder: Path, verdict: str = "") -> str:
     """Return what there is to say of a part."""
     from comove.cli import texts
-    from comove.stored import Part
+    from comove.stored import ResultPart
 
-    if part is Part.JOINTS:
+    if part is ResultPart.JOINTS:
         told = texts.joints_text(summary["robot"], summary)
         return "\n".join([told, f"  {verdict}", *texts.listed(summary["reasons"])]) if verdict else told
     write = {
-        Part.MOTION: texts.summary_text,
-        Part.RUN: texts.run_text,
-        Part.ROBOT_RUN: texts.robot_run_text,
-        Part.SIMULATION: texts.simulation_text,
+        ResultPart.MOTION: texts.summary_text,
+        ResultPart.RUN: texts.run_text,
+        ResultPart.ROBOT_RUN: texts.robot_run_text,
+        ResultPart.SIMULATION: texts.simulation_text,
     }[part]
     return write(summary, folder, verdict)

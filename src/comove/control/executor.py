@@ -16,11 +16,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.control.dynamic_window import DynamicWindow, WindowStart
 from comove.control.observers import Known, Observer, going_on
 from comove.control.safety.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
-from comove.coordination.coordinates import HandPoses, load_coordinates, poses_at
+from comove.coordination.coordinates import HandPoses, poses_at
 from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.arguments import require_positive
 from comove.dmp.demonstrations import Demonstration
@@ -33,7 +32,6 @@ from comove.geometry.rotations import matrices
 from comove.planning.arguments import movements_of, warn_of_adaptation
 from comove.planning.clock import Budget
 from comove.planning.methods import Guide, Quick
-from comove.planning.objective import Objective
 from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.processes import one_blas_thread
@@ -93,7 +91,6 @@ class ExecutionSettings:
     most_patient : longest time between two attempts to plan, after some have failed [s]
     nearly_done : share of a demonstration after which it counts no more
     at_goal, at_rest : distance and speed at which an execution ends [m, m/s]
-    window : search for a course without a plan
     """
 
     longer: tuple[float, ...] = (1.0, 1.3, 1.7, 2.3)
@@ -110,7 +107,6 @@ class ExecutionSettings:
     nearly_done: float = 0.8
     at_goal: float = 5e-4
     at_rest: float = 5e-4
-    window: DynamicWindow = field(default_factory=DynamicWindow)
 
 
 SETTINGS = ExecutionSettings()
@@ -159,12 +155,10 @@ class ExecutionLog(StepLog):
 
     Attributes
     ----------
-    evading : computing time of every search for a course without a plan [s]
     evaluations, generations : totals of all plans
     first_plan : computing time until the first plan was found [s], None where there was none
     """
 
-    evading: list[float] = field(default_factory=list)
     evaluations: int = 0
     generations: int = 0
     first_plan: float | None = None
@@ -229,6 +223,7 @@ class Executor:
         demonstration: DMP | PoseDMP | ProMP | tuple[DMP, ...] | None = None,
         plan: VerifiedMotion | None = None,
     ):
+        scene = scene.in_one_way() if plan is None else scene.held_as_in(plan.motion.scene)
         require_no_rest(scene)
         self.scene, self.pace, self.seed = scene, pace or Pace(), seed
         if np.isfinite(scene.jerk_limit):
@@ -249,9 +244,7 @@ class Executor:
         self._last: Plan | None = None  # that was followed
         self._interruption = Interruption()
         self._programme = TwistProgramme(scene, self.pace.period, ProgrammeSettings(spare=SETTINGS.spare))
-        self._watched = self._planned = self._evaded = -np.inf
-        self._course: Array | None = None  # where to go without a plan
-        self._rng = np.random.default_rng(seed)
+        self._watched = self._planned = -np.inf
         self._patience = self.pace.patience
         self.observer.carried(self.time, nodes_of(self.scene, self.poses))
         if plan is not None:
@@ -285,7 +278,6 @@ class Executor:
     def step(self) -> None:
         """Perform one control step: see, decide, move."""
         self._keep_a_plan()
-        self._keep_a_course()
         begun = clock.perf_counter()
         period, now = self.pace.period, self.time
         if self.plan is not None and self.plan.certain:
@@ -355,12 +347,11 @@ class Executor:
     def _dodged(self, now: float) -> Array:
         """Return the twists that the programme allows.
 
-        The desired velocities are those of the plan, of the course without a plan, or of the way to the goal.
+        The desired velocities are those of the plan, or without one of the way to the goal.
         """
         seen, period = self.observer.observe(now), self.pace.period
         if self.plan is None:
-            course = self._course
-            wanted = self._homing() if course is None else hand_velocities(self.scene, self.poses, course[0])
+            wanted = self._homing()
         else:
             here, there = self.plan.poses(now, now + period)
             twists = twists_between(self.scene, here, there, period)
@@ -369,25 +360,6 @@ class Executor:
         allowed = self._programme.allowed(self.poses, self._before, wanted, seen)
         self.log.note(allowed, self.scene)
         return allowed.twists
-
-    def _keep_a_course(self) -> None:
-        """Search for a course for the next moment where there is no plan."""
-        now, window = self.time, SETTINGS.window
-        if self.plan is not None:
-            self._course = None
-        elif now - self._evaded >= window.moment - 1e-9:
-            begun = clock.perf_counter()
-            self._evaded, expected = now, self._expected(now)
-            objective = Objective(expected, load_coordinates(expected))
-            offsets = expected.by_row(expected.offsets(now + window.instants))
-            here = WindowStart(expected, self.poses, self.twists)
-            self._course = window.best_course(here, objective, self.goal, offsets, self._rng, self._course)
-            self.log.evading.append(clock.perf_counter() - begun)
-
-    def _expected(self, now: float) -> Scene:
-        """Return the scene as it is expected to be, with obstacles grown by their margins."""
-        expected, seen = self.observer.predict(now), self.observer.observe(now)
-        return replace(expected, obstacles=inflated(expected.obstacles, seen.margin))
 
     def _homing(self) -> Array:
         """Return velocities of the hands straight to the goal, at moderate speed; array, shape (n_hands, 3) [m/s]."""
@@ -431,7 +403,8 @@ class Executor:
     def _plan_anew(self, now: float) -> None:
         """Search for a plan from the present state on."""
         begun = clock.perf_counter()
-        expected = self._expected(now)
+        expected, seen = self.observer.predict(now), self.observer.observe(now)
+        expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))  # by their margins
         starts = tuple(
             GroupPose(center, matrices(quaternion))
             for center, quaternion in zip(self.poses.center, self.poses.quaternion, strict=True)

@@ -58,7 +58,6 @@ def write_run(
         "duration_s": float(record.time[-1]),
         "plans": len(log.planning),
         "planning_s_median": _quantile(log.planning, 0.5),
-        "evading_s_median": _quantile(log.evading, 0.5),
         "control_s_median": _quantile(log.control, 0.5),
         "control_s_p999": _quantile(log.control, 0.999),
         "relaxed_max": log.relaxed,

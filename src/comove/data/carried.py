@@ -104,6 +104,8 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
     contents = json.loads(canonical(scene.file))
     for hand in contents["manipulators"]:
         hand["start"] = hand["goal"] = hand[end]
+    if (load := contents["load"]).get(end) is not None:
+        load["start"] = load["goal"] = load[end]
     motion = CoordinatedMotion.straight(Scene.from_dict(contents, folder=scene.folder))
     first = ""
     for joints in product(*branches):
@@ -115,7 +117,7 @@ def _require_held(carrier: RobotCarrier, end: Literal["start", "goal"], branches
         if verdict.verified is not None:
             return
         first = first or verdict.reasons[0]
-    raise SceneError(f"the robot cannot hold the load: {first}", key=f"manipulators.{end}")
+    raise SceneError(f"the robot cannot hold the load: {first}", key=scene.words.key(f"manipulators.{end}"))
 
 
 @dataclass(frozen=True)

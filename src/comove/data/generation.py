@@ -19,7 +19,8 @@ from comove.data.cameras import require_cameras
 from comove.data.distributions import Distribution, OneOf, TruncatedNormal, Uniform
 from comove.data.episode import Made, solved_run
 from comove.data.keys import LENGTH, change, fit_hands, hand_names
-from comove.data.runs import StudyRun, digest
+from comove.data.runs import StudyRun
+from comove.data.store import digest
 from comove.data.study_file import GENERATE, MAX_EPISODES, DrawPart, StudyFile
 from comove.dmp import Library
 from comove.dmp.demonstrations.formats import format_of, is_format
@@ -293,7 +294,11 @@ class Study:
         found += [
             self.folder / name for part in self.file.draws for name in (part.library, part.recordings) if name
         ]
-        parts = [*(self.template.get("obstacles") or []), self.template.get("load")]
+        parts = [
+            *(self.template.get("obstacles") or []),
+            self.template.get("load"),
+            self.template.get("payload"),
+        ]
         found += [self.folder / part["file"] for part in parts if isinstance(part, dict) and part.get("file")]
         if self.on_robot:
             from comove.data.carried import robot_named

@@ -2,8 +2,8 @@
 
 An entry of a list is named by its number, a manipulator also by its name. Besides the keys of a scene there are
 `start` and `goal`, a shift of all hands together, `start.turn_deg` and `goal.turn_deg`, a turn of all hands about
-their common centre, in space about the vertical, and `scene`, a shift of hands, obstacles and workspace together:
-what a robot meets that stands elsewhere.
+their common centre, or of the payload about its frame's origin, in space about the vertical, and `scene`, a shift of
+hands, obstacles and workspace together: what a robot meets that stands elsewhere.
 """
 
 from __future__ import annotations
@@ -69,7 +69,11 @@ def fit_hands(data: dict[str, Any]) -> None:
 
 def hand_names(data: dict[str, Any]) -> tuple[str, ...]:
     """Return the names of the hands in the contents of a scene file."""
-    return tuple(str(hand.get("name")) for hand in _hands(data))
+    given = data.get("grasps")
+    held = given[0] if isinstance(given, list) and given else given
+    free = data.get("end_effectors")
+    new = [*(held if isinstance(held, dict) else ()), *(free if isinstance(free, dict) else ())]
+    return tuple(map(str, new)) or tuple(str(hand.get("name")) for hand in _hands(data))
 
 
 def _holds(load: dict[str, Any], hand: dict[str, Any]) -> bool:
@@ -98,10 +102,35 @@ def _vectors(data: dict[str, Any], end: str) -> list[list[float]]:
     return points  # type: ignore[return-value]
 
 
+def _pose(data: dict[str, Any], end: str) -> dict[str, Any] | None:
+    """Return the payload's pose at an end, of files of version 2; None in others."""
+    payload = data.get("payload")
+    pose = payload.get(end) if isinstance(payload, dict) else None
+    return pose if isinstance(pose, dict) and _is_vector(pose.get("position")) else None
+
+
 def _shift(data: dict[str, Any], end: str, shift: Any) -> None:
+    if (pose := _pose(data, end)) is not None:
+        pose["position"] = _sum(pose["position"], shift, end)
+        return
     points = _vectors(data, end)
     for hand, point in zip(_hands(data), points, strict=True):
         hand[end] = _sum(point, shift, end)
+
+
+def _turn_pose(pose: dict[str, Any], degrees: float) -> None:
+    """Turn a pose in place, about the vertical through its position."""
+    key, half = "angle_deg", math.radians(degrees) / 2
+    if len(pose["position"]) == 3:
+        key = "quaternion_wxyz" if "quaternion_wxyz" in pose else "rpy_deg"
+    if key == "angle_deg":
+        pose[key] = pose.get(key, 0.0) + degrees
+    elif key == "rpy_deg":  # the turn about z is the last
+        x, y, z = pose.get(key, (0.0, 0.0, 0.0))
+        pose[key] = [x, y, z + degrees]
+    else:
+        c, s, (w, x, y, z) = math.cos(half), math.sin(half), pose[key]
+        pose[key] = [c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w]
 
 
 def _shift_all(data: dict[str, Any], shift: Any) -> None:
@@ -121,6 +150,9 @@ def _shift_all(data: dict[str, Any], shift: Any) -> None:
 def _turn(data: dict[str, Any], end: str, degrees: Any) -> None:
     if not _is_number(degrees):
         raise Wrong(f"{show(degrees)} is no angle", "draw a number of degrees")
+    if (pose := _pose(data, end)) is not None:
+        _turn_pose(pose, float(degrees))
+        return
     points = _vectors(data, end)
     center = [sum(p[axis] for p in points) / len(points) for axis in (0, 1)]
     cosine, sine = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))

@@ -6,14 +6,13 @@ are lean, so that millions of them are read in seconds; motions are in a table o
 
 from __future__ import annotations
 
-import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from comove.data.store import KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
+from comove.data.store import Store, Writer, kinds_of
 from comove.errors import ResultError, shortened
 
 STATUSES = ("verified", "not delivered", "not verified", "invalid", "refused", "error", "killed", "late")
@@ -76,13 +75,21 @@ class StudyRun:
     seconds: float | None = None
     started: str = ""
 
+    @property
+    def row(self) -> tuple:
+        """Return the row of the table of runs."""
+        return astuple(self)
+
+    @classmethod
+    def of_row(cls, row: tuple) -> StudyRun:
+        """Build a run from its row."""
+        return cls(*row)
+
 
 UNREPEATED = ("first", "cut_short", "seconds", "started")
 """Columns that differ from machine to machine."""
 MEASURES = tuple(f.name for f in fields(StudyRun) if f.type == "float | None" and f.name not in UNREPEATED)
 COLUMNS = tuple(f.name for f in fields(StudyRun))
-PARQUET_KINDS = parquet_kinds(kinds_of(StudyRun))
-"""Types of the columns in a Parquet file."""
 
 
 @dataclass(frozen=True)
@@ -130,27 +137,17 @@ class StoredMotion:
         return self.key, self.scene, self.curve, self.path
 
 
-def digest(description: Mapping[str, Any]) -> str:
-    """Compute the SHA-256 of plain data."""
-    return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
-
-
-class StudyWriter(Writer):
+class StudyWriter(Writer[StudyRun]):
     """Writes runs into an open store, each as a whole."""
 
     def add(self, run: StudyRun, motion: StoredMotion | None = None) -> None:
         """Write a run that has ended; one with the same key stays as it is."""
-        self._insert("runs", astuple(run))
+        self._insert("runs", run.row)
         if motion is not None:
             self._insert("motions", motion.row)
             if motion.carry is not None:
                 self._insert("carries", astuple(motion.carry))
             self._insert("videos", *((motion.key, camera, video) for camera, video in motion.videos))
-        self._connection.commit()
-
-    def add_all(self, runs: Iterable[StudyRun]) -> None:
-        """Write many runs at once, without motions."""
-        self._insert("runs", *map(astuple, runs))
         self._connection.commit()
 
     def absorb(self, other: Path) -> int:
@@ -183,17 +180,18 @@ class StudyWriter(Writer):
 
 
 @dataclass(frozen=True)
-class StudyStore(Store[StudyWriter]):
+class StudyStore(Store[StudyRun, StudyWriter]):
     """A store of the runs of one study."""
 
     APPLICATION = 0x636F6D73  # "coms", in the header of the file
+    RUN = StudyRun
+    KINDS = kinds_of(StudyRun)
+    ORDER = "number"
     TABLES = {  # noqa: RUF012  a constant of the class
-        "runs": declared(kinds_of(StudyRun)),
         "motions": "key TEXT PRIMARY KEY, scene BLOB, curve BLOB, path BLOB",
         "carries": "key TEXT PRIMARY KEY, joints BLOB, certificate TEXT, simulation TEXT",
         "videos": "key TEXT, camera TEXT, video BLOB, PRIMARY KEY (key, camera)",
         "about": "name TEXT PRIMARY KEY, value TEXT",
-        "kills": KILLS_COLUMNS,
     }
     MADE_BY = "comove generate STUDY --out DIR, or comove sweep STUDY --out DIR"
     WRITER = StudyWriter
@@ -249,12 +247,6 @@ class StudyStore(Store[StudyWriter]):
         with self.connected(reading=True) as connection:
             return {number for (number,) in connection.execute("SELECT number FROM runs")}
 
-    def runs(self) -> Iterator[StudyRun]:
-        """Yield the runs that have ended, in the order of their numbers."""
-        with self.connected(reading=True) as connection:
-            for row in connection.execute(f"SELECT {', '.join(COLUMNS)} FROM runs ORDER BY number"):
-                yield StudyRun(*row)
-
     def motions(self, status: str = "verified") -> Iterator[tuple[StudyRun, StoredMotion]]:
         """Yield the runs of a status that have motions, with these, in the order of their numbers."""
         query = (
@@ -264,7 +256,7 @@ class StudyStore(Store[StudyWriter]):
         )
         with self.connected(reading=True) as connection:
             for row in connection.execute(query, (status,)):
-                run = StudyRun(*row[: len(COLUMNS)])
+                run = self._run(row[: len(COLUMNS)])
                 scene, curve, path, joints, certificate, simulation = row[len(COLUMNS) :]
                 carry = None if joints is None else StoredCarry(run.key, joints, certificate, simulation)
                 videos = connection.execute(

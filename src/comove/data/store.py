@@ -1,29 +1,45 @@
-"""Stores of runs: one SQLite file, whose rows are written as a whole and which several processes may use.
+"""The database of runs: one SQLite file, whose rows are written as a whole and which several processes may use.
 
-A kind of store says which tables it has. A file of another kind, or of another version, is refused and left alone.
+The key of a row is the hash of its configuration, so nothing is run twice, and a killed process loses no row that was
+written. A kind of store says what a run is, and which tables it has besides. Reading checks every row: a file of
+another kind or of another version is refused and left alone, a row that was edited is reported.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import re
 import sqlite3
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import ClassVar, Generic, Self, TypeVar
+from types import NoneType
+from typing import Any, ClassVar, Generic, Self, TypeVar
 
 from comove.errors import ResultError
 from comove.io.files import telling
+from comove.io.parquet import write_parquet
 
 WAIT = 60.0  # s, for others that write
-KILLS_COLUMNS = "key TEXT PRIMARY KEY, times INTEGER"
-"""Columns of a table of how often a process was killed during a run."""
-
-_SQL = {"str": "TEXT", "int": "INTEGER", "float": "REAL", "float | None": "REAL"}
-_PARQUET = {"str": "string", "int": "int64", "float": "float64", "float | None": "float64"}
+_KINDS: Mapping[str, tuple[str, str, frozenset[type]]] = {
+    "str": ("TEXT", "string", frozenset({str})),
+    "int": ("INTEGER", "int64", frozenset({int})),
+    "float": ("REAL", "float64", frozenset({float})),
+    "float | None": ("REAL", "float64", frozenset({float, NoneType})),
+}
+"""What a column is in SQLite, in Parquet and in Python, by the type of the field that it holds."""
 _READ_ONLY = ("unable to open database file", "attempt to write a readonly database")
 AS_IT_WAS = "copy it again, or save what it holds: sqlite3 STORE .recover"
+
+
+RunT = TypeVar("RunT")
+
+
+def digest(description: Mapping[str, Any]) -> str:
+    """Compute the SHA-256 of plain data."""
+    return hashlib.sha256(json.dumps(description, sort_keys=True).encode()).hexdigest()
 
 
 def kinds_of(*parts: type) -> dict[str, str]:
@@ -34,12 +50,12 @@ def kinds_of(*parts: type) -> dict[str, str]:
 def declared(kinds: Mapping[str, str]) -> str:
     """Return the declaration of a table whose columns have the given types; `key` is its key."""
     keys = {"key": " PRIMARY KEY"}
-    return ", ".join(f'"{name}" {_SQL[kind]}{keys.get(name, "")}' for name, kind in kinds.items())
+    return ", ".join(f'"{name}" {_KINDS[kind][0]}{keys.get(name, "")}' for name, kind in kinds.items())
 
 
 def parquet_kinds(kinds: Mapping[str, str]) -> dict[str, str]:
     """Return the types of columns in a Parquet file."""
-    return {name: _PARQUET[kind] for name, kind in kinds.items()}
+    return {name: _KINDS[kind][1] for name, kind in kinds.items()}
 
 
 def columns_of(declared: str) -> list[str]:
@@ -47,7 +63,7 @@ def columns_of(declared: str) -> list[str]:
     return re.findall(r'(?:^|, )"?(\w+)"? (?:TEXT|REAL|INTEGER|BLOB)', declared)
 
 
-class Writer:
+class Writer(Generic[RunT]):
     """Writes rows into an open store, each as a whole."""
 
     def __init__(self, connection: sqlite3.Connection):
@@ -58,6 +74,11 @@ class Writer:
         for row in rows:
             marks = ", ".join("?" * len(row))
             self._connection.execute(f"INSERT INTO {table} VALUES ({marks}) ON CONFLICT DO NOTHING", row)
+
+    def add(self, run: RunT) -> None:
+        """Write a run that has ended; one with the same key stays as it is."""
+        self._insert("runs", run.row)  # type: ignore[attr-defined]
+        self._connection.commit()
 
     def note_kill(self, key: str, times: int = 1) -> int:
         """Note that processes were killed during a run; returns how often that has happened in all."""
@@ -73,21 +94,27 @@ WriterT = TypeVar("WriterT", bound=Writer)
 
 
 @dataclass(frozen=True)
-class Store(Generic[WriterT]):
+class Store(Generic[RunT, WriterT]):
     """A store, made by `open` or `create`.
 
     Attributes
     ----------
     path : path of the file
     APPLICATION : number in the header of the files of this kind
-    TABLES : declarations of the columns, by the names of the tables; one of them is called "runs" and has a key
+    RUN : dataclass of runs, with `row` and `of_row`, to and from a row of the table of runs
+    KINDS : types of the columns of that table, by their names; the first is the key
+    TABLES : declarations of the columns of the other tables, by their names
+    ORDER : what the rows of runs are read by
     MADE_BY : command that makes such a file
     WRITER : kind of the writer that is lent
     """
 
     path: Path
     APPLICATION: ClassVar[int]
+    RUN: ClassVar[Any]
+    KINDS: ClassVar[Mapping[str, str]]
     TABLES: ClassVar[Mapping[str, str]]
+    ORDER: ClassVar[str] = "rowid"
     MADE_BY: ClassVar[str]
     WRITER: ClassVar[type]
 
@@ -129,28 +156,32 @@ class Store(Generic[WriterT]):
         with store.connected() as connection:
             connection.execute("BEGIN IMMEDIATE")  # all of it or nothing, and one after the other
             connection.execute(f"PRAGMA application_id = {cls.APPLICATION}")
-            for name, declared in cls.TABLES.items():
-                connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({declared})")
+            for name, columns in cls._tables().items():
+                connection.execute(f"CREATE TABLE IF NOT EXISTS {name} ({columns})")
             connection.execute("COMMIT")
             connection.execute("PRAGMA journal_mode = WAL")
         return store
+
+    @classmethod
+    def _tables(cls) -> dict[str, str]:
+        return {"runs": declared(cls.KINDS), **cls.TABLES, "kills": "key TEXT PRIMARY KEY, times INTEGER"}
 
     def _check(self, *, whole: bool = True) -> None:
         """Refuse a file that is not a store, or one of another version; with `whole`, also one that was not
         finished.
         """
+        tables = self._tables()
         with self.connected(reading=True) as connection:
             (application,) = connection.execute("PRAGMA application_id").fetchone()
             columns = {
-                name: [row[1] for row in connection.execute(f"PRAGMA table_info({name})")]
-                for name in self.TABLES
+                name: [row[1] for row in connection.execute(f"PRAGMA table_info({name})")] for name in tables
             }
         if application != self.APPLICATION:
             raise ResultError(
                 "it is an SQLite file, but no store of runs", file=self.path, way_out="name another file"
             )
         for name, found in columns.items():
-            if found and found != columns_of(self.TABLES[name]):
+            if found and found != columns_of(tables[name]):
                 raise ResultError(
                     f"it is a store of another version of comove: its table '{name}' has other columns",
                     file=self.path,
@@ -219,6 +250,47 @@ class Store(Generic[WriterT]):
                     way_out="copy both files to a folder that you may write",
                 ) from error
         return sqlite3.connect(f"{self.path.absolute().as_uri()}?mode=ro&immutable=1", uri=True)
+
+    def runs(self) -> Iterator[RunT]:
+        """Yield the runs that have ended, in order.
+
+        Raises
+        ------
+        ResultError
+            If a row was changed.
+        """
+        with self.connected(reading=True) as connection:
+            for row in connection.execute(f"SELECT * FROM runs ORDER BY {self.ORDER}"):
+                yield self._run(row)
+
+    def _run(self, row: tuple) -> RunT:
+        """Build a run from its row, and check it."""
+        try:
+            for (name, kind), value in zip(self.KINDS.items(), row, strict=True):
+                if type(value) not in _KINDS[kind][2]:
+                    raise ValueError(f"{name} is {value!r}")
+            return self.RUN.of_row(row)
+        except (ValueError, TypeError, RecursionError) as error:
+            raise ResultError(
+                f"the row '{str(row[0])[:12]}' was changed: {str(error)[:80]}",
+                file=self.path,
+                way_out=AS_IT_WAS,
+            ) from error
+
+    def write_parquet(self, path: str | Path) -> int:
+        """Write all runs to a Parquet file, with the columns of the table, and return their number.
+
+        Raises
+        ------
+        ExtraError
+            If pyarrow is not installed.
+        ResultError
+            If a row was changed, or the file cannot be written.
+        """
+        rows: list[Any] = [run.row for run in self.runs()]  # type: ignore[attr-defined]
+        columns = {name: [row[i] for row in rows] for i, name in enumerate(self.KINDS)}
+        write_parquet(path, columns, parquet_kinds(self.KINDS))
+        return len(rows)
 
     def keys(self) -> set[str]:
         """Return the keys of the runs that have ended."""

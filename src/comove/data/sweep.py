@@ -17,7 +17,8 @@ from comove._version import __version__
 from comove.data.episode import solved_run
 from comove.data.generation import read_study
 from comove.data.keys import change
-from comove.data.runs import LONGEST, StoredMotion, StudyRun, digest
+from comove.data.runs import LONGEST, StoredMotion, StudyRun
+from comove.data.store import digest
 from comove.data.study_file import SWEEP, SimulationPart, SweepFile
 from comove.errors import ComoveWarning, RobotError, SceneError, near_name
 from comove.io.keys import Flaw, Wrong, scene_error

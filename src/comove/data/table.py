@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from comove.data.runner import on_processes, run_study
-from comove.data.runs import COLUMNS, PARQUET_KINDS, RUNS, StudyRun, StudyStore
+from comove.data.runs import COLUMNS, RUNS, StudyRun, StudyStore
+from comove.data.store import parquet_kinds
 from comove.data.sweep import METHODS, ROBOT_METHODS, Sweep, SweptScene
 from comove.errors import OptionError, near_name
 from comove.io.parquet import write_parquet
@@ -44,7 +45,7 @@ class StudyTable:
         ResultError
             If the file cannot be written.
         """
-        write_parquet(path, self.columns, PARQUET_KINDS)
+        write_parquet(path, self.columns, parquet_kinds(StudyStore.KINDS))
 
 
 def study(

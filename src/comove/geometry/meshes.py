@@ -20,6 +20,8 @@ from comove.io.keys import LARGE
 Array = NDArray[np.float64]
 
 MAX_FACES = 50_000
+FLAT = 1e-9
+"""Share of its length below which the thickness of a mesh is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +41,13 @@ class Mesh:
     width: float
     sha256: str
 
+    @property
+    def is_flat(self) -> bool:
+        """Return whether all points are in one plane, up to rounding."""
+        points = self.triangles.reshape(-1, 3)
+        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+        return bool(spread[2] <= FLAT * spread[0])
+
     def decomposed(self, resolution: float | None, *, few: bool) -> ConvexDecomposition:
         """Return convex polytopes that contain all triangles and what they close (see
         `comove.geometry.convex_decomposition.decompose`).
@@ -46,13 +55,23 @@ class Mesh:
         return _decomposed(self, resolution, few)
 
 
-def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
+def read_mesh(
+    path: Path,
+    scale: float,
+    *,
+    file: object,
+    key: str,
+    data: tuple[bytes, str] | None = None,
+    called: str | None = None,
+) -> Mesh:
     """Read the mesh in a file.
 
     Parameters
     ----------
     scale : factor from the file's lengths to metres
     file, key : scene file and key that name the mesh, for messages
+    data : contents and suffix of a mesh that is a part of the file
+    called : the key in warnings, if it is called differently there
 
     Raises
     ------
@@ -62,16 +81,16 @@ def read_mesh(path: Path, scale: float, *, file: object, key: str) -> Mesh:
 
     try:
         suffix = path.suffix.lower()
-        if suffix not in FORMATS:
+        if data is None and suffix not in FORMATS:
             known = ", ".join(name[1:].upper() for name in FORMATS)
             raise MeshError("it is no mesh that can be read", way_out=f"write it in one of {known}")
-        data = read_bytes(path)
-        mesh, told = _read(data, suffix, scale)
+        contents, suffix = data or (read_bytes(path), suffix)
+        mesh, told = _read(contents, suffix, scale)
     except MeshError as error:
         raise SceneError(
             f"'{path.name}': {error.message}", file=file, key=key, way_out=error.way_out
         ) from None
-    place = ": ".join(str(part) for part in (file, key) if part is not None)
+    place = ": ".join(str(part) for part in (file, called or key) if part is not None)
     for message in told:
         warnings.warn(f"{place}: '{path.name}' {message}", ComoveWarning, stacklevel=6)
     return mesh

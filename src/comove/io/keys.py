@@ -113,7 +113,7 @@ def _plain_key(key: str) -> str:
 def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> SceneError:
     """Return one error that tells the first flaws of the file."""
     flaws = sorted(flaws, key=lambda flaw: lines.get(flaw.path, 0))
-    keys = [_place(flaw.path, lines) for flaw in flaws]
+    keys = [place(flaw.path, lines) for flaw in flaws]
     if len(flaws) == 1:
         return SceneError(flaws[0].message, file=file, key=keys[0], way_out=flaws[0].way_out)
     told = [
@@ -124,9 +124,10 @@ def scene_error(flaws: list[Flaw], file: str | Path | None, lines: Lines) -> Sce
     return SceneError("\n  ".join([f"{len(flaws)} errors", *told, *more]), file=file)
 
 
-def _place(path: KeyPath, lines: Lines) -> str | None:
-    """Return the key and its line as text, as far as both are known."""
-    line = f" (line {lines[path]})" if path in lines else ""
+def place(path: KeyPath, lines: Mapping[KeyPath, int]) -> str | None:
+    """Return a key and its line, or that of the nearest key around it, as text as far as both are known."""
+    known = next((path[:n] for n in range(len(path), 0, -1) if path[:n] in lines), None)
+    line = "" if known is None else f" (line {lines[known]})"
     return f"{_dotted(path)}{line}" or None
 
 
@@ -182,12 +183,12 @@ def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
     found: Any = root
     for part in path:
         if isinstance(found, type) and issubclass(found, BaseModel):
-            found = found.model_fields[str(part)].annotation
+            if isinstance(part, int):  # one of several, where one alone may be written as well
+                continue
+            found = found.model_fields[part].annotation
         else:
             found = get_args(found)[-1 if get_origin(found) is dict else 0]
-        if get_origin(found) in (UnionType, Union):
-            found = get_args(found)[0]
-        if get_origin(found) is Annotated:
+        while get_origin(found) in (UnionType, Union, Annotated):
             found = get_args(found)[0]
     return found
 

@@ -1,9 +1,8 @@
-"""`solve`, the methods and objectives that it takes, and the choice and combination of library movements."""
+"""`solve`, the methods and objectives that it takes, and the choice of library movements."""
 
 from comove.planning.arguments import carried_demonstration, movements_of
 from comove.planning.choice import Candidate, Choice, best_movement
 from comove.planning.clock import Budget
-from comove.planning.combination import Combination, combine
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import Cost
@@ -15,7 +14,6 @@ __all__ = [
     "Budget",
     "Candidate",
     "Choice",
-    "Combination",
     "Comove",
     "Cost",
     "Equality",
@@ -29,7 +27,6 @@ __all__ = [
     "best_movement",
     "carried_demonstration",
     "check_method",
-    "combine",
     "load_kernels",
     "movements_of",
     "solve",

@@ -41,6 +41,13 @@ SCALES = tuple(m * 10.0**-k for k in range(1, 5) for m in (5, 2, 1))
 """Scales of a demonstration that are tried, to name one that keeps it in the workspace."""
 
 
+def check_scene(scene: object) -> None:
+    if not isinstance(scene, Scene):
+        raise OptionError(
+            f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
+        )
+
+
 def check_options(
     scene: object,
     demonstration: object,
@@ -51,10 +58,7 @@ def check_options(
     obstacles: str,
     checks: object,
 ) -> None:
-    if not isinstance(scene, Scene):
-        raise OptionError(
-            f"scene = {scene!r}", way_out="give a Scene: Scene.load(path) or Scene.from_dict(data)"
-        )
+    check_scene(scene)
     if not isinstance(checks, (list, tuple)) or not all(map(callable, checks)):
         raise OptionError(f"checks = {checks!r}", way_out="give a list of functions of the motion")
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:

@@ -19,7 +19,7 @@ from comove.dmp.dmp import DMP
 from comove.dmp.operations import scale
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
-from comove.errors import OptionError
+from comove.errors import OptionError, SceneError
 from comove.planning.arguments import (
     carried_demonstration,
     check_options,
@@ -308,6 +308,8 @@ def solved(problem: Problem) -> Procedure:
 
 def _solved(problem: Problem) -> Procedure:
     """Solve a problem, by the procedure that suits its duration."""
+    if problem.scene.file.choices is not None:
+        return (yield from _by_some_choice(problem))
     if problem.is_hopeless:
         fastest, _ = yield _in_least_time(problem)
         return _at_pace(fastest, problem)
@@ -325,6 +327,30 @@ def _solved(problem: Problem) -> Procedure:
     if solution.timed_out:
         return solution
     return replace(solution, reasons=(*solution.reasons, too_short(problem.scene, needed)))
+
+
+def _by_some_choice(problem: Problem) -> Procedure:
+    """Solve by the first way to hold the payload and to put it down that leads to a motion.
+
+    Those with contacts at an end are left out. Each of the others has half of the work that is left, the last all.
+    """
+    free = list[Scene]()
+    for choice in problem.scene.alternatives:
+        with suppress(SceneError):
+            free.append(choice.require_free_ends())
+    if not free:
+        problem.scene.require_free_ends()  # which says what is touched
+    best: Solution | None = None
+    budget = problem.budget
+    for choice in free:
+        part = budget if choice is free[-1] else budget.within(0.5 * budget.size)
+        found = yield from _solved(replace(problem, scene=choice, budget=part))
+        budget = budget.after(found.solve_time_s, found.work)
+        best = found if best is None else found.after(best)
+        if best.verified or best.interrupted or budget.is_spent:
+            break
+    assert best is not None, "some ends are free"
+    return best
 
 
 def _in_least_time(problem: Problem) -> Problem:

@@ -49,7 +49,7 @@ RUN = ResultKind(
         "time_to_first_verified_s",
         "wall_time_s",
         "planning_s_median",
-        "evading_s_median",
+        "evading_s_median",  # of earlier versions
         "control_s_median",
         "control_s_p999",
     ),

@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from comove.robots.files import (
         StoredJoints as StoredJoints,
         read_joints as read_joints,
-        verified_motion as verified_motion,
         verify_stored as verify_stored,
         write_joints as write_joints,
     )
@@ -44,7 +43,7 @@ __all__, __getattr__, __dir__ = lazily(
     {
         "robots.carrying": ["RobotCarrier"],
         "robots.description": ["bundled_robots", "find_description"],
-        "robots.files": ["StoredJoints", "read_joints", "verified_motion", "verify_stored", "write_joints"],
+        "robots.files": ["StoredJoints", "read_joints", "verify_stored", "write_joints"],
         "robots.model": ["Arm", "Robot"],
         "robots.motion": ["JointCommand", "JointMotion"],
         "robots.recorded": ["end_effector_path"],

@@ -139,7 +139,11 @@ class RobotCarrier(LimitedKinematics):
     @cached_property
     def holders(self) -> tuple[Arm, ...]:
         """Return the arms in the order of the scene's manipulators."""
-        return tuple(self.robot.arm(name) for name in self.scene.manipulators)
+        try:
+            return tuple(self.robot.arm(name) for name in self.scene.manipulators)
+        except RobotError as error:
+            error.key = self.scene.words.key("manipulators")
+            raise
 
     @property
     def arms(self) -> Arms:

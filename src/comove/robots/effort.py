@@ -108,15 +108,28 @@ def _shares(scene: Scene) -> Array:
 
 
 def _center_of_mass(scene: Scene) -> Array:
-    """Return the centre of mass of a load of one density at the start; array, shape (3,) [m]."""
+    """Return the centre of mass of a load of one density at the start; array, shape (3,) [m].
+
+    A mesh has that of its polytopes, whose overlaps count as often as in simulations; sheets have a thickness there.
+    """
     nodes, body = scene.nodes_at("start"), scene.body
     if len(body.solids):
-        return np.asarray(nodes[np.unique(body.solids)].mean(axis=0))
+        volumes, centers = zip(*(_volume(nodes[np.unique(solid)]) for solid in body.solids), strict=True)
+        return np.asarray(np.average(centers, axis=0, weights=volumes))
     rods = body.edges[:, 0] != body.edges[:, 1]
     first, second = nodes[body.edges[rods]].transpose(1, 0, 2)
     along, radius = np.linalg.norm(second - first, axis=1), body.radii[rods]
     volume = np.where(radius > 0.0, radius**2 * (along + 4.0 / 3.0 * radius), along)
     return np.asarray(np.average(0.5 * (first + second), axis=0, weights=volume))
+
+
+def _volume(corners: Array) -> tuple[float, Array]:
+    """Return the volume of a convex hull, times 6 [m^3], and its centre, array of shape (3,) [m]."""
+    from scipy.spatial import ConvexHull
+
+    middle, faces = corners.mean(axis=0), corners[ConvexHull(corners).simplices]
+    parts = np.abs(np.linalg.det(faces - middle))  # of tetrahedra over the faces
+    return float(parts.sum()), np.average(0.25 * (faces.sum(axis=1) + middle), axis=0, weights=parts)
 
 
 def loaded_model(robot: Robot, arms: tuple[Arm, ...], masses: Array) -> Any:

@@ -450,7 +450,7 @@ def of_robot(
 
 
 def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:
-    return SceneError(message, file=scene.path, key=key, way_out=way_out)
+    return SceneError(message, file=scene.path, key=scene.words.key(key), way_out=way_out)
 
 
 def apart(p: Array, q: Array) -> float:

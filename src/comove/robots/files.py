@@ -267,13 +267,6 @@ def _loaded(named: str | Path, named_by: str, folder: Path | None, own: bool = F
     return RobotSource(Robot.load(path), str(named) if bundled else str(path), named_by, own and not bundled)
 
 
-def verified_motion(
-    folder: str | Path, *, scene: Scene | None = None, robot: str | Path | None = None
-) -> VerifiedJointMotion:
-    """Return the joint motion of a result folder, after verifying it anew; as `verified_against`."""
-    return verified_against(folder, scene=scene, robot=robot)[0]
-
-
 def verified_against(
     folder: str | Path, *, scene: Scene | None = None, robot: str | Path | None = None
 ) -> tuple[VerifiedJointMotion, tuple[str, str]]:

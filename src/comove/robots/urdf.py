@@ -174,7 +174,7 @@ def source_of(
         limits = {
             name: further_limits(joint, name, description.limits.get(name)) for name, joint in joints.items()
         }
-        _drop_extensions(tree)
+        drop_extensions(tree)
         notes = [*doubts_of_limits(joints, limits, description.limits), *doubts(tree, prefix)]
         free = {name: joint for name, joint in joints.items() if joint.get("type") in FREE}
         if fixed and free:
@@ -286,7 +286,7 @@ def _srdf(path: Path, urdf: ET.Element, prefix: str, digest: Any) -> Srdf:
         return srdf_of(root, [link.get("name", "") for link in urdf.findall("./link")], prefix)
 
 
-def _drop_extensions(tree: ET.Element) -> None:
+def drop_extensions(tree: ET.Element) -> None:
     """Remove what is for other programs, whose names have a prefix, such as ``drake:proximity_properties``.
 
     Raises

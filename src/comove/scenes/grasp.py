@@ -16,17 +16,29 @@ Hands that hold a payload must also be near its surface.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.scenes.groups import RigidGroup
-from comove.scenes.model import BoxLoad, FrameLoad, GraspPart, Gripped, MeshLoad, PolygonLoad, SceneFile
-from comove.scenes.shapes import inside_polygon
+from comove.scenes.model import (
+    BoxLoad,
+    Choice,
+    FrameLoad,
+    GraspChoice,
+    GraspPart,
+    Gripped,
+    Manipulator,
+    PartsLoad,
+    PayloadPose,
+    PolygonLoad,
+    SceneFile,
+)
+from comove.scenes.shapes import inside_polygon, parts_of, spatial
 
 Array = NDArray[np.float64]
 
@@ -217,6 +229,40 @@ def alternatives(file: SceneFile, step: float = 45.0) -> tuple[GraspPart, ...]:
     return tuple(found)
 
 
+def hands_of(
+    start: PayloadPose, goal: PayloadPose, grasps: Mapping[str, tuple[float, ...]]
+) -> list[dict[str, Any]]:
+    """Return the manipulators that hold a payload at some points of its frame, as a scene file has them."""
+    n_dims, placed = len(start.position), dict[str, Array]()
+    points = spatial(np.array([*grasps.values()]))
+    for end, pose in (("start", start), ("goal", goal)):
+        turned = points @ matrices(np.array(pose.quaternion_wxyz)).T
+        placed[end] = np.array(pose.position) + turned[:, :n_dims]
+    return [
+        {"name": name, **{end: tuple(places[i].tolist()) for end, places in placed.items()}}
+        for i, name in enumerate(grasps)
+    ]
+
+
+def chosen(file: SceneFile, choice: Choice) -> SceneFile:
+    """Return a scene file in which the payload is held and put down in one of the ways that the file leaves open."""
+    load = file.load
+    assert load is not None and load.start is not None, "choices are about payloads with poses"
+    changes: dict[str, Any] = {"goal": choice.goal}
+    if isinstance(load, Gripped):
+        changes["grasps"] = choice.grasps
+    hands = hands_of(load.start, choice.goal, choice.grasps)
+    others = [hand for hand in file.manipulators if hand.name not in choice.grasps]
+    return file.model_copy(
+        update={
+            "load": load.model_copy(update=changes),
+            "manipulators": (*(Manipulator(**hand) for hand in hands), *others),
+            "grasp": None if choice.frames is None else GraspChoice(frames=choice.frames),
+            "choices": None,
+        }
+    )
+
+
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
 
@@ -261,13 +307,23 @@ def grasp_distances(
         lengths = np.linalg.norm(edges, axis=1)
         along = np.abs((hands - group.corners.mean(axis=0)) @ (edges / lengths[:, None]).T)
         return np.linalg.norm(np.maximum(along - lengths / 2, 0.0), axis=1)
-    if isinstance(load, MeshLoad) and decomposition is not None:
+    if isinstance(load, PartsLoad) or decomposition is not None:
         from comove.geometry.polytopes import nearest_in_hull  # most scenes need no polytopes
 
-        last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
-        hulls = np.split(group.corners, last[:-1])
+        hulls, rods = list[Array](), np.zeros(len(hands)) + np.inf
+        if decomposition is not None:
+            last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
+            hulls = np.split(group.corners[: last[-1]], last[:-1])
+        elif isinstance(load, PartsLoad):
+            parts = parts_of(load)
+            hulls = [group.corners[hull] for hull in parts.hulls]
+            for a, b, radius in parts.rods:
+                apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
+                rods = np.minimum(rods, np.maximum(apart, 0.0))
         feet = [nearest_in_hull(np.ascontiguousarray(hull), hands) for hull in hulls]
-        return np.linalg.norm(hands - np.array(feet), axis=2).min(axis=0)
+        return np.min(
+            [rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0
+        )
     return np.zeros(len(holders))  # a bar lies between its hands
 
 
@@ -291,13 +347,15 @@ def far_grasps(
     name, load = file.holders[worst], file.load
     shape = "frame" if load is None else load.shape
     return (
-        f"load: '{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
+        f"'{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
         f"nothing between its fingers; {_advice(file)}"
     )
 
 
 def _advice(file: SceneFile) -> str:
     load = file.load
+    if load is not None and load.start is not None:
+        return "move its grasp onto the payload"
     if isinstance(load, FrameLoad):
         return "give the frame an edge that ends at this hand, or leave the hand out of held_by"
     if isinstance(load, Gripped) and load.grasps:

@@ -17,6 +17,8 @@ from functools import reduce
 from operator import or_
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -29,6 +31,7 @@ from pydantic import (
 )
 
 from comove.constraints import KINDS, ConstraintKeys
+from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.io.keys import (
     UNTURNED,
     Contract,
@@ -50,6 +53,7 @@ from comove.io.keys import (
     as_tuple,
     at_least,
     at_most,
+    counted,
     safe_name,
     show,
 )
@@ -71,7 +75,7 @@ ROBOT_CLEARANCE = 0.005
 
 def _version(number: int) -> int:
     if number != 1:
-        raise Wrong(f"the version {number} is not known", "write 1")
+        raise Wrong(f"the version {number} is not known", "write 2, or 1 for a file of version 1")
     return number
 
 
@@ -105,7 +109,7 @@ class _Obstacle(Sparse):
     Obstacles without these keys keep their checksum.
     """
 
-    LATER = ("name", "motion", "support")
+    LATER: ClassVar[tuple[str, ...]] = ("name", "motion", "support")
     name: Name | None = None
     motion: Motion | None = None
     support: bool | None = None
@@ -173,11 +177,14 @@ class EllipsoidObstacle(_Turned):
 class MeshObstacle(_Obstacle):
     """A triangle mesh that is read from `file` in the scene's folder; spatial scenes only.
 
-    The origin of its frame is at `center` [m]; its lengths times `scale` are metres.
+    The origin of its frame is at `center` [m]; its lengths times `scale` are metres. `part` is the number of a mesh
+    in a planning scene of MoveIt.
     """
 
+    LATER = (*_Obstacle.LATER, "part")
     shape: Literal["mesh"]
     file: str
+    part: Annotated[int, Field(ge=0)] | None = None
     center: Vector
     quaternion_wxyz: Quaternion = UNTURNED
     scale: PositiveLength = 1.0
@@ -189,6 +196,85 @@ Obstacle = Annotated[
     BoxObstacle | SphereObstacle | CapsuleObstacle | CylinderObstacle | EllipsoidObstacle | MeshObstacle,
     Field(discriminator="shape"),
 ]
+
+
+def _three(numbers: tuple[float, ...]) -> tuple[float, ...]:
+    if len(numbers) != 3:
+        raise Wrong(f"{show(numbers)} has {counted(numbers, 'number')}", "write 3 (x, y, z)")
+    return numbers
+
+
+Triple = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_three)]
+
+
+class Turned(Sparse):
+    """An orientation in a parent frame, which is given by one key at most."""
+
+    LATER = ("angle_deg", "rpy_deg", "quaternion_wxyz")
+    angle_deg: Number | None = None
+    """In the plane, counter-clockwise [deg]."""
+    rpy_deg: Triple | None = None
+    """Angles about the parent's axes x, y and z, in this order, as in URDF [deg]."""
+    quaternion_wxyz: Quaternion | None = None
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Turned:
+        given = [key for key in self.orientation_keys() if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise Wrong(f"the orientation is given by {' and '.join(given)}", "give one of them")
+        return self
+
+    @classmethod
+    def orientation_keys(cls) -> tuple[str, ...]:
+        """Return the keys that say an orientation."""
+        return ("angle_deg", "rpy_deg", "quaternion_wxyz")
+
+    @property
+    def turned_by(self) -> str | None:
+        """Return the key that says the orientation, None where none does."""
+        return next((key for key in self.orientation_keys() if getattr(self, key) is not None), None)
+
+    @property
+    def rotation(self) -> NDArray[np.float64]:
+        """Return the orientation, that of the parent unless given; array, shape (3, 3)."""
+        if self.quaternion_wxyz is not None:
+            return matrices(np.array(self.quaternion_wxyz))
+        x, y, z = np.deg2rad(self.rpy_deg or (0.0, 0.0, self.angle_deg or 0.0))
+        about_x = np.roll(rotation_in_plane(x), (1, 1), (0, 1))
+        about_y = np.roll(rotation_in_plane(y), (-1, -1), (0, 1))
+        return rotation_in_plane(z) @ about_y @ about_x
+
+
+class _Part(Turned):
+    """A shape of a payload of several, whose frame is at `position` in the payload's [m]."""
+
+    position: Vector | None = None
+
+
+class BarPart(_Part):
+    """A round bar with round ends, of full `length` along x between their centres [m]."""
+
+    shape: Literal["bar"]
+    length: PositiveLength
+    radius: Length = 0.0
+
+
+class BoxPart(_Part):
+    """A box of full edge lengths `size` [m]; spatial scenes only."""
+
+    shape: Literal["box"]
+    size: Sizes
+
+
+class CylinderPart(_Part):
+    """A cylinder along z, which a prism around it represents [m]; spatial scenes only."""
+
+    shape: Literal["cylinder"]
+    radius: PositiveLength
+    height: PositiveLength
+
+
+PartShape = Annotated[BarPart | BoxPart | CylinderPart, Field(discriminator="shape")]
 
 
 class PayloadPose(Part):
@@ -272,7 +358,16 @@ class MeshLoad(Gripped):
     resolution: PositiveLength | None = None
 
 
-Load = Annotated[BarLoad | FrameLoad | PolygonLoad | BoxLoad | MeshLoad, Field(discriminator="shape")]
+class PartsLoad(Gripped):
+    """A rigid body of several shapes."""
+
+    shape: Literal["parts"]
+    parts: Annotated[tuple[PartShape, ...], BeforeValidator(as_tuple), at_least(1, "part")]
+
+
+Load = Annotated[
+    BarLoad | FrameLoad | PolygonLoad | BoxLoad | MeshLoad | PartsLoad, Field(discriminator="shape")
+]
 
 
 class Manipulator(Part):
@@ -471,15 +566,45 @@ class DemonstrationSource(Sparse):
         return self
 
 
-class SceneFile(Sparse):
-    """A scene as written in its file; `load_scene_file` and `parse_scene` create and cross-check it."""
+class SceneKeys(Sparse):
+    """The keys that scene files of all versions share."""
 
-    LATER = ("objective",)
-    version: Annotated[int, AfterValidator(_version)] = 1
+    LATER: ClassVar[tuple[str, ...]] = ("objective",)
     name: Annotated[str, AfterValidator(safe_name)]
     duration: Annotated[float, Field(gt=0, le=MAX_DURATION), AfterValidator(_no_instant)] | None = None
     """[s]; left open for the shortest that limits allow."""
     workspace: Workspace
+    limits: LimitsPart = LimitsPart()
+    constraints: Annotated[tuple[_AnyConstraint, ...], BeforeValidator(as_tuple)] = ()
+    demonstration: DemonstrationSource | None = None
+    robot: Annotated[str, AfterValidator(_robot_name)] | None = None
+    """A robot's name, or the path of its description relative to the scene."""
+    objective: Objective | None = None
+    """What the motion shall be best in, unless the command says something else."""
+
+    @property
+    def dimension(self) -> int:
+        """Return 2 in the plane, 3 in space."""
+        return len(self.workspace.lower)
+
+
+class Choice(Sparse):
+    """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal."""
+
+    LATER = ("frames",)
+    grasps: dict[str, Vector]
+    frames: dict[str, Quaternion] | None = None
+    goal: PayloadPose
+
+
+class SceneFile(SceneKeys):
+    """A scene as everything else knows it, and as files of version 1 have it.
+
+    `load_scene_file` and `parse_scene` create and cross-check it, from files of either version.
+    """
+
+    LATER = (*SceneKeys.LATER, "choices")
+    version: Annotated[int, AfterValidator(_version)] = 1
     obstacles: Annotated[tuple[Obstacle, ...], BeforeValidator(as_tuple)] = ()
     load: Load | None = None
     manipulators: Annotated[
@@ -488,14 +613,9 @@ class SceneFile(Sparse):
         at_least(1, "manipulator"),
         at_most(MAX_MANIPULATORS, "manipulators"),
     ]
-    limits: LimitsPart = LimitsPart()
-    constraints: Annotated[tuple[_AnyConstraint, ...], BeforeValidator(as_tuple)] = ()
-    demonstration: DemonstrationSource | None = None
-    robot: Annotated[str, AfterValidator(_robot_name)] | None = None
-    """A robot's name, or the path of its description relative to the scene."""
     grasp: GraspChoice | None = None
-    objective: Objective | None = None
-    """What the motion shall be best in, unless the command says something else."""
+    choices: Annotated[tuple[Choice, ...], BeforeValidator(as_tuple)] | None = None
+    """Of which the planner takes one; the load, the manipulators and the grasp are those of the first."""
 
     @model_validator(mode="after")
     def _fill_clearance(self) -> SceneFile:
@@ -508,11 +628,6 @@ class SceneFile(Sparse):
     def on_robot(self) -> bool:
         """Return whether the hands are those of a robot."""
         return self.robot is not None or self.grasp is not None
-
-    @property
-    def dimension(self) -> int:
-        """Return 2 in the plane, 3 in space."""
-        return len(self.workspace.lower)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -532,7 +647,7 @@ class SceneFile(Sparse):
         return tuple(self.names.index(name) for name in self.holders)
 
 
-def _by_name(union: Any, key: str) -> dict[str, type[BaseModel]]:
+def by_name(union: Any, key: str) -> dict[str, type[BaseModel]]:
     """Return the models of a union, by the names that their key may have."""
     models = get_args(get_args(union)[0])
     return {name: model for model in models for name in get_args(model.model_fields[key].annotation)}
@@ -541,10 +656,10 @@ def _by_name(union: Any, key: str) -> dict[str, type[BaseModel]]:
 CONTRACT = Contract(
     root=SceneFile,
     families={
-        "obstacles": Family("shape", _by_name(Obstacle, "shape"), 2),
-        "load": Family("shape", _by_name(Load, "shape"), 1),
+        "obstacles": Family("shape", by_name(Obstacle, "shape"), 2),
+        "load": Family("shape", by_name(Load, "shape"), 1),
         "constraints": Family("type", KINDS, 2),
-        "objective": Family("type", _by_name(Objective, "type"), 1),
+        "objective": Family("type", by_name(Objective, "type"), 1),
     },
 )
 """What messages know of the keys."""

@@ -28,13 +28,21 @@ from comove.io.keys import (
 )
 from comove.io.yaml_reader import MAX_NAMES, Lines, near_files, read_yaml
 from comove.scenes.model import CONTRACT, ROUNDING, BarLoad, FrameLoad, GraspPart, SceneFile
+from comove.scenes.words import Words
 
+NEW, FORMER = ("payload", "grasps", "end_effectors"), ("load", "manipulators", "grasp")
+"""Keys that version 2 alone has, and those of version 1 in their place."""
 DATA_SETS = ("meta/info.json", "metadata.yaml")
 """What marks a folder as a recording: a LeRobot dataset, a rosbag2."""
 _UNFIT = {
     (2, "obstacle", "cylinder"): ("a cylinder needs a spatial scene", "use circle or box"),
     (2, "obstacle", "mesh"): ("a mesh needs a spatial scene", "use box, circle or capsule"),
+    **{
+        (2, "obstacle", shape): ("it needs a spatial scene", "leave it out")
+        for shape in ("moveit", "urdf", "mjcf")
+    },
     (2, "load", "mesh"): ("a mesh needs a spatial scene", "use polygon in the plane"),
+    (2, "load", "cylinder"): ("a cylinder needs a spatial scene", "use polygon in the plane"),
     (3, "load", "polygon"): ("a polygon needs a planar scene", "use a box or a frame in space"),
 }
 """Shapes that scenes of a dimension cannot hold, with what is wrong and what to write instead."""
@@ -64,7 +72,8 @@ def cross_checked(scene: SceneFile, folder: Path | None, *, is_stored: bool = Fa
     ]
 
 
-def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
+def _dimension_flaws(scene: Any, body: str = "load") -> Iterator[Flaw]:
+    """Yield vectors and shapes that the scene's dimension does not have; `body` is the payload's key."""
     planar_or_spatial = _AXES.get(scene.dimension)
     if planar_or_spatial is None:
         message = f"{show(scene.workspace.lower)} has {counted(scene.workspace.lower, 'number')}"
@@ -78,8 +87,12 @@ def _dimension_flaws(scene: SceneFile) -> Iterator[Flaw]:
     for i, obstacle in enumerate(scene.obstacles):
         if told := _UNFIT.get((scene.dimension, "obstacle", obstacle.shape)):
             yield Flaw(("obstacles", i, "shape"), *told)
-    if scene.load is not None and (told := _UNFIT.get((scene.dimension, "load", scene.load.shape))):
-        yield Flaw(("load", "shape"), *told)
+    payload = getattr(scene, body)
+    if payload is not None and (told := _UNFIT.get((scene.dimension, "load", payload.shape))):
+        yield Flaw((body, "shape"), *told)
+    for i, part in enumerate(getattr(payload, "parts", ()) if scene.dimension == 2 else ()):
+        if part.shape != "bar":
+            yield Flaw((body, "parts", i, "shape"), "in the plane parts are bars", "use a polygon instead")
 
 
 def _name_flaws(scene: SceneFile) -> Iterator[Flaw]:
@@ -256,10 +269,11 @@ def _load_distance(scene: SceneFile, pair: tuple[str, ...]) -> float | None:
     return math.dist(*(grasps[name] for name in pair)) if all(name in grasps for name in pair) else None
 
 
-def _file_flaws(scene: SceneFile, folder: Path | None, is_stored: bool) -> Iterator[Flaw]:
+def _file_flaws(scene: Any, folder: Path | None, is_stored: bool) -> Iterator[Flaw]:
     named: list[tuple[KeyPath, object]] = [
         (("demonstration",), None if is_stored else scene.demonstration),
-        (("load",), scene.load),
+        (("load",), getattr(scene, "load", None)),
+        (("payload",), getattr(scene, "payload", None)),
         *((("obstacles", i), obstacle) for i, obstacle in enumerate(scene.obstacles)),
     ]
     for path, part in named:
@@ -335,10 +349,15 @@ def load_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) 
     SceneError
         One message that names file, key, line, value and correction of the first three errors.
     """
+    return read_scene_file(path, changes)[0]
+
+
+def read_scene_file(path: str | Path, changes: Mapping[str, Any] | None = None) -> tuple[SceneFile, Words]:
+    """Read a scene file as `load_scene_file`; return also how its keys are called."""
     data, lines = read_yaml(path)
     data = _changed(data, changes or {})
     folder = scene_folder(Path(path))
-    return parse_scene(data, folder=folder, file=path, lines=lines, is_stored=folder != Path(path).parent)
+    return parsed(data, folder=folder, file=path, lines=lines, is_stored=folder != Path(path).parent)
 
 
 def _changed(data: Any, changes: Mapping[str, Any]) -> Any:
@@ -375,13 +394,68 @@ def parse_scene(
     SceneError
         One message that names file, key, line, value and correction of the first three errors.
     """
-    try:
-        scene = SceneFile.model_validate(data)
-    except ValidationError as error:
-        flaws = explained(error, data, CONTRACT)
-    else:
-        flaws = cross_checked(scene, Path(folder) if folder is not None else None, is_stored=is_stored)
+    return parsed(data, folder=folder, file=file, lines=lines, is_stored=is_stored)[0]
+
+
+def parsed(
+    data: dict[str, Any],
+    *,
+    folder: str | Path | None = None,
+    file: str | Path | None = None,
+    lines: Lines | None = None,
+    is_stored: bool = False,
+) -> tuple[SceneFile, Words]:
+    """Check a scene as `parse_scene`; return also how its keys are called in the file."""
+    words, place = Words(), Path(folder) if folder is not None else None
+    flaws = mixed_up(data) if isinstance(data, Mapping) else []
+    if not flaws and isinstance(data, Mapping) and data.get("version") == 2:
+        data, words, flaws = _of_version_2(data, place, file, lines or {}, is_stored)
+    if not flaws:
+        try:
+            scene = SceneFile.model_validate(data)
+        except ValidationError as error:
+            flaws = explained(error, data, CONTRACT)
+        else:
+            found = cross_checked(scene, place, is_stored=is_stored)
+            flaws = [flaw._replace(path=words.path(flaw.path)) for flaw in found]
     if flaws:
         raise scene_error(flaws, file, lines or {})
     warn_of_what_is_odd(scene, file)
-    return scene
+    return scene, words
+
+
+def _of_version_2(
+    data: Mapping[str, Any], folder: Path | None, file: str | Path | None, lines: Lines, is_stored: bool
+) -> tuple[dict[str, Any], Words, list[Flaw]]:
+    """Return the contents of a file of version 2 as `SceneFile` has them, how its keys are called, and its flaws."""
+    from comove.scenes.version2 import CONTRACT_2, SceneFile2, converted, flaws_of  # only these files need it
+
+    payload = data.get("payload")
+    if isinstance(payload, dict) and "parts" in payload and "shape" not in payload:
+        data = {**data, "payload": {"shape": "parts", **payload}}
+    try:
+        scene = SceneFile2.model_validate(data)
+    except ValidationError as error:
+        return {}, Words(), explained(error, data, CONTRACT_2)
+    flaws = [*_dimension_flaws(scene, "payload")]
+    flaws = flaws or [*flaws_of(scene), *_file_flaws(scene, folder, is_stored)]
+    contents, words = ({}, Words()) if flaws else converted(scene, folder, file, lines)
+    return contents, words, flaws
+
+
+def mixed_up(data: Mapping[str, Any]) -> list[Flaw]:
+    """Return the keys in a file that belong to the other version."""
+    number = data.get("version", 1)
+    own, other = (NEW, FORMER) if number == 2 else (FORMER, NEW)
+    foreign = [key for key in other if key in data]
+    if number not in (1, 2) or not foreign:
+        return []
+    way_out = f"write version: {3 - number}"
+    if number == 2:
+        way_out += ", and comove scene upgrade FILE writes version 2 of it"
+    if any(key in data for key in own):
+        way_out = f"leave it out, and say it by {', '.join(own)}"
+    return [
+        Flaw((key,), f"'{key}' belongs to version {3 - number}, and the file is of version {number}", way_out)
+        for key in foreign
+    ]

@@ -165,13 +165,13 @@ def require_no_rest(scene: Scene) -> None:
         if rests:
             way = lift_direction(rests)
             high = max(rest.relief(scene.clearance) / float(rest.normal @ way) for rest in rests)
-            told.append(f"the {end} of every manipulator by {_written(scene, high * way)} m")
+            told.append(f"{scene.words.moved(end)} by {_written(scene, high * way)} m")
     if told:
         raise SceneError(
             f"the payload rests on {scene.name_of(scene.rests[0].obstacle)}, and a motion that is made step by step "
             f"keeps {scene.clearance:g} m of clearance from the start on",
             file=scene.path,
-            key=f"obstacles[{scene.rests[0].obstacle}].support",
+            key=scene.words.key(f"obstacles[{scene.rests[0].obstacle}].support"),
             way_out=f"move {' and '.join(told)}, or plan all of it: comove solve",
         )
 
@@ -183,7 +183,7 @@ def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
         return None
     far = scene.clearance - distance + TOLERANCE
     normal = _normal(scene, obstacle, nodes, far)
-    where, name = f"manipulators.{end}", scene.name_of(obstacle)
+    where, name = scene.words.key(f"manipulators.{end}"), scene.name_of(obstacle)
     apart = scene.distance_from(obstacle, nodes, -far * normal)
     is_single = apart >= scene.clearance + 0.5 * TOLERANCE
     if distance < -TOLERANCE - provable(scene):
@@ -193,7 +193,7 @@ def _rest(scene: Scene, end: str, obstacle: int, nodes: Array) -> Rest | None:
             f"({TOLERANCE:g} m is allowed)",
             file=scene.path,
             key=where,
-            way_out=f"move the {end} of every manipulator {by}",
+            way_out=f"move {scene.words.moved(end)} {by}",
         )
     if not is_single:
         raise SceneError(
@@ -260,7 +260,7 @@ def _require_way(scene: Scene, end: str, rests: list[Rest]) -> None:
         f"at the {end} the payload or an end effector is within {scene.clearance:g} m of {', '.join(names[:-1])} and "
         f"{names[-1]}, and no direction leaves all of them",
         file=scene.path,
-        key=f"manipulators.{end}",
+        key=scene.words.key(f"manipulators.{end}"),
         way_out=f"move {scene.name_of(last.obstacle)} by {moved} m",
     )
 
@@ -285,7 +285,7 @@ def _told_apart(scene: Scene, rests: list[Rest]) -> tuple[Rest, ...]:
                     f"start and goal rest on different sides of {scene.name_of(rest.obstacle)}, less than "
                     f"{needed:.3g} m from each other",
                     file=scene.path,
-                    key=f"obstacles[{rest.obstacle}].support",
+                    key=scene.words.key(f"obstacles[{rest.obstacle}].support"),
                     way_out=f"move the goal {needed:.3g} m further from the start",
                 )
         kept.append(rest)

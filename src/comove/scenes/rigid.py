@@ -20,7 +20,6 @@ from comove.constraints import (
 from comove.constraints.kinds import distance_tolerance
 from comove.errors import SceneError
 from comove.geometry.rotations import levelling, matrices, rotation_in_plane, similarity, standing
-from comove.geometry.solids import N_CORNERS
 from comove.scenes.groups import (
     GroupPose,
     Orientation,
@@ -31,8 +30,8 @@ from comove.scenes.groups import (
     orientation_of,
     tilt_between,
 )
-from comove.scenes.model import ROUNDING, BarLoad, BoxLoad, Gripped, PolygonLoad, SceneFile
-from comove.scenes.shapes import spatial
+from comove.scenes.model import ROUNDING, BarLoad, BoxLoad, Gripped, PartsLoad, PolygonLoad, SceneFile
+from comove.scenes.shapes import box_corners, parts_of, spatial
 from comove.ties import first_largest
 
 if TYPE_CHECKING:
@@ -270,20 +269,25 @@ class _Body:
         file, (start, goal) = self.file, self.poses
         grasps = (self.ends[0] - start.center) @ start.rotation
         holders = tuple(i for i in self.members if self.names[i] in file.holders)
-        own, corners = _load_shape(file, holders, self.decomposition)
+        own, corners = load_shape(file, holders, self.decomposition)
         if own is not None:
             grasps[[self.members.index(i) for i in holders]] = own
         for end, pose, hands in zip(ENDS, (start, goal), self.ends, strict=True):
             self._require_held(end, pose.place(grasps), hands)
         self.ends = start.place(grasps), goal.place(grasps)
         orientation: Orientation = "plane" if self.n_dims == 2 else "space"
+        points = np.concatenate([grasps, corners])
         if file.grasp is not None:
             corners = _telling(grasps, corners)
-        elif self.n_dims == 3 and _shape(file) == "bar" and holders == self.members:
+        elif len(grasps) == 1 and np.abs(start.rotation - goal.rotation).max() < TILT_ROUNDING:
+            orientation, turn = "none", start.rotation  # it has no reason to turn
+            grasps, corners = grasps @ turn.T, corners @ turn.T
+            start, goal = (GroupPose(pose.center, np.eye(3)) for pose in (start, goal))
+        elif self.n_dims == 3 and np.abs(points[:, 1:]).max() < ROUNDING:
             orientation = "axis"
         group = RigidGroup(self.members, grasps, corners, orientation, start, goal)
         implied = self.implied(grasps)
-        if self.has(UprightConstraint, SameHeightConstraint):
+        if orientation != "none" and self.has(UprightConstraint, SameHeightConstraint):
             group = self.upright(group)
         return group, implied
 
@@ -307,7 +311,7 @@ class _Body:
         file, hands = self.file, self.ends[0]
         holders = tuple(i for i in self.members if self.names[i] in file.holders)
         grasps, corners = (
-            _load_shape(file, holders, self.decomposition) if holders else (None, np.zeros((0, 3)))
+            load_shape(file, holders, self.decomposition) if holders else (None, np.zeros((0, 3)))
         )
         inside = [self.members.index(i) for i in holders]
         if holders and _shape(file) in ("box", "mesh") and grasps is None:  # centred between its holders
@@ -444,7 +448,7 @@ def _is_solid(corners: Array) -> bool:
     return len(corners) > 2
 
 
-def _load_shape(
+def load_shape(
     file: SceneFile, holders: tuple[int, ...], decomposition: ConvexDecomposition | None
 ) -> tuple[Array | None, Array]:
     """Return grasps and corners of the load in its own frame.
@@ -470,8 +474,9 @@ def _load_shape(
         corners = np.array([[x, y, 0.0] for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         corners[:, :2] *= 0.5 * np.array(load.size)
     elif isinstance(load, BoxLoad):
-        sides = 1.0 - 2.0 * (np.arange(N_CORNERS)[:, None] >> np.arange(3) & 1)
-        corners = -0.5 * sides * np.array(load.size)
+        corners = box_corners(load.size)
+    elif isinstance(load, PartsLoad):
+        corners = parts_of(load).corners
     return grasps, corners
 
 

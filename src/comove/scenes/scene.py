@@ -8,7 +8,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +29,11 @@ from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
 from comove.io.keys import scaled
-from comove.scenes.grasp import Grasp, alternatives, far_grasps, grasp_of
+from comove.scenes.grasp import Grasp, alternatives, chosen, far_grasps, grasp_of
 from comove.scenes.groups import GroupPose, RigidGroup, connected
-from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, SceneFile, canonical
+from comove.scenes.model import DEFAULT_LIMITS, GraspChoice, GraspPart, PartsLoad, SceneFile, canonical
 from comove.scenes.moving import ObstacleMotion
-from comove.scenes.reading import load_scene_file, parse_scene
+from comove.scenes.reading import parsed, read_scene_file
 from comove.scenes.resting import TOLERANCE, Rest, provable, recessions, rests_of
 from comove.scenes.rigid import ENDS, HEADING, LoadBodies
 from comove.scenes.shapes import (
@@ -43,11 +43,16 @@ from comove.scenes.shapes import (
     body_of,
     inside_polygon,
     obstacle_table,
+    parts_of,
     placed,
     read_meshes,
     spatial,
 )
+from comove.scenes.words import VERSION_1, Words
 from comove.ties import first_largest
+
+if TYPE_CHECKING:
+    from comove.geometry.convex_decomposition import ConvexDecomposition
 
 Array = NDArray[np.float64]
 
@@ -79,6 +84,7 @@ class Scene:
     surfaces : triangles of the obstacles that are meshes, for certified distances
     excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
     meshes : checksums of the meshes' files
+    words : names and lines of keys in the scene's file
     """
 
     __repr__ = brief
@@ -101,6 +107,7 @@ class Scene:
     surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
     excess: dict[int | str, float] = field(default_factory=dict)
     meshes: tuple[str, ...] = ()
+    words: Words = VERSION_1
 
     @classmethod
     def load(
@@ -122,7 +129,8 @@ class Scene:
             If the file cannot be read, breaks the contract or contradicts itself.
         """
         path = Path(path)
-        scene = _build(load_scene_file(path, changes), scene_folder(path), path)
+        file, words = read_scene_file(path, changes)
+        scene = _worded(file, words, scene_folder(path), path)
         return scene.require_free_ends() if check_ends else scene
 
     @classmethod
@@ -137,11 +145,13 @@ class Scene:
             As `load`.
         """
         folder = None if folder is None else Path(folder)
-        scene = _build(parse_scene(data, folder=folder), folder or Path(), None)
+        scene = _worded(*parsed(data, folder=folder), folder or Path(), None)
         return scene.require_free_ends() if check_ends else scene
 
     def require_free_ends(self) -> Scene:
         """Return the scene itself, if the load and the hands touch nothing at start and goal.
+
+        Of the ways to hold the payload and to put it down that a scene leaves open, one has to do.
 
         Raises
         ------
@@ -153,6 +163,9 @@ class Scene:
         ComoveWarning
             Names the supports that neither start nor goal is near.
         """
+        if self.file.choices is not None:
+            self.in_one_way()
+            return self
         for end in ENDS:
             # What moves may have left the goal, or not come there yet, when the load does.
             there = [i for i in range(len(self.file.obstacles)) if end == "start" or not self.moving[i]]
@@ -168,11 +181,12 @@ class Scene:
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
                 way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
-                    way_out += f"; if the payload rests on it, write support: true in obstacles[{obstacle}]"
+                    entry = self.words.key(f"obstacles[{obstacle}]")
+                    way_out += f"; if the payload rests on it, write support: true in {entry}"
                 raise SceneError(
-                    f"at the {end} the load or a hand {where} {nearest}{outside}{need}",
+                    f"at the {end} {self.words.bodies} {where} {nearest}{outside}{need}",
                     file=self.path,
-                    key=f"manipulators.{end}",
+                    key=self.words.key(f"manipulators.{end}"),
                     way_out=way_out,
                 )
         held = {rest.obstacle for rest in self.rests}
@@ -201,7 +215,8 @@ class Scene:
             replace(group, start=start, start_twist=twist * duration)
             for group, start, twist in zip(self.groups, starts, twists, strict=True)
         )
-        later = replace(self.timed(duration), groups=groups, begins=self.begins + time)
+        later = self.timed(duration)._changed(choices=None)  # it is held in one way by now
+        later = replace(later, groups=groups, begins=self.begins + time)
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
@@ -259,16 +274,59 @@ class Scene:
     @cached_property
     def alternatives(self) -> tuple[Scene, ...]:
         """Return the scenes of which each has one of the grasps that this one leaves open; itself where none is."""
+        if self.file.choices is not None:
+            return self._chosen
         parts = alternatives(self.file)
         if len(parts) < 2 and (self.file.grasp is None or parts[0] is self.file.grasp):
             return (self,)
         return tuple(self.held_as(part) for part in parts)
+
+    @cached_property
+    def _chosen(self) -> tuple[Scene, ...]:
+        scenes, first = list[Scene](), None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            for choice in self.file.choices or ():
+                try:
+                    scenes.append(_worded(chosen(self.file, choice), self.words, self.folder, self.path))
+                except SceneError as error:
+                    first = first or error
+        if first is not None and not scenes:
+            raise first
+        return tuple(scenes)
 
     def held_as(self, part: GraspPart) -> Scene:
         """Return the scene with another grasp."""
         choice = GraspChoice(**{key: value for key, value in part if value is not None and key != "any_of"})
         other, groups = self._changed(grasp=choice), list(self.groups)
         return replace(other, grasp=grasp_of(other.file, groups))
+
+    def held_as_in(self, other: Scene) -> Scene:
+        """Return the alternative of this scene in which the payload is held and put down as in another scene."""
+        file = other.file
+        same = (
+            one for one in self.alternatives if (one.file.grasp, one.file.load) == (file.grasp, file.load)
+        )
+        return next(same, self)
+
+    def in_one_way(self) -> Scene:
+        """Return the first alternative in which start and goal are free; the scene itself where it has no choices.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
+        if self.file.choices is None:
+            return self
+        first: SceneError | None = None
+        for choice in self.alternatives:
+            try:
+                return choice.require_free_ends()
+            except SceneError as error:
+                first = first or error
+        assert first is not None, "a scene with choices has alternatives"
+        raise first
 
     def _changed(self, **keys: Any) -> Scene:
         return replace(self, file=self.file.model_copy(update=keys))
@@ -614,8 +672,18 @@ def _offsets_along(scene: Scene, n_steps: int) -> Array:
     return offsets
 
 
-def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
-    meshes = read_meshes(file, folder, path)
+def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:
+    """Build a scene, and name keys in errors as the file does."""
+    try:
+        return replace(_build(file, folder, path, words), words=words)
+    except SceneError as error:
+        if error.key is not None:
+            error.key = words.key(error.key)
+        raise
+
+
+def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Scene:
+    meshes = read_meshes(file, folder, path, words)
     held = {
         whose: mesh.decomposed(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()
     }
@@ -647,7 +715,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
         grasp=grasp_of(file, groups),
         motions=tuple(obstacle.motion for obstacle in file.obstacles),
         surfaces=surfaces_of(placed(meshes, owners)),
-        excess={whose: decomposition.excess for whose, decomposition in held.items()},
+        excess=_excess(file, held),
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
     )
     moved = [scene.nodes_at(end)[:n_hands, :n_dims] for end in ENDS]
@@ -657,9 +725,16 @@ def _build(file: SceneFile, folder: Path, path: Path | None) -> Scene:
     _require_heading(scene, path)
     if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
         place = f"{path}: " if path is not None else ""
-        warnings.warn(f"{place}{said}", ComoveWarning, stacklevel=3)
+        warnings.warn(f"{place}{words.key('load')}: {said}", ComoveWarning, stacklevel=3)
     _require_kept_ends(scene, path)
     return scene
+
+
+def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> dict[int | str, float]:
+    found = {whose: decomposition.excess for whose, decomposition in held.items()}
+    if isinstance(file.load, PartsLoad) and (excess := parts_of(file.load).excess):
+        found[LOAD] = excess
+    return found
 
 
 def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from math import hypot
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,15 +20,19 @@ from comove.geometry.surfaces import Placed
 from comove.scenes.groups import RigidGroup
 from comove.scenes.model import (
     BarLoad,
+    BarPart,
     BoxLoad,
+    BoxPart,
     FrameLoad,
     Load,
     MeshLoad,
     MeshObstacle,
     Obstacle,
+    PartsLoad,
     PolygonLoad,
     SceneFile,
 )
+from comove.scenes.words import VERSION_1, Words
 
 if TYPE_CHECKING:
     from comove.geometry.convex_decomposition import ConvexDecomposition
@@ -38,6 +43,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 LOAD = "load"
+N_SIDES = 16
+"""Sides of the prism around a cylinder, which reaches 2 % of the radius beyond it."""
 FAR = 1e6  # m, how far a planar scene's boxes reach along z
 
 
@@ -70,8 +77,11 @@ class MovingBody:
         return first[first != second]
 
 
-def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
-    """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load"."""
+def read_meshes(file: SceneFile, folder: Path, path: Path | None, words: Words = VERSION_1) -> Meshes:
+    """Return the meshes of a scene and the parts of the file that name them, by number of the obstacle or "load".
+
+    Errors name keys of `SceneFile`, warnings those of the file, which `words` are.
+    """
     parts: list[tuple[int | str, str, Obstacle | Load | None]] = [
         (i, f"obstacles[{i}]", obstacle) for i, obstacle in enumerate(file.obstacles)
     ]
@@ -80,13 +90,32 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None) -> Meshes:
         if isinstance(part, (MeshObstacle, MeshLoad)):
             from comove.geometry.meshes import read_mesh  # most scenes need no reader of meshes
 
-            mesh = read_mesh(folder / part.file, part.scale, file=path, key=f"{key}.file")
+            data = None
+            if isinstance(part, MeshObstacle) and part.part is not None:
+                from comove.scenes.moveit import mesh_in
+
+                data = mesh_in(folder / part.file, part.part), ".off"
+            mesh = read_mesh(
+                folder / part.file,
+                part.scale,
+                file=path,
+                key=f"{key}.file",
+                data=data,
+                called=words.key(f"{key}.file"),
+            )
             if part.resolution is not None and not part.resolution < mesh.width:
                 raise SceneError(
                     f"'{part.file}' is {mesh.width:.3g} m long, and the resolution is {part.resolution:g} m",
                     file=path,
                     key=f"{key}.resolution",
                     way_out="give a finer resolution",
+                )
+            if isinstance(part, MeshLoad) and part.start is not None and mesh.is_flat:
+                raise SceneError(
+                    f"'{part.file}' has no volume: all its points are in one plane",
+                    file=path,
+                    key=f"{key}.file",
+                    way_out="give it a thickness, or write a box in its place",
                 )
             meshes[whose] = mesh, part
     return meshes
@@ -115,7 +144,7 @@ def body_of(
     A hand that is not the end of an edge is a point of its own.
     """
     load, names, radius = file.load, file.names, 0.0
-    edges: list[tuple[int, int]] = []
+    edges, radii = list[tuple[int, int]](), list[float]()
     solids: list[list[int]] = []
     n_corners = sum(len(g.corners) for g in groups)
     corners = list(range(len(names), len(names) + n_corners))
@@ -130,15 +159,21 @@ def body_of(
         edges = [(names.index(a), names.index(b)) for a, b in load.edges]
     elif isinstance(load, BoxLoad) and file.dimension == 3:
         solids = [corners]
+    elif isinstance(load, PartsLoad):
+        parts = parts_of(load)
+        edges = [(corners[a], corners[b]) for a, b, _ in parts.rods]
+        radii = [thick for _, _, thick in parts.rods]
+        solids = _padded([[corners[i] for i in hull] for hull in parts.hulls])
     elif decomposition is not None:
         solids = _hulls(decomposition, len(names))
     elif load is not None:
         edges = list(zip(corners, corners[1:] + corners[:1], strict=True))
+    radii = radii or [radius] * len(edges)
     touched = {node for edge in edges for node in edge}
     points = [(i, i) for i in range(len(names)) if i not in touched]
     return MovingBody(
         edges=np.array(edges + points, dtype=np.int64).reshape(-1, 2),
-        radii=np.array([radius] * len(edges) + [0.0] * len(points)),
+        radii=np.array(radii + [0.0] * len(points)),
         n_nodes=len(names) + n_corners,
         filled=file.dimension == 2 and isinstance(load, (PolygonLoad, BoxLoad)),
         solids=np.array(solids, dtype=np.int64).reshape(-1, len(solids[0]) if solids else N_CORNERS),
@@ -146,19 +181,60 @@ def body_of(
 
 
 def _hulls(decomposition: ConvexDecomposition, first: int) -> list[list[int]]:
-    """Return the nodes of every polytope of a load, padded to equal length by repeating the last one.
+    """Return the nodes of every polytope of a load, of which `first` is that of its first corner."""
+    ends = first + np.cumsum([0, *(len(polytope.vertices) for polytope in decomposition.polytopes)])
+    return _padded([list(range(a, b)) for a, b in pairwise(ends.tolist())], at_least=N_CORNERS + 1)
 
-    Parameters
+
+def _padded(hulls: list[list[int]], at_least: int = 0) -> list[list[int]]:
+    """Return lists of nodes at equal length, by repeating the last one; lists that are no boxes are longer."""
+    width = max([at_least, *map(len, hulls)])
+    return [own + [own[-1]] * (width - len(own)) for own in hulls]
+
+
+class Parts(NamedTuple):
+    """A payload of several shapes in its own frame.
+
+    Attributes
     ----------
-    first : node of the first corner
+    corners : array, shape (n_corners, 3), [m]
+    rods : two corners of each rod, and its radius [m]
+    hulls : corners of each solid, those of boxes numbered as in `comove.geometry.solids`
+    excess : how far a solid reaches beyond its shape [m]
     """
-    counts = [len(polytope.vertices) for polytope in decomposition.polytopes]
-    width, hulls = max(*counts, N_CORNERS + 1), []
-    for count in counts:
-        own = list(range(first, first + count))
-        hulls.append(own + [own[-1]] * (width - count))
-        first += count
-    return hulls
+
+    corners: Array
+    rods: list[tuple[int, int, float]]
+    hulls: list[list[int]]
+    excess: float
+
+
+def parts_of(load: PartsLoad) -> Parts:
+    """Return the corners of a payload's shapes; cylinders are held by prisms of `N_SIDES` sides."""
+    corners, rods, hulls, excess = list[Array](), list[tuple[int, int, float]](), list[list[int]](), 0.0
+    for part in load.parts:
+        first = sum(map(len, corners))
+        if isinstance(part, BarPart):
+            own = np.array([[-0.5 * part.length, 0.0, 0.0], [0.5 * part.length, 0.0, 0.0]])
+            rods.append((first, first + 1, part.radius))
+        elif isinstance(part, BoxPart):
+            own = box_corners(part.size)
+        else:
+            turn, wide = 2 * np.pi * np.arange(N_SIDES) / N_SIDES, part.radius / np.cos(np.pi / N_SIDES)
+            ring = np.stack([wide * np.cos(turn), wide * np.sin(turn), 0.0 * turn], axis=1)
+            own = np.concatenate([ring + [0.0, 0.0, side * 0.5 * part.height] for side in (-1, 1)])
+            excess = max(excess, wide - part.radius)
+        if not isinstance(part, BarPart):
+            hulls.append(list(range(first, first + len(own))))
+        center = np.zeros(3) if part.position is None else spatial(np.array(part.position))
+        corners.append(center + own @ part.rotation.T)
+    return Parts(np.concatenate(corners), rods, hulls, excess)
+
+
+def box_corners(size: tuple[float, ...]) -> Array:
+    """Return the corners of a box about its centre, numbered as in `comove.geometry.solids`; array, shape (8, 3)."""
+    sides = 1.0 - 2.0 * (np.arange(N_CORNERS)[:, None] >> np.arange(3) & 1)
+    return -0.5 * sides * np.array(size)
 
 
 def obstacle_table(

@@ -23,7 +23,7 @@ from comove.robots.effort import load_mass
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.carried import hull_shape
-from comove.scenes.model import BarLoad
+from comove.scenes.model import BarLoad, PartsLoad
 from comove.scenes.scene import Scene
 from comove.ties import first_largest
 
@@ -132,7 +132,7 @@ def _parts(scene: Scene, nodes: Array, section: Section) -> Iterator[LoadPart]:
     lug = 0.012  # m, radius of a bar as thick as a box's lugs
     body = scene.body
     for (a, b), radius in zip(body.edges, body.radii, strict=True):
-        sides = section(float(radius)) if isinstance(scene.file.load, BarLoad) else None
+        sides = section(float(radius)) if isinstance(scene.file.load, BarLoad | PartsLoad) else None
         if a == b:
             continue  # a hand that holds something else than its end
         if sides is None:
@@ -211,7 +211,7 @@ def require_fit(motion: JointMotion, robot: Robot, scene: Scene, *, near: float 
         hand = first_largest(missed)
         raise SceneError(
             f"the motion begins with the hand '{scene.manipulators[hand]}' {missed[hand]:.3g} m from its start",
-            key=f"manipulators[{hand}].start",
+            key=scene.words.key(f"manipulators[{hand}].start"),
             way_out="play the motion in the scene that it was made for",
         )
 

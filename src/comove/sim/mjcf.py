@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import suppress
@@ -25,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.errors import MeshError, RobotError
+from comove.errors import ComoveWarning, MeshError, RobotError
 from comove.geometry.rotations import matrices
 from comove.geometry.triangles import as_stl, elements_of
 from comove.robots.formats import MAX_BYTES, MJCF, bytes_in, require_format
@@ -92,11 +93,49 @@ def urdf_of(file: Path) -> Converted:
     ExtraError
         If MuJoCo is not installed.
     """
-    mj = engine()
+    return _Writer(engine(), model_in(file), file).converted()
+
+
+def obstacles_in(file: Path) -> list[dict[str, Any]]:
+    """Return what stands in a model of MuJoCo's as obstacles of a scene, without a robot in it.
+
+    Raises
+    ------
+    RobotError
+        If MuJoCo cannot read it, or a mesh stands in it.
+    ExtraError
+        If MuJoCo is not installed.
+    """
+    mj, model = engine(), model_in(file)
+    drives = drives_of(mj, model)
+    roles = Roles.of(mj, model, drives)
+
+    def no_mesh(number: int) -> str:
+        message = f"'{model.mesh(number).name or number}' is a mesh, which MuJoCo changes when it reads it"
+        raise RobotError(message, file=file, way_out="name it as an obstacle of the shape mesh")
+
+    around = ModelSurroundings(mj, model, roles, no_mesh)
+    found = around.obstacles("")
+    moved = [
+        f"'{model.body(root).name or root}' has joints: it is no obstacle" for root in sorted(roles.robot)
+    ]
+    for note in (*around.notes, *moved, *around.payloads()):
+        warnings.warn(f"{file}: {note}", ComoveWarning, stacklevel=2)
+    return found
+
+
+def model_in(file: Path) -> Any:
+    """Return a model of MuJoCo's, compiled.
+
+    Raises
+    ------
+    RobotError
+        If MuJoCo cannot read it.
+    """
     with suppress(MeshError):  # what is no XML is told by MuJoCo
         require_format(elements_of(bytes_in(file, MAX_BYTES)), file, MJCF)
     _require_bounded(file)
-    return _Writer(mj, mj.MjModel.from_xml_path(str(file)), file).converted()
+    return engine().MjModel.from_xml_path(str(file))
 
 
 def _require_bounded(file: Path) -> None:

@@ -1,11 +1,19 @@
 """Every job leaves a row, whatever its system does; what is lost otherwise is tested of studies and pools."""
 
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+
 import pytest
 
 from comove.errors import OptionError
 from comove.lab.bench.runner import jobs_of, run_all
 from comove.lab.bench.sets import scenes_of
 from comove.lab.bench.store import RunStore
+from comove.lab.registry import systems_named
+from tests.killing import soon
 from tests.lab.bench.systems import Killer, Thrower, Witnessed
 
 
@@ -36,6 +44,37 @@ def test_three_kills_mark_a_run_and_the_rest_goes_on(tmp_path):
     ]
     assert drive(store, Witnessed(), Killer()) == [8]
     assert told(store) == rows
+
+
+@pytest.mark.slow
+def test_a_command_that_is_killed_leaves_what_had_ended_and_goes_on(tmp_path):
+    """`kill -9` of the command alone, and of it with its workers; each run is there once, as if nothing had been."""
+    store, total = tmp_path / "runs.sqlite", 12
+    words = ["bench", "run", "--sets", "easy", "--scenes", "6", "--seeds", "2", "--budget", "0.3"]
+    command = [sys.executable, "-m", "comove", *words, "--workers", "2", "--out", str(store)]
+
+    def ended():
+        return RunStore.open(store).runs() if store.exists() else []
+
+    seen = []
+    for n_rows, whole_group in ((1, False), (4, True)):
+        with subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True) as running:
+            soon(lambda n_rows=n_rows: len(ended()) >= n_rows)
+            (os.killpg if whole_group else os.kill)(running.pid, signal.SIGKILL)
+            assert running.wait() == -signal.SIGKILL
+        with suppress(ProcessLookupError):
+            os.killpg(running.pid, signal.SIGKILL)  # workers that still end their runs
+        rows = ended()
+        assert [row.configuration.key for row in rows[: len(seen)]] == seen
+        seen = [row.configuration.key for row in rows]
+        assert len(seen) < total
+    last = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert last.returncode == 0, last.stderr
+    rows = ended()
+    jobs = jobs_of(scenes_of("easy", 6), systems_named(["comove"]), 2, 0.3)
+    assert {row.configuration.key for row in rows} == {job.configuration.key for job in jobs}
+    assert len(rows) == total
+    assert {row.status for row in rows} == {"verified"}
 
 
 @pytest.mark.slow

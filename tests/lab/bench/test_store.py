@@ -9,14 +9,11 @@ import pytest
 
 from comove.errors import ResultError
 from comove.lab.bench.store import (
-    APPLICATION,
-    COLUMNS,
     Configuration,
     Figures,
     Machine,
     Run,
     RunStore,
-    export_parquet,
 )
 
 WHAT = Configuration("easy", "planar-00", "ab12", "comove", 0, 10.0, "0.1.0")
@@ -42,14 +39,14 @@ def test_what_is_written_is_read(tmp_path):
     store = RunStore.create(tmp_path / "runs.sqlite")
     missing = Run(replace(WHAT, seed=1), "error", "ValueError: no", RUN.started, RUN.machine)
     add(store, RUN, missing)
-    assert RunStore.open(store.path).runs() == [RUN, missing]
+    assert list(RunStore.open(store.path).runs()) == [RUN, missing]
     assert store.keys() == {RUN.configuration.key, missing.configuration.key}
 
 
 def test_the_first_row_of_a_key_stays(tmp_path):
     store = RunStore.create(tmp_path / "runs.sqlite")
     add(store, RUN, replace(RUN, status="error"))
-    assert store.runs() == [RUN]
+    assert list(store.runs()) == [RUN]
 
 
 @pytest.mark.parametrize("name", Configuration.__dataclass_fields__)
@@ -96,13 +93,13 @@ def test_parquet(tmp_path):
     store = RunStore.create(tmp_path / "runs.sqlite")
     add(store, RUN)
     add(store, Run(replace(WHAT, seed=1), "error", "ValueError: no", RUN.started, RUN.machine))
-    assert export_parquet(store, tmp_path / "runs.parquet") == 2
+    assert store.write_parquet(tmp_path / "runs.parquet") == 2
     table = parquet.read_table(tmp_path / "runs.parquet").to_pydict()
-    assert tuple(table) == COLUMNS
+    assert list(table) == list(RunStore.KINDS)
     assert table["cost"] == [0.25, None]
     assert table["seed"] == [0, 1]
     with pytest.raises(ResultError, match="cannot be written"):
-        export_parquet(store, tmp_path / "none" / "runs.parquet")
+        store.write_parquet(tmp_path / "none" / "runs.parquet")
 
 
 OTHERS = [
@@ -130,8 +127,8 @@ def test_stores_of_other_versions_and_changed_rows_are_told(tmp_path, sql, told)
         connection.execute(sql)
     connection.close()
     readers = (
-        lambda: RunStore.open(store.path).runs(),
-        lambda: export_parquet(RunStore.open(store.path), tmp_path / "p"),
+        lambda: list(RunStore.open(store.path).runs()),
+        lambda: RunStore.open(store.path).write_parquet(tmp_path / "p"),
     )
     for read in readers:
         with pytest.raises(ResultError, match=told) as caught:
@@ -143,10 +140,10 @@ def test_stores_of_other_versions_and_changed_rows_are_told(tmp_path, sql, told)
 def test_a_store_that_was_not_finished_is_finished(tmp_path):
     path = tmp_path / "runs.sqlite"
     with sqlite3.connect(path) as connection:
-        connection.execute(f"PRAGMA application_id = {APPLICATION}")
+        connection.execute(f"PRAGMA application_id = {RunStore.APPLICATION}")
     connection.close()
     add(RunStore.create(path), RUN)
-    assert RunStore.open(path).runs() == [RUN]
+    assert list(RunStore.open(path).runs()) == [RUN]
 
 
 @pytest.mark.parametrize("length", [16, 50, 100, 4096, 9000])
@@ -154,7 +151,10 @@ def test_a_store_that_is_cut_off_is_told(tmp_path, length):
     store = RunStore.create(tmp_path / "runs.sqlite")
     add(store, RUN)
     store.path.write_bytes(store.path.read_bytes()[:length])
-    for read in (lambda: RunStore.open(store.path).runs(), lambda: add(RunStore.create(store.path), RUN)):
+    for read in (
+        lambda: list(RunStore.open(store.path).runs()),
+        lambda: add(RunStore.create(store.path), RUN),
+    ):
         with pytest.raises(ResultError, match=r"no SQLite file|malformed; copy it again"):
             read()
 
@@ -179,7 +179,7 @@ def test_many_at_once_make_one_store(tmp_path):
         assert [maker.stderr.read() for maker in makers] == [b""] * 4
         assert [maker.wait() for maker in makers] == [0] * 4
         add(RunStore.open(path), RUN)
-        assert RunStore.open(path).runs() == [RUN]
+        assert list(RunStore.open(path).runs()) == [RUN]
 
 
 def test_a_store_where_nobody_may_write_is_read(tmp_path, monkeypatch):
@@ -195,7 +195,7 @@ def test_a_store_where_nobody_may_write_is_read(tmp_path, monkeypatch):
         return connect(database, **options)
 
     monkeypatch.setattr(sqlite3, "connect", on_such_a_medium)
-    assert RunStore.open(store.path).runs() == [RUN]
+    assert list(RunStore.open(store.path).runs()) == [RUN]
     with pytest.raises(
         ResultError, match="cannot be used: unable to open database file; make room, or name a file"
     ):

@@ -7,6 +7,7 @@ import comove
 from comove.errors import OptionError
 from comove.lab.compared import Single
 from comove.lab.compared.single import alone
+from comove.lab.evolution import combine
 from comove.scenes import Scene, demonstration_of
 from tests import brute_force
 from tests.coordination.examples import POLYGON, TRAY
@@ -33,7 +34,7 @@ def test_the_scene_of_one():
 def test_movements_of_which_none_passes_alone_pass_together():
     scene = two_gaps()
     for dmp in bumps().values():
-        motion = comove.combine({"it": dmp}, scene, budget=0.5)
+        motion = combine({"it": dmp}, scene, budget=0.5)
         if motion.verified:
             break
     solution = comove.solve(scene, method=Single(movements=bumps()))
@@ -57,7 +58,7 @@ def test_handwriting_gets_one_hand_through(name):
 @pytest.mark.slow
 def test_the_second_stage_improves_the_combination():
     scene = two_gaps()
-    combined = comove.combine(bumps(), scene)
+    combined = combine(bumps(), scene)
     assert comove.solve(scene, method=Single(movements=bumps())).cost.total <= combined.cost * 1.001
 
 

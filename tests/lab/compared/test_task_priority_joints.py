@@ -14,7 +14,8 @@ ROBOT = Robot.load("baxter")
 
 
 def controlled(name, **settings):
-    return comove.solve(example(name), robot=ROBOT, method=TaskPriority(**settings), objective=PaperCost(), budget=120.0)
+    method = TaskPriority(**settings)
+    return comove.solve(example(name), robot=ROBOT, method=method, objective=PaperCost(), budget=120.0)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,8 @@ def test_the_last_level_keeps_joints_near_to_where_they_began(wide):
     """Seven joints an arm are more than a hand needs: without a posture they drift with what is left."""
     free = controlled("baxter_wide", posture=0.0)
     assert free.verified
-    drift = [np.linalg.norm(found.joints.attempt.position[-1] - found.joints.attempt.position[0]) for found in (wide, free)]
+    ends = [found.joints.attempt.position[[0, -1]] for found in (wide, free)]
+    drift = [np.linalg.norm(last - first) for first, last in ends]
     assert drift[0] < drift[1]
 
 

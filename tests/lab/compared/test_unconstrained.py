@@ -63,7 +63,7 @@ def test_the_planner_is_never_asked(monkeypatch):
     def planned(*_, **__):
         raise AssertionError("planned")
 
-    monkeypatch.setattr("comove.planning.methods.plan", planned)
+    monkeypatch.setattr("comove.planning.kinematics.plan", planned)
     comove.solve(HANDS, method=Unconstrained(restarts=1))
 
 

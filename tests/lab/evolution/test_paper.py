@@ -41,7 +41,7 @@ def test_the_planner_is_never_asked(monkeypatch):
     def planned(*_, **__):
         raise AssertionError("planned")
 
-    monkeypatch.setattr("comove.planning.methods.plan", planned)
+    monkeypatch.setattr("comove.planning.kinematics.plan", planned)
     monkeypatch.setattr(Search, "over", lambda search: search.generations >= 10)
     comove.solve(example("wide"), method=Paper(), seed=0)
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-import comove
 from comove.stored import motion_rows
+from comove.view.figures import as_html
 from tests.solved import example, solved
 
 
@@ -50,7 +50,7 @@ def test_an_attempt_is_not_shown_as_verified():
 
 def test_what_has_no_picture_is_refused():
     with pytest.raises(TypeError, match="int has no picture"):
-        comove.as_html(3)
+        as_html(3)
 
 
 def test_pictures_are_loaded_only_when_they_are_drawn():

@@ -181,3 +181,26 @@ def test_every_size_of_an_obstacle_can_be_changed_alone(obstacle):
     for number, value in ((len(sizes), 0.1), (0, 0.0), (0, float("nan")), (0, "1"), (0, True)):
         with pytest.raises(OptionError, match="a number above 0"):
             with_size(contents, 0, number, value)
+
+
+@pytest.mark.parametrize("end", ["start", "goal"])
+def test_a_payload_with_poses_moves_and_turns_as_one_body(end):
+    """Its box goes along with its hands, and so do all ways to put it down."""
+    box = {"shape": "box", "size": [0.3, 0.2]}
+    box |= {"start": {"position": [0.3, 0.3]}, "goal": {"position": [0.7, 0.7], "free": "yaw"}}
+    scene = Scene.from_dict(
+        {
+            "version": 2,
+            "name": "box",
+            "workspace": {"lower": [0, 0], "upper": [1, 1]},
+            "payload": box,
+            "grasps": {"left": {"position": [-0.1, 0]}, "right": {"position": [0.1, 0.05]}},
+        }
+    )
+    contents, grip = contents_of(scene), grip_of(scene, f"{end}_0")
+    to = place_of(contents, grip) + [0.02, -0.03, 0]
+    again = Scene.from_dict(moved(contents, grip, to, QUARTER), check_ends=False)
+    turn, middle = matrices(QUARTER), place_of(contents, grip)
+    for before, after in zip(scene.alternatives, again.alternatives, strict=True):
+        nodes = to + (before.nodes_at(end) - middle) @ turn.T
+        assert after.nodes_at(end) == pytest.approx(nodes, abs=1e-9)

@@ -1,5 +1,7 @@
 """Who is let in: the host must be ours, the page must be ours, and from elsewhere one must know the token."""
 
+import hmac
+
 import pytest
 
 from comove.view.workbench.gate import COOKIE, Gate, page_headers
@@ -68,6 +70,15 @@ def test_from_elsewhere_one_must_know_the_token():
     assert gate.answer("/", host, ["http://192.168.0.7:8050"], f"other=1; {cookie}") is None
     assert gate.answer("/", host, ["http://evil.example"], cookie).status == 403
     assert gate.answer("/", ["evil.example"], [], cookie).status == 403
+
+
+def test_tokens_are_compared_in_constant_time(monkeypatch):
+    """However much of it is right, in the address or in the cookie, the whole is compared by `hmac`."""
+    gate, compared = Gate.of("0.0.0.0"), []
+    monkeypatch.setattr(hmac, "compare_digest", lambda a, b: compared.append((a, b)) or False)
+    for given in ("x", gate.token[:5] + "x" * (len(gate.token) - 5), gate.token):
+        assert gate.answer(f"/?token={given}", ["192.168.0.7"], [], f"{COOKIE}={given}").status == 401
+        assert compared[-2:] == [(given.encode(), gate.token.encode())] * 2
 
 
 def test_every_start_has_a_token_of_its_own_that_is_not_printed_by_chance():

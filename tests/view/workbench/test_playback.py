@@ -12,7 +12,7 @@ from comove.errors import OptionError, ResultError
 from comove.io.folders import whole_folder
 from comove.results import RESULT
 from comove.results.reference import SCENE
-from comove.stored import Part
+from comove.stored import ResultPart
 from comove.verification.record import verify_execution
 from comove.view.workbench.playback import RecordedMotion, playback_of, playback_of_item
 from comove.view.workbench.shelf import Item, shelf_of
@@ -130,7 +130,7 @@ def carried(tmp_path_factory):
 
 
 def test_a_robots_hands_are_at_the_load_in_what_is_played(carried):
-    playback = playback_of_item(Item(carried / SCENE, carried, Part.JOINTS))
+    playback = playback_of_item(Item(carried / SCENE, carried, ResultPart.JOINTS))
     assert playback.holds, playback.reasons
     assert "links from obstacles" in {name for name, _, _ in playback.rows}
     robot, shown = playback.robot, playback.recording

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import matrices
-from comove.scenes.model import BarLoad, BoxLoad, PolygonLoad
+from comove.scenes.model import BarLoad, BoxLoad, PartsLoad, PolygonLoad
 from comove.scenes.scene import Scene
+from comove.scenes.shapes import parts_of
 
 Array = NDArray[np.float64]
 
@@ -53,6 +54,12 @@ def payload_size(scene: Scene) -> Array:
         return np.array([load.length + 2 * load.overhang, *[0.0] * (n - 1)]) + 2 * radius
     if isinstance(load, PolygonLoad):
         return np.ptp(np.array(load.vertices, dtype=float), axis=0) + 2 * radius
+    if isinstance(load, PartsLoad):
+        parts = parts_of(load)
+        thick = np.zeros((len(parts.corners), 1))
+        for a, b, rod in parts.rods:
+            thick[[a, b]] = rod
+        return ((parts.corners + thick).max(axis=0) - (parts.corners - thick).min(axis=0))[:n]
     holders = set(scene.file.holder_numbers)
     group = next(g for g in scene.groups if holders <= set(g.members))
     points = group.corners if len(group.corners) else group.grasps

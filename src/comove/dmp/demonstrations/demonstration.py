@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.dmp.demonstrations import cleaning, formats, plausibility, resampling
-from comove.dmp.demonstrations.formats import lasa, npz, tables
+from comove.dmp.demonstrations.formats import lasa
 from comove.dmp.demonstrations.samples import IN_MEMORY, RecordedSamples
 from comove.dmp.demonstrations.segmentation import Segmentation, movements
 from comove.dmp.demonstrations.units import base_unit, in_base_unit
@@ -296,24 +296,6 @@ class Demonstration(RecordedSamples):
             {name: cls.of(samples).in_base_unit() for name, samples in recording.items()}
             for recording in found
         )
-
-    @classmethod
-    def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
-        """Read one movement from a text table; if it holds several, `manipulator` selects one.
-
-        Raises
-        ------
-        DemonstrationError
-            If it cannot be read, or holds several manipulators and the name is missing or unknown.
-        """
-        return cls.of(
-            formats.select(tables.read(path, manipulator=manipulator), manipulator, path)
-        ).in_base_unit()
-
-    @classmethod
-    def from_npz(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
-        """Read one movement from an NPZ file, as `from_csv` does."""
-        return cls.of(formats.select(npz.read(path), manipulator, path)).in_base_unit()
 
     @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:

@@ -45,7 +45,7 @@ class _Element:
 def read_ply(data: bytes) -> tuple[Array, Ints]:
     """Return vertices and faces; further elements and properties are ignored."""
     order, elements, start = _header(data)
-    body: _Text | _Binary = _Text(data[start:]) if not order else _Binary(data, start, order)
+    body = _Body(data, start, order)
     vertices, faces = None, None
     for element in elements:
         columns = body.columns(element)
@@ -53,7 +53,8 @@ def read_ply(data: bytes) -> tuple[Array, Ints]:
             vertices = _vertices(element, columns)
         if element.name == "face":
             faces = _faces(columns)
-    body.require_end()
+    if body.at < len(body.cells):
+        raise MeshError("it holds more than its header says", way_out=ANEW)
     if vertices is None or faces is None:
         raise MeshError("it has no vertices, or no faces", way_out=_WAY_OUT)
     return vertices, faces
@@ -122,103 +123,67 @@ def _faces(columns: Columns) -> Ints:
     raise MeshError("its faces have no vertex_indices", way_out=_WAY_OUT)
 
 
-class _Text:
-    """A reader of the words after the header."""
-
-    def __init__(self, data: bytes):
-        self.words, self.at = data.split(), 0
-
-    def columns(self, element: _Element) -> Columns:
-        """Return all rows of an element, by property."""
-        width = len(element.properties)
-        if all(not p.length for p in element.properties):
-            rows = self._taken(element.count * width)
-            return {
-                p.name: (np.ones(element.count, np.int64), numbers(rows[i::width]))
-                for i, p in enumerate(element.properties)
-            }
-        found: dict[str, tuple[list[int], list[bytes]]] = {p.name: ([], []) for p in element.properties}
-        for _ in range(element.count):
-            for p in element.properties:
-                left = len(self.words) - self.at - 1
-                size = whole(self._taken(1)[0], "corners", left) if p.length else 1
-                found[p.name][0].append(size)
-                found[p.name][1].extend(self._taken(size))
-        return {name: (np.array(s, np.int64), numbers(words)) for name, (s, words) in found.items()}
-
-    def _taken(self, n: int) -> list[bytes]:
-        if n > len(self.words) - self.at:
-            raise MeshError("it ends before all that its header claims", way_out=ANEW)
-        self.at += n
-        return self.words[self.at - n : self.at]
-
-    def require_end(self) -> None:
-        """Refuse data that the header does not declare."""
-        if self.at < len(self.words):
-            raise MeshError("it holds more than its header says", way_out=ANEW)
-
-
-class _Binary:
-    """A reader of the bytes after the header."""
+class _Body:
+    """What follows the header: cells, which are numbers of a text or bytes, read one element after the other."""
 
     def __init__(self, data: bytes, start: int, order: str):
-        self.data, self.at, self.order = data, start, order
+        self.order, self.at = order, start if order else 0
+        self.cells = np.frombuffer(data, np.uint8) if order else numbers(data[start:].split())
 
     def columns(self, element: _Element) -> Columns:
         """Return all rows of an element, by property.
 
         They are read at once where all are as long as the first, else one after the other.
         """
-        if not element.count:
-            return {p.name: (np.zeros(0, np.int64), np.zeros(0)) for p in element.properties}
-        start = self.at
-        dtype = np.dtype(self._row(element))
-        self.at, n_bytes = start, element.count * dtype.itemsize
-        if n_bytes <= len(self.data) - start:
-            rows = np.frombuffer(self.data, dtype, element.count, start)
-            if all(
-                (rows[f"{p.name} n"] == rows[f"{p.name} n"][0]).all() for p in element.properties if p.length
-            ):
-                self.at += n_bytes
-                return {p.name: _column(rows[p.name]) for p in element.properties}
-        found: dict[str, list[Array]] = {p.name: [] for p in element.properties}
-        for _ in range(element.count):
-            before = self.at
-            row = np.frombuffer(self.data, np.dtype(self._row(element)), 1, before)[0]
-            for p in element.properties:
-                found[p.name].append(np.atleast_1d(row[p.name]))
+        names, count, start = [p.name for p in element.properties], element.count, self.at
+        if not count:
+            return dict.fromkeys(names, (np.zeros(0, np.int64), np.zeros(0)))
+        rows = [self._row(element)]
+        width = self.at - start
+        if count * width <= len(self.cells) - start:
+            table, left, found, alike = (
+                self.cells[start : start + count * width].reshape(count, -1),
+                0,
+                {},
+                True,
+            )
+            for p, own in zip(element.properties, rows[0], strict=True):
+                if p.length:
+                    left += self._width(p.length)
+                    sizes = self._numbers(table[:, left - self._width(p.length) : left], p.length)
+                    alike &= bool((sizes == len(own)).all())
+                left += len(own) * self._width(p.kind)
+                values = self._numbers(table[:, left - len(own) * self._width(p.kind) : left], p.kind)
+                found[p.name] = np.full(count, len(own)), values.ravel()
+            if alike:
+                self.at = start + count * width
+                return found
+        rows += [self._row(element) for _ in range(count - 1)]
         return {
-            name: (np.array([len(v) for v in values], np.int64), np.concatenate(values).astype(np.float64))
-            for name, values in found.items()
+            name: (np.array([len(values) for values in column], np.int64), np.concatenate(column))
+            for name, column in zip(names, zip(*rows, strict=True), strict=True)
         }
 
-    def _row(self, element: _Element) -> list[tuple]:
-        """Return the fields of the row that begins at the present position, and move to its end."""
-        fields: list[tuple] = []
+    def _row(self, element: _Element) -> list[Array]:
+        """Return the numbers of each property in the row that begins at the present cell."""
+        row = []
         for p in element.properties:
-            if not p.length:
-                fields.append((p.name, self.order + p.kind))
-                self._skip(np.dtype(p.kind).itemsize)
-                continue
-            (size,) = np.frombuffer(self._skip(np.dtype(p.length).itemsize), self.order + p.length)
-            if size < 0:
-                raise MeshError(f"it claims a list of {size}", way_out=ANEW)
-            fields += [(f"{p.name} n", self.order + p.length), (p.name, self.order + p.kind, (int(size),))]
-            self._skip(int(size) * np.dtype(p.kind).itemsize)
-        return fields
+            size = float(self._taken(p.length, 1)[0]) if p.length else 1.0
+            if not (0.0 <= size < np.inf and size.is_integer()):
+                raise MeshError(f"it claims a list of {size:g}", way_out=ANEW)
+            row.append(self._taken(p.kind, int(size)))
+        return row
 
-    def _skip(self, n: int) -> bytes:
-        if n > len(self.data) - self.at:
+    def _taken(self, kind: str, n: int) -> Array:
+        first, self.at = self.at, self.at + n * self._width(kind)
+        if self.at > len(self.cells):
             raise MeshError("it ends before all that its header claims", way_out=ANEW)
-        self.at += n
-        return self.data[self.at - n : self.at]
+        return self._numbers(self.cells[first : self.at], kind)
 
-    def require_end(self) -> None:
-        """Refuse data that the header does not declare."""
-        if self.at < len(self.data):
-            raise MeshError("it holds more than its header says", way_out=ANEW)
+    def _width(self, kind: str) -> int:
+        return np.dtype(kind).itemsize if self.order else 1
 
-
-def _column(values: np.ndarray) -> tuple[Ints, Array]:
-    size = values.shape[1] if values.ndim == 2 else 1
-    return np.full(len(values), size, np.int64), values.astype(np.float64).ravel()
+    def _numbers(self, cells: np.ndarray, kind: str) -> Array:
+        if self.order:
+            cells = np.ascontiguousarray(cells).view(self.order + kind)
+        return cells.astype(np.float64)

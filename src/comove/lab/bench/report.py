@@ -168,7 +168,7 @@ def write_report(store: RunStore, folder: str | Path) -> str:
     ResultError
         If no run has ended, or the folder holds something else or cannot be written.
     """
-    runs = store.runs()
+    runs = list(store.runs())
     if not runs:
         raise ResultError("no run has ended yet", file=store.path, way_out="run some: comove bench run")
     found = standings(runs)

@@ -1,26 +1,17 @@
-"""Store of runs: one SQLite file with one row for each run, written as the run ends and never changed.
-
-The key of a row is the hash of its configuration, so nothing is run twice, and a killed process loses no row that was
-written. Reading checks the store: one of another version, or with rows that were edited, is reported.
-"""
+"""Runs of the benchmark, and their store."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, astuple, dataclass, fields
-from pathlib import Path
-from types import NoneType
-from typing import Any, TypeVar
+from itertools import islice
+from typing import TypeVar
 
-from comove.data.runs import digest
-from comove.data.store import AS_IT_WAS, KILLS_COLUMNS, Store, Writer, declared, kinds_of, parquet_kinds
-from comove.errors import ResultError
-from comove.io.parquet import write_parquet
+from comove.data.store import Store, Writer, declared, digest, kinds_of
 
-Part = TypeVar("Part")
+Field = TypeVar("Field")
 
-APPLICATION = 0x636F6D76  # "comv", in the header of the file
 STATUSES = ("verified", "not verified", "nothing", "refused", "error", "killed", "late")
 
 
@@ -116,20 +107,36 @@ class Run:
     figures: Figures = Figures()
     history: tuple[tuple[float, float], ...] = ()
 
+    @property
+    def row(self) -> tuple:
+        """Return the row of the table of runs."""
+        c, ended = self.configuration, (self.status, self.message, self.started)
+        return (
+            *(c.key, *astuple(c), *ended, *astuple(self.machine), *astuple(self.figures)),
+            json.dumps(self.history),
+        )
 
-_KEY, _WHAT = {"key": "str"}, kinds_of(Configuration)
-_ENDED = dict.fromkeys(("status", "message", "started"), "str")
-_KINDS = _KEY | _WHAT | _ENDED | kinds_of(Machine, Figures) | {"history": "str"}
-COLUMNS = tuple(_KINDS)
-_TYPES: dict[str, Any] = {
-    "str": str,
-    "int": int,
-    "float": float,
-    "float | None": (float, NoneType),
-}
+    @classmethod
+    def of_row(cls, row: tuple) -> Run:
+        """Build a run from its row, or raise ValueError if it is not what was run."""
+        values = iter(row)
+
+        def part(kind: type[Field]) -> Field:
+            return kind(*islice(values, len(fields(kind))))  # type: ignore[arg-type]
+
+        key, configuration = next(values), part(Configuration)
+        status, message, started = islice(values, 3)
+        machine, figures = part(Machine), part(Figures)
+        history = tuple((seconds, cost) for seconds, cost in json.loads(next(values)))
+        if status not in STATUSES or configuration.key != key:
+            raise ValueError("it is not what was run")
+        return cls(configuration, status, message, started, machine, figures, history)
 
 
-class RunWriter(Writer):
+_WHAT = {"key": "str"} | kinds_of(Configuration)
+
+
+class RunWriter(Writer[Run]):
     """Writes runs of the benchmark into an open store."""
 
     def plan(self, configurations: Iterable[Configuration]) -> None:
@@ -137,25 +144,20 @@ class RunWriter(Writer):
         self._insert("planned", *((c.key, *astuple(c)) for c in configurations))
         self._connection.commit()
 
-    def add(self, run: Run) -> None:
-        """Write a run that has ended; one with the same key stays as it is."""
-        c = run.configuration
-        ended = run.status, run.message, run.started
-        figures = (*astuple(run.machine), *astuple(run.figures), json.dumps(run.history))
-        self._insert("runs", (c.key, *astuple(c), *ended, *figures))
-        self._connection.commit()
-
 
 @dataclass(frozen=True)
-class RunStore(Store[RunWriter]):
+class RunStore(Store[Run, RunWriter]):
     """A store of runs of the benchmark."""
 
-    APPLICATION = APPLICATION
-    TABLES = {  # noqa: RUF012  a constant of the class
-        "runs": declared(_KINDS),
-        "planned": declared(_KEY | _WHAT),
-        "kills": KILLS_COLUMNS,
+    APPLICATION = 0x636F6D76  # "comv", in the header of the file
+    RUN = Run
+    KINDS = {  # noqa: RUF012  a constant of the class
+        **_WHAT,
+        **dict.fromkeys(("status", "message", "started"), "str"),
+        **kinds_of(Machine, Figures),
+        "history": "str",
     }
+    TABLES = {"planned": declared(_WHAT)}  # noqa: RUF012  a constant of the class
     MADE_BY = "comove bench run --out STORE.sqlite"
     WRITER = RunWriter
 
@@ -164,59 +166,3 @@ class RunStore(Store[RunWriter]):
         with self.connected(reading=True) as connection:
             rows = connection.execute("SELECT * FROM planned").fetchall()
         return [Configuration(*row[1:]) for row in rows]
-
-    def runs(self) -> list[Run]:
-        """Return the runs that have ended, in that order."""
-        return [self._run(row) for row in self.rows()]
-
-    def rows(self) -> list[tuple]:
-        """Return the rows of the runs that have ended, in that order; `COLUMNS` names their entries."""
-        with self.connected(reading=True) as connection:
-            return connection.execute("SELECT * FROM runs ORDER BY rowid").fetchall()
-
-    def _run(self, row: tuple) -> Run:
-        """Build a run from its row, and check it."""
-        values = dict(zip(COLUMNS, row, strict=True))
-
-        def part(kind: type[Part]) -> Part:
-            return kind(**{field.name: values[field.name] for field in fields(kind)})  # type: ignore[arg-type]
-
-        try:
-            for name, value in values.items():
-                if not isinstance(value, _TYPES[_KINDS[name]]):
-                    raise ValueError(f"{name} is {value!r}")
-            run = Run(
-                part(Configuration),
-                values["status"],
-                values["message"],
-                values["started"],
-                part(Machine),
-                part(Figures),
-                tuple((seconds, cost) for seconds, cost in json.loads(values["history"])),
-            )
-            if run.status not in STATUSES or run.configuration.key != values["key"]:
-                raise ValueError("it is not what was run")
-            return run
-        except (ValueError, TypeError, RecursionError) as error:
-            raise ResultError(
-                f"the row '{str(values['key'])[:12]}' was changed: {str(error)[:80]}",
-                file=self.path,
-                way_out=AS_IT_WAS,
-            ) from error
-
-
-def export_parquet(store: RunStore, path: str | Path) -> int:
-    """Write all runs to a Parquet file, with the columns of the SQLite file; returns the number of runs.
-
-    Raises
-    ------
-    ExtraError
-        If pyarrow is not installed.
-    ResultError
-        If the file cannot be written.
-    """
-    store.runs()  # checks all rows
-    rows = store.rows()
-    columns = {name: [row[i] for row in rows] for i, name in enumerate(COLUMNS)}
-    write_parquet(path, columns, parquet_kinds(_KINDS))
-    return len(rows)

@@ -24,8 +24,8 @@ from comove.dmp import DMP, Library, motion_basis
 from comove.dmp.arguments import require_count
 from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
+from comove.lab.evolution.combination import Attempts
 from comove.planning.choice import Movements, best_movement, suitable
-from comove.planning.combination import Attempts
 from comove.planning.method import Method
 from comove.planning.methods import POLISHING
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter

@@ -1,7 +1,8 @@
-"""Methods that search the shape weights of a scene by CMA-ES, behind the interface of `solve`."""
+"""Methods that search the shape weights of a scene by CMA-ES, and combinations of movements by it."""
 
+from comove.lab.evolution.combination import Combination, combine
 from comove.lab.evolution.paper import Paper
 from comove.lab.evolution.printed import Printed
 from comove.lab.evolution.projection import Projection
 
-__all__ = ["Paper", "Printed", "Projection"]
+__all__ = ["Combination", "Paper", "Printed", "Projection", "combine"]

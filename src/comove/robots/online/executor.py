@@ -148,8 +148,8 @@ class JointExecutor:
         self.log, self.n_steps = OnlineLog(), 0
         standing = scene.standing()
         self.plan = self._first_plan(standing)
-        if (held := self.plan.scene.file.grasp) != scene.file.grasp and held is not None:  # it was left open
-            scene = self.scene = scene.held_as(held)
+        if len(scene.alternatives) > 1:
+            scene = self.scene = scene.held_as_in(self.plan.scene)
             standing = scene.standing()
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])

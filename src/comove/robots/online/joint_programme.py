@@ -116,7 +116,7 @@ class JointProgramme(TwistProgramme):
             raise SceneError(
                 "arms are run with one rigid load in all hands, and here are several",
                 file=scene.path,
-                key="load",
+                key=scene.words.key("load"),
                 way_out="let all hands hold it, or run the scene without a robot",
             )
         self.arms, self.grasp, self.joint_settings = arms, grasp, settings

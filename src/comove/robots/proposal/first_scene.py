@@ -90,7 +90,8 @@ class SceneProposal:
 
     def text(self) -> str:
         """Return the scene as YAML."""
-        head = f"# A first scene for {self.found.joints.robot.name}: a bar is lifted over a rail. Lengths are in metres.\n"
+        name = self.found.joints.robot.name
+        head = f"# A first scene for {name}: a bar is lifted over a rail. Lengths are in metres.\n"
         return head + yaml.safe_dump(self.data, sort_keys=False, default_flow_style=None, width=110)
 
 

@@ -182,7 +182,28 @@ def moved(contents: Contents, grip: Grip, to: Array, turn: Array | None = None) 
         about = about @ matrices(turn)[:n_dims, :n_dims].T
     for hand, place in zip(grip.hands, to[:n_dims] + about, strict=True):
         contents["manipulators"][hand][grip.kind] = _written(place, 12)
+    for pose in _poses(contents, grip):
+        _move_pose(pose, to[:n_dims], hands.mean(axis=0), turn)
     return contents
+
+
+def _poses(contents: Contents, grip: Grip) -> list[Contents]:
+    """Return the poses of the payload at the end of a grip, if its hands hold it and the scene gives any."""
+    load = contents.get("load") or {}
+    names = [contents["manipulators"][hand]["name"] for hand in grip.hands]
+    if not load.get(grip.kind) or not set(load.get("held_by") or names) <= set(names):
+        return []
+    return [load[grip.kind], *(c[grip.kind] for c in contents.get("choices") or () if grip.kind in c)]
+
+
+def _move_pose(pose: Contents, to: Array, middle: Array, turn: Array | None) -> None:
+    """Move a pose in place, as hands are moved from their middle and turned about it."""
+    away, n_dims = np.array(pose["position"], dtype=float) - middle, len(middle)
+    if turn is not None:
+        away = matrices(turn)[:n_dims, :n_dims] @ away
+        whole = quaternion_product(turn, np.array(pose["quaternion_wxyz"], dtype=float))
+        pose["quaternion_wxyz"] = quaternion_of_rotation(matrices(whole / np.linalg.norm(whole))).tolist()
+    pose["position"] = _written(to + away, 12)
 
 
 def _move_obstacle(obstacle: Contents, to: Array, turn: Array | None) -> None:
@@ -272,6 +293,9 @@ def _with_bar(contents: Contents, length: float) -> Contents:
         grown = ends.mean(axis=0) + way * length / np.linalg.norm(ends[1] - ends[0])
         for hand, place in zip(pair, grown, strict=True):
             hand[end] = _written(place, 12)
+    for choice in contents.get("choices") or ():
+        for name, grasp in choice["grasps"].items():
+            choice["grasps"][name] = [x * length / load["length"] for x in grasp]
     return contents
 
 

@@ -20,7 +20,7 @@ from comove.planning import Solution
 from comove.results.reference import SCENE
 from comove.results.solution import StoredResult
 from comove.scenes.scene import Scene
-from comove.stored import Part, Row, Verification, joint_rows, motion_rows, verify_part
+from comove.stored import ResultPart, Row, Verification, joint_rows, motion_rows, verify_part
 from comove.verification.certificate import Clearance, certify
 from comove.verification.record import Record, clearance_of, verify_execution
 from comove.verification.verify import Report, VerifiedMotion, verify
@@ -256,7 +256,7 @@ def playback_of_joints(
     return Playback(motion.scene, _verdict(reasons), not reasons, recording, tuple(rows), reasons, robot)
 
 
-def verification_of(folder: Path, part: Part, scene: Path) -> Verification:
+def verification_of(folder: Path, part: ResultPart, scene: Path) -> Verification:
     """Verify a part of a result folder anew, against a scene's file.
 
     Raises
@@ -404,10 +404,10 @@ def _touch(scene: Scene, contact: Mapping[str, Any]) -> Touch:
 
 
 _VERDICTS = {
-    Part.MOTION: ("not verified", "verified at every instant"),
-    Part.JOINTS: ("not verified", "verified at every instant"),
-    Part.RUN: ("not verified", "executed, and verified at every instant"),
-    Part.ROBOT_RUN: ("not as it should be", "run, and as it should be at samples"),
-    Part.SIMULATION: ("not verified", "simulated, and delivered"),
+    ResultPart.MOTION: ("not verified", "verified at every instant"),
+    ResultPart.JOINTS: ("not verified", "verified at every instant"),
+    ResultPart.RUN: ("not verified", "executed, and verified at every instant"),
+    ResultPart.ROBOT_RUN: ("not as it should be", "run, and as it should be at samples"),
+    ResultPart.SIMULATION: ("not verified", "simulated, and delivered"),
 }
 """What is said of a part that is not verified, and of one that is."""

@@ -13,7 +13,7 @@ from typing import Any
 from comove.results.inputs import command_again
 from comove.results.sealed import AGAIN, read_json
 from comove.scenes.scene import Scene
-from comove.stored import Part, Verification
+from comove.stored import ResultPart, Verification
 from comove.view.figures.motion import draw_motion
 from comove.view.figures.run import draw_run
 from comove.view.workbench.playback import Playback, playback_of_verification, verification_of
@@ -53,7 +53,7 @@ def report_page(shelf: Shelf) -> tuple[str, Playback]:
     """
     folder = shelf.item.result or shelf.folder
     found = parts_of(folder)  # a simulation besides is played by `comove view`
-    part = next((part for part in found if part is not Part.SIMULATION), found[0])
+    part = next((part for part in found if part is not ResultPart.SIMULATION), found[0])
     verification = verification_of(folder, part, shelf.item.scene)
     playback = playback_of_verification(verification)
     summary, scene = read_json(folder / part.file, AGAIN), playback.scene

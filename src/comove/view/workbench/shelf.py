@@ -15,7 +15,7 @@ from comove.errors import ComoveWarning, OptionError, ResultError
 from comove.io.folders import require_folder
 from comove.results.reference import SCENE
 from comove.scenes.scene import Scene
-from comove.stored import Part
+from comove.stored import ResultPart
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Item:
 
     scene: Path
     result: Path | None = None
-    part: Part = Part.MOTION
+    part: ResultPart = ResultPart.MOTION
 
     def absolute(self) -> Item:
         """Return the same by absolute paths, for a process that may stand in another folder."""
@@ -133,7 +133,7 @@ def _names_of(paths: Sequence[Path]) -> list[str]:
     return [str(path) if times[name] > 1 else name for path, name in zip(paths, short, strict=True)]
 
 
-def parts_of(folder: Path) -> tuple[Part, ...]:
+def parts_of(folder: Path) -> tuple[ResultPart, ...]:
     """Return what of a result folder can be played, best first.
 
     Raises

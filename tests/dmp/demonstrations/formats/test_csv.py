@@ -384,8 +384,8 @@ LARGE = {
         "more than 1,048,576 characters",
     ),
     "named columns": (
-        "time," + ",".join(f"{i}.x" for i in range(50_000)) + "\n" + "0," * 50_000 + "0\n",
-        "there are 50001 columns",
+        "time," + ",".join(f"{i}.x" for i in range(20_000)) + "\n" + "0," * 20_000 + "0\n",
+        "there are 20001 columns",
     ),
     "commas": ("time" + "," * 5_000_000 + "\n", "row 1: it has more than"),
     "a line without an end": ("x" * 5_000_000, "row 1: it has more than"),

@@ -302,7 +302,7 @@ def test_a_changed_number_is_told_by_its_checksum(tmp_path, hand, layout):
         return list(demos), [array.tobytes() for three in arrays for array in three]
 
     before, content, told = numbers(), file.read_bytes(), 0
-    for at in range(0, len(content), 5):
+    for at in range(0, len(content), 11):
         file.write_bytes(content[:at] + bytes([content[at] ^ 4]) + content[at + 1 :])
         try:
             after = numbers()
@@ -310,7 +310,7 @@ def test_a_changed_number_is_told_by_its_checksum(tmp_path, hand, layout):
             told += 1
         else:
             assert after == before, at
-    assert told > 100
+    assert told > 50
 
 
 @pytest.mark.parametrize("chunks", [None, (4, 3)])

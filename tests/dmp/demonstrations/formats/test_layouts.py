@@ -189,8 +189,10 @@ def assert_read(hand, turned, tolerance=1e-9):
         assert (found * TURN.inv()).magnitude().max() < 1e-9
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize(
+    ("name", "encoding"),
+    [*((name, "utf-8") for name in LAYOUTS), *((name, "utf-16") for name in [*LAYOUTS][::13])],
+)
 @pytest.mark.filterwarnings("error")
 def test_the_movement_is_read_as_it_is(tmp_path, name, encoding):
     path = tmp_path / name

@@ -282,11 +282,22 @@ def test_currents_statistics_and_orientations_are_not_offered_as_positions(tmp_p
 
 def test_one_coordinate_with_its_speed_and_acceleration_is_no_point_in_space(tmp_path):
     path = tmp_path / "r.txt"
+    noise = np.random.default_rng(3).normal(0.0, [[1e-4, 0.2, 9.0]], (len(TIME), 3))
     speed = np.gradient(1e-3 * POSITION[:, 0], TIME)
-    np.savetxt(path, np.column_stack([TIME, 1e-3 * POSITION[:, 0], speed, np.gradient(speed, TIME)]))
-    with pytest.raises(DemonstrationError, match=r"columns: no column is named") as caught:
+    for share in (0.0, 1.0):
+        columns = 1e-3 * POSITION[:, 0], speed, np.gradient(speed, TIME)
+        np.savetxt(path, np.column_stack([TIME, np.column_stack(columns) + share * noise]))
+        with pytest.raises(DemonstrationError, match=r"columns: no column is named") as caught:
+            Demonstration.load(path)
+        assert caught.value.options["columns"][0] == "2"
+
+
+def test_numbers_of_steps_are_not_offered_as_time(tmp_path):
+    """Every twentieth step of a simulation is logged: how long a step lasts, nobody told."""
+    path = write(tmp_path / "r.csv", "step,x,y,z", 20 * np.arange(len(TIME)), 1e-3 * POSITION, separator=",")
+    with pytest.raises(DemonstrationError, match="no column of time") as caught:
         Demonstration.load(path)
-    assert caught.value.options["columns"] == ["2"]
+    assert caught.value.options == {"rate": "HZ"}
 
 
 def test_a_column_that_states_no_unit_is_not_believed_to_state_one(tmp_path):

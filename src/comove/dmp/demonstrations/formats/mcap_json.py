@@ -223,8 +223,8 @@ def _stamp(stamp: Any, path: Path, key: str) -> tuple[int, int]:
             digits = rest[: len(rest) - len(rest.lstrip("0123456789"))]
             sec = int(datetime.fromisoformat(f"{whole}{rest[len(digits) :] or '+00:00'}").timestamp())
             return sec, int(digits.ljust(9, "0")[:9])
-        sec, rest = divmod(float(stamp), 1.0)
-        return int(sec), round(rest * 1e9)
+        seconds, part = divmod(float(stamp), 1.0)
+        return int(seconds), round(part * 1e9)
     except (ValueError, TypeError, OverflowError) as error:
         message = f"the stamp {stamp!r:.60} is no time"
         raise fault(path, key, message, "choose another topic, or record it again") from error

@@ -48,13 +48,18 @@ def grows_evenly(values: Array) -> bool:
 
 
 def are_rates_of(rates: Array, values: Array, stamps: Array) -> bool:
-    """Return whether numbers are the speeds at which others change, within a fifth; steady ones may be anything."""
+    """Return whether numbers are the speeds at which others change, within a fifth of these or of their integral.
+
+    Steady ones may be anything.
+    """
     steps = np.diff(stamps)
     if len(steps) < 3 or not (steps > 0.0).all():
         return False
     speeds = np.diff(values) / steps
-    away = np.linalg.norm(0.5 * (rates[1:] + rates[:-1]) - speeds)
-    return bool(np.ptp(speeds) > 0.05 * np.abs(speeds).max() and away < 0.2 * np.linalg.norm(speeds))
+    middle = 0.5 * (rates[1:] + rates[:-1])
+    are_near = np.linalg.norm(middle - speeds) < 0.2 * np.linalg.norm(speeds)
+    are_near |= np.ptp(values[1:] - np.cumsum(middle * steps)) < 0.2 * np.ptp(values)
+    return bool(np.ptp(speeds) > 0.05 * np.abs(speeds).max() and are_near)
 
 
 def columns_by_numbers(layout: Layout) -> tuple[tuple[Column, ...], str]:

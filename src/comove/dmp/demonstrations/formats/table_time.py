@@ -66,8 +66,9 @@ class Clock:
 
 
 def _nanoseconds(layout: Layout, column: Column, stamps: NDArray) -> NDArray[np.int64]:
-    """Return nanoseconds of dates from 1970, or of times of the day, which may pass midnight, or a full hour if they are
-    minutes and seconds.
+    """Return nanoseconds of dates from 1970, or of times of the day, which may pass midnight.
+
+    Minutes and seconds may pass a full hour.
     """
     zone = _ZONE.search(str(stamps[0]))
     text = np.char.strip(np.char.replace(stamps, ",", "."))

@@ -562,6 +562,7 @@ class _Table:
             if self._may_be_anything(column)
             and self._grows(column.number)
             and not self._counts(column.number)
+            and not (column.kind is Kind.INDEX and self._is_whole(column.number))
             and (np.diff(numbers_of([row[column.number] for row in tried(self.layout)])) > 0.0).all()
         ]
         options: dict[str, Any] = {"rate": HZ}

@@ -7,9 +7,10 @@ from comove.coordination import CoordinatedDMP, load_coordinates
 from comove.dmp import DMP, motion_basis
 from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
-from comove.planning import best_movement, combine, solve
+from comove.lab.evolution import combine
+from comove.lab.evolution.combination import _Span
+from comove.planning import best_movement, solve
 from comove.planning.choice import N_BASIS, suitable
-from comove.planning.combination import _Span
 from comove.planning.objective import N_STEPS
 from comove.scenes import Scene
 from comove.verification.verify import verify

@@ -1,0 +1,66 @@
+"""The verbs of `comove scene`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from comove.cli.app import VERIFIED, sub_application, verb_of
+from comove.errors import SceneError
+
+if TYPE_CHECKING:
+    from comove.scenes import Scene
+
+group = sub_application("scene", "Scene files: write version 2 of one, print the schema for editors.")
+
+
+@verb_of(group)
+def upgrade(
+    scene: Annotated[Path, typer.Argument(metavar="SCENE", help="Scene of version 1 (YAML).")],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write, in SCENE's folder; it must not be there yet.")
+    ] = None,
+) -> int:
+    """Write SCENE as a file of version 2, without its comments; print it unless --out is given."""
+    from comove.io.files import whole_file
+    from comove.io.folders import scene_folder
+    from comove.io.yaml_reader import read_yaml
+    from comove.scenes import Scene
+    from comove.scenes.upgrade import as_text, upgraded
+
+    data, _ = read_yaml(scene)
+    if data.get("version") == 2:
+        raise SceneError("it is of version 2 already", file=scene, key="version", way_out="use it as it is")
+    loaded = Scene.load(scene, check_ends=False)
+    contents = upgraded(loaded, data)
+    text = as_text(contents)
+    if out is None:
+        print(text, end="")
+        return VERIFIED
+    if out.absolute().parent.resolve() != scene_folder(scene).resolve() and _names_files(loaded):
+        way_out = f"write it there: --out {scene_folder(scene) / out.name}"
+        raise SceneError("the scene names files beside it", file=out, way_out=way_out)
+    with whole_file(out, SceneError, replace=False) as file:
+        file.write(text.encode())
+    print(f"{out}: version 2 of {scene}; comments are not kept")
+    return VERIFIED
+
+
+def _names_files(loaded: Scene) -> bool:
+    """Return whether a scene names files, or the description of a robot, by paths from its folder."""
+    from comove.results.inputs import files_of_scene
+
+    robot = loaded.file.robot
+    return bool(files_of_scene(loaded)) or (robot is not None and (loaded.folder / robot).is_file())
+
+
+@verb_of(group)
+def schema() -> int:
+    """Print the JSON schema of scene files of version 2, by which editors complete and check keys."""
+    from comove.scenes.version2 import SceneFile2
+
+    print(json.dumps(SceneFile2.model_json_schema(), indent=2))
+    return VERIFIED

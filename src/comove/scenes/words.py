@@ -1,0 +1,75 @@
+"""The names of keys in a scene's file, for messages: only files of version 2 have their own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from comove.io.keys import KeyPath, place
+
+NO_LINES: Mapping[KeyPath, int] = MappingProxyType({})
+
+
+class Words(NamedTuple):
+    """How the keys behind a scene are called in its file, and in which lines they stand.
+
+    Attributes
+    ----------
+    version : version of the file
+    lines : lines of its keys, by their paths
+    hands : paths in the file of the end effectors
+    obstacles : numbers in the file of the obstacles
+    """
+
+    version: int = 1
+    lines: Mapping[KeyPath, int] = NO_LINES
+    hands: tuple[KeyPath, ...] = ()
+    obstacles: tuple[int, ...] = ()
+
+    def path(self, path: KeyPath) -> KeyPath:
+        """Return the path in the file of a key of `SceneFile`."""
+        if self.version == 1 or not path:
+            return path
+        first, *rest = path
+        if first == "grasp" or (first == "load" and rest[:1] == ["grasps"]):
+            return ("grasps", *(rest[1:] if first == "load" else ()))
+        if first == "load":
+            return ("payload", *rest)
+        if first == "obstacles" and rest and isinstance(rest[0], int):
+            return ("obstacles", self.obstacles[rest[0]], *rest[1:])
+        if first == "manipulators":
+            number = int(rest.pop(0)) if rest and isinstance(rest[0], int) else 0
+            hand = self.hands[number]
+            if not rest:
+                return hand[:1]
+            return ("payload", *rest) if hand[0] == "grasps" else (*hand, *rest)
+        return path
+
+    def key(self, key: str) -> str:
+        """Return keys that a message names, separated by commas, as the file has them."""
+        if self.version == 1:
+            return key
+        paths = [
+            self.path(
+                tuple[str | int, ...](
+                    int(part) if part.isdigit() else part for part in re.findall(r"[^.\[\]]+", one)
+                )
+            )
+            for one in key.split(", ")
+        ]
+        return ", ".join(dict.fromkeys(place(path, self.lines) or "" for path in paths))
+
+    def moved(self, end: str) -> str:
+        """Return what is moved in the file to move the payload at an end, in words."""
+        return f"the {end} of every manipulator" if self.version == 1 else f"payload.{end}.position"
+
+    @property
+    def bodies(self) -> str:
+        """Return what moves, in words."""
+        return "the load or a hand" if self.version == 1 else "the payload or an end effector"
+
+
+VERSION_1 = Words()
+"""The words of files of version 1, which are those of `SceneFile`."""

@@ -1,0 +1,49 @@
+"""`comove scene` writes version 2 of a file, and the schema by which editors know its keys."""
+
+import json
+
+import pytest
+
+from comove.io.yaml_reader import read_yaml
+from comove.lab.examples import example_path
+from comove.scenes import Scene
+from tests.commands import invoke
+
+
+def test_an_upgraded_file_is_the_same_scene_and_replaces_none(tmp_path):
+    source, out = example_path("triangle"), tmp_path / "triangle.yaml"
+    assert invoke("scene", "upgrade", source, "--out", out).exit_code == 0
+    assert read_yaml(out)[0]["version"] == 2
+    assert Scene.load(out).nodes_at("goal") == pytest.approx(Scene.load(source).nodes_at("goal"), abs=1e-12)
+    text = out.read_text()
+    again = invoke("scene", "upgrade", source, "--out", out)
+    assert again.exit_code == 2
+    assert "there already" in again.output
+    assert out.read_text() == text
+    assert invoke("scene", "upgrade", source).output == text
+    done = invoke("scene", "upgrade", out)
+    assert done.exit_code == 2
+    assert "of version 2 already" in done.output
+
+
+def test_files_that_a_scene_names_stay_beside_it(tmp_path):
+    """What the advice says works when it is followed."""
+    folder = tmp_path / "meshes"
+    folder.mkdir()
+    gate = example_path("narrow").parents[3] / "examples" / "meshes"
+    if not gate.is_dir():
+        pytest.skip("no examples beside the package")
+    for path in gate.iterdir():
+        (folder / path.name).write_bytes(path.read_bytes())
+    told = invoke("scene", "upgrade", folder / "gate.yaml", "--out", tmp_path / "new.yaml")
+    assert told.exit_code == 2
+    assert not (tmp_path / "new.yaml").exists()
+    advised = told.output.split("--out ")[1].split()[0].strip()
+    assert invoke("scene", "upgrade", folder / "gate.yaml", "--out", advised).exit_code == 0
+    assert Scene.load(advised).meshes == Scene.load(folder / "gate.yaml").meshes
+
+
+def test_the_schema_is_printed(tmp_path):
+    schema = json.loads(invoke("scene", "schema").output)
+    assert set(schema["required"]) == {"version", "name", "workspace"}
+    assert {"payload", "grasps", "end_effectors"} <= set(schema["properties"])

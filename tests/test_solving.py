@@ -1,0 +1,153 @@
+"""One call with a robot and without: `comove.solve`, `verify`, `Executor`; and the names that there are."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import comove
+from comove.control import Executor as FreeExecutor
+from comove.errors import OptionError
+from comove.planning import Budget, Solution
+from comove.robots import JointVerdict
+from comove.robots.online.executor import JointExecutor
+from comove.stored import ResultPart
+from comove.verification import Verdict
+from tests.robots.known_folder import write
+from tests.robots.small_robots import gantry_scene, robot
+from tests.solved import example
+
+DOCS = Path(__file__).parents[1] / "docs"
+WORK = Budget(work=5.0)
+
+
+@pytest.fixture(scope="module")
+def carried():
+    return comove.solve(gantry_scene(), robot=robot("gantry"), budget=WORK)
+
+
+def test_a_robot_adds_joints_to_the_same_solution(carried):
+    assert isinstance(carried, Solution) and carried.verified
+    joints = carried.joints
+    assert joints.verified and joints.motion.motion.motion is carried.attempt
+    alone = comove.solve(gantry_scene(), robot=False, budget=WORK)
+    assert alone.verified and alone.joints is None
+    arms = [joints.robot.arm(name) for name in carried.scene.manipulators]
+    for share in (0.0, 0.5, 1.0):
+        q = joints.attempt.at(share * joints.attempt.duration)[0]
+        hands = carried.attempt.hands(np.array([share]))[0][0]
+        tools = [joints.robot.tool_pose(q, arm)[:3, 3] for arm in arms]
+        np.testing.assert_allclose(tools, hands, atol=1e-6)
+
+
+def test_a_scene_that_names_a_robot_is_solved_by_it(monkeypatch):
+    named = []
+    monkeypatch.setattr(
+        "comove.robots.solving.check_robot", lambda scene, arms, *_: named.append(arms.name) or 1 / 0
+    )
+    for scene, wanted in ((example("baxter_wide"), None), (example("wide"), "baxter")):
+        if scene.n_dims == 3 or wanted:
+            with pytest.raises(ZeroDivisionError):
+                comove.solve(scene, robot=wanted)
+    assert named == ["baxter", "baxter"]
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"approach": True}, "approach: no robot carries the payload"),
+        ({"release": True}, "release: no robot carries the payload"),
+        ({"present": {}}, "present: no robot carries the payload"),
+        ({"begin": {}}, "begin: no robot carries the payload"),
+        ({"found": print}, "found: no robot carries the payload"),
+    ],
+)
+def test_arguments_of_robots_are_refused_without_one(options, told):
+    with pytest.raises(OptionError, match=told):
+        comove.solve(example("wide"), **options)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"objective": lambda samples: 0.0}, "objective: functions of one's own are of end effectors alone"),
+        ({"constraints": [lambda samples: 0.0]}, "constraints: functions of one's own"),
+        ({"planner": False}, "planner: the joints of 'small' need a planned path"),
+        ({"obstacles": "cost"}, "obstacles are constraints of the robot 'small'"),
+    ],
+)
+def test_what_joints_cannot_do_is_refused_and_the_advice_works(options, told):
+    with pytest.raises(OptionError, match=told):
+        comove.solve(gantry_scene(), robot=robot("gantry"), **options)
+    comove.solve(gantry_scene(), robot=False, budget=Budget(work=0.05), **options)
+
+
+def test_motions_solutions_and_folders_are_verified_by_one_call(carried, tmp_path):
+    assert isinstance(comove.verify(carried.attempt), Verdict)
+    found = comove.verify(carried)
+    assert isinstance(found, JointVerdict) and found.verified is not None
+    parts = comove.verify(write(tmp_path / "known"))
+    assert [part.part for part in parts] == [ResultPart.MOTION, ResultPart.JOINTS] and all(
+        p.verified for p in parts
+    )
+    assert comove.verify(carried.attempt, checks=[lambda motion: ["no"]]).reasons == ("no",)
+
+
+@pytest.mark.parametrize(
+    ("thing", "options", "told"),
+    [
+        (3, {}, "thing: a int cannot be verified"),
+        ("motion", {"robot": "baxter"}, "robot: a motion has its own"),
+        ("folder", {"checks": [list]}, "checks: further checks are of motions"),
+    ],
+)
+def test_what_cannot_be_verified_is_told(thing, options, told, carried, tmp_path):
+    things = {"motion": carried.attempt, "folder": tmp_path}
+    with pytest.raises(OptionError, match=told):
+        comove.verify(things.get(thing, thing), **options)
+
+
+def test_the_scene_says_which_executor_moves(monkeypatch):
+    monkeypatch.setattr(
+        JointExecutor, "__init__", lambda self, scene, arms, *_, **how: vars(self).update(how)
+    )
+    of_joints = comove.Executor(gantry_scene(), robot=robot("gantry"), period=0.005, seed=2)
+    assert isinstance(of_joints, JointExecutor)
+    assert (of_joints.settings.period, of_joints.seed) == (0.005, 2)
+    free = comove.Executor(example("wide"), period=0.02)
+    assert isinstance(free, FreeExecutor) and free.pace.period == 0.02
+    with pytest.raises(OptionError, match="demonstration: robots follow no demonstration"):
+        comove.Executor(gantry_scene(), robot=robot("gantry"), demonstration=object())
+
+
+def test_there_are_few_names_and_pages_use_no_other():
+    assert len(comove.__all__) <= 17
+    files = [*DOCS.rglob("*.md"), DOCS.parent / "README.md", *DOCS.parent.glob("examples/*.py")]
+    packages = {path.stem for path in Path(comove.__file__).parent.iterdir()}
+    for path in files:
+        if {"_build", "gallery"} & set(path.parts):
+            continue
+        used = set(re.findall(r"\bcomove\.([A-Za-z]\w*)(?!\.py|\w)", path.read_text(encoding="utf-8")))
+        others = used - set(comove.__all__) - packages - {"readthedocs", "bib", "csl", "png", "html"}
+        assert not others, path
+
+
+def test_every_name_of_the_reference_exists():
+    text = (DOCS / "reference" / "python.md").read_text(encoding="utf-8")
+    named = re.findall(r"auto(?:function|class):: ([\w.]+)", text)
+    assert len(named) > 30
+    documented = set()
+    for name in named:
+        module, _, one = name.rpartition(".")
+        found = getattr(__import__(module, fromlist=[one]), one)
+        documented.add(getattr(found, "__name__", ""))
+    assert set(comove.__all__) - documented <= {"__version__", "show", "solve_many"}
+
+
+@pytest.mark.parametrize("name", sorted(comove._FORMER))
+def test_former_names_are_found_for_one_version(name):
+    with pytest.warns(DeprecationWarning, match=rf"comove.{name} is now comove\.[\w.]+\.{name}") as told:
+        found = getattr(comove, name)
+    place = str(told[0].message).split(" is now ")[1].rpartition(".")[0]
+    assert getattr(__import__(place, fromlist=[name]), name) is found
