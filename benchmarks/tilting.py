@@ -58,7 +58,6 @@ DURATION, CLEARANCE, SPARE, RATE = 10.0, 0.005, 0.01, 20.0  # s, m, m, Hz
 GAPS = np.arange(0.015, 0.1, 0.015)  # m, between a slab and the payload
 THICK = 0.02  # m, of slabs and plates
 HAND = 0.09  # m, beside a grasp that is left to the hand
-STRAIGHT, AWAY = (
     0.12,
     (0.2, 0.4),
 )  # m, before and behind a slot: where the payload moves straight, and its ends
@@ -169,10 +168,11 @@ class Draft:
         if self.kind != "open":  # straight through, or in
             middle, turn = goal if self.kind == "shelf" else between
             along = turn.apply([0.0, rng.choice([-1.0, 1.0]), 0.0])
-            outside = [
-                middle + side * rng.uniform(*AWAY) * along + rng.normal(0.0, 0.05, 3) for side in (-1, 1)
-            ]
-            inside = [(middle + side * STRAIGHT * along, turn) for side in (-1, 1)]
+            near = 0.5 * self.size[1] + 0.03
+            away = near + rng.uniform(0.03, 0.12, 2)
+            ways = [side * along for side in (-1.0, 1.0)]
+            outside = [middle + r * way + rng.normal(0.0, 0.03, 3) for way, r in zip(ways, away, strict=True)]
+            inside = [(middle + near * way, turn) for way in ways]
             self.poses = [(outside[0], start[1]), inside[0], inside[1], (outside[1], goal[1])]
             if self.kind == "shelf":
                 self.poses[2:] = [goal]
