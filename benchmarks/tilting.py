@@ -58,9 +58,6 @@ DURATION, CLEARANCE, SPARE, RATE = 10.0, 0.005, 0.01, 20.0  # s, m, m, Hz
 GAPS = np.arange(0.015, 0.1, 0.015)  # m, between a slab and the payload
 THICK = 0.02  # m, of slabs and plates
 HAND = 0.09  # m, beside a grasp that is left to the hand
-    0.12,
-    (0.2, 0.4),
-)  # m, before and behind a slot: where the payload moves straight, and its ends
 NEAREST = 0.15  # m, between start and goal
 TRIES = 60  # motions that are drawn for one scene, before its kind is drawn anew
 
