@@ -426,7 +426,7 @@ XARM = "package://xarm_description/urdf/xarm7.urdf"
 @pytest.mark.slow
 def test_a_description_from_a_model_is_written_checked_and_drawn(tmp_path):
     file = tmp_path / "xarms.yaml"
-    made = invoke("robot", "new", XARM, XARM, "--out", file)
+    made = invoke("robot", "new", XARM, XARM, "--out", file, pictures=True)
     assert made.exit_code == 0, text_of(made)
     assert "to be checked" in made.output
     assert Robot.load(file).joint_names[0].startswith("left_")

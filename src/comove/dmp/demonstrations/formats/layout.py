@@ -263,10 +263,12 @@ def _first_numbers(head: Sequence[tuple[int, str]], separator: str) -> Iterator[
     ]
     scores = [_score(cells) for _, cells in rows]
     for place, (at, cells) in enumerate(rows):
+        if not scores[place]:
+            continue
         after = range(place + 1, min(place + 1 + LIKE, len(rows)))
         alike = all(abs(len(rows[k][1]) - len(cells)) <= 1 and scores[k] for k in after)
         named = place > 0 and not scores[place - 1] and _are_names(rows[place - 1][1], len(cells))
-        if scores[place] and (alike or named or (len(after) > 1 and _is_followed(rows, scores, place))):
+        if alike or named or (len(after) > 1 and _is_followed(rows, scores, place)):
             yield at, scores[place]
             return
 
