@@ -128,6 +128,8 @@ def solve_many(
 ) -> Iterator[Solved]:
     """Solve scenes on several processes, and yield the outcomes as they come, in any order.
 
+    Motions are of the end effectors alone, whatever robot a scene names.
+
     Scenes are taken from the iterable as processes are free, so it may be a generator of any length. The kernels stay
     loaded from scene to scene. An error in one scene, and a process that is killed, do not stop the others. Ctrl-C,
     or closing the iterator, ends the processes.
