@@ -58,7 +58,7 @@ DURATION, CLEARANCE, SPARE, RATE = 10.0, 0.005, 0.01, 20.0  # s, m, m, Hz
 GAPS = np.arange(0.015, 0.1, 0.015)  # m, between a slab and the payload
 THICK = 0.02  # m, of slabs and plates
 HAND = 0.09  # m, beside a grasp that is left to the hand
-STRAIGHT = 0.12  # m, before and behind a slot, that the payload moves straight
+NEAREST = 0.15  # m, between start and goal
 TRIES = 60  # motions that are drawn for one scene, before its kind is drawn anew
 
 
@@ -161,19 +161,20 @@ class Draft:
             ends.reverse()
         turns = [ends[0], tilted(rng, place, *TILT), ends[1]]
         start, between, goal = ((rng.uniform(place.lower, place.upper), turn) for turn in turns)
-        if np.linalg.norm(goal[0] - start[0]) < 0.15:
-            return None
         self.obstacles, self.poses = [], [start, between, goal]
         if self.kind != "open":  # straight through, or in
             middle, turn = goal if self.kind == "shelf" else between
-            along = turn.apply([0.0, 1.0, 0.0])
-            along *= STRAIGHT * np.sign(along @ (goal[0] - start[0]))
-            ahead = [(middle - along, turn)]
-            self.poses = (
-                [start, *ahead, goal]
-                if self.kind == "shelf"
-                else [start, *ahead, (middle + along, turn), goal]
-            )
+            along = turn.apply([0.0, rng.choice([-1.0, 1.0]), 0.0])
+            near = 0.5 * self.size[1] + 0.03
+            away = near + rng.uniform(0.03, 0.12, 2)
+            ways = [side * along for side in (-1.0, 1.0)]
+            outside = [middle + r * way + rng.normal(0.0, 0.03, 3) for way, r in zip(ways, away, strict=True)]
+            inside = [(middle + near * way, turn) for way in ways]
+            self.poses = [(outside[0], start[1]), inside[0], inside[1], (outside[1], goal[1])]
+            if self.kind == "shelf":
+                self.poses[2:] = [goal]
+        if np.linalg.norm(self.poses[-1][0] - self.poses[0][0]) < NEAREST:
+            return None
         witness = self.moved()
         if witness is None or (self.kind != "open" and not self.narrow(witness)):
             return None
@@ -262,7 +263,7 @@ class Draft:
         size, grasps = self.size, np.array(list(self.place.grasps(self.size).values()))
         long = 2.0 * (np.abs(grasps[:, 0]).min() - HAND)
         tall = self.rng.uniform(0.06, 0.15) if self.kind == "hatch" else THICK
-        deep = THICK if self.kind == "hatch" else min(0.8 * size[1], 0.15)
+        deep = THICK if self.kind == "hatch" else 0.06
         slab = np.array([max(long, 0.05), deep, tall])
         for gap in GAPS:
             off = 0.5 * (size[2] + tall) + gap

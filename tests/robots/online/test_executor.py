@@ -15,6 +15,7 @@ from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.online.test_recovery import displaced
 from tests.robots.small_robots import robot
+from tests.robots.test_tilting import tray_data
 
 AWAY = {"shape": "sphere", "center": [0.55, 0.9, 0.2], "radius": 0.08}
 
@@ -177,3 +178,30 @@ def test_a_robot_that_was_driven_off_gives_way_and_goes_on_from_where_it_stands(
 def test_settings_that_make_no_sense_are_refused(change):
     with pytest.raises(OptionError):
         OnlineSettings(**change)
+
+
+@pytest.mark.slow
+def test_a_tray_is_tilted_step_by_step_while_something_moves():
+    """Commands hold it in every pose, by Pinocchio, and a robot that stands elsewhere is known by its hands."""
+    ball = {
+        "shape": "sphere",
+        "center": [0.5, 0.0, 0.9],
+        "radius": 0.06,
+        "motion": {"waypoints": [[0.5, 0.0, 0.9], [0.5, 0.0, 0.62]], "times": [0.0, 2.0]},
+    }
+    scene = Scene.from_dict(tray_data(obstacles=[ball]))
+    machine = robot("two_pandas")
+    executor, off = JointExecutor(scene, machine, seed=0), []
+    arms = [machine.arm(name) for name in scene.manipulators]
+    command = executor.position.copy()
+    while executor.time < 20.0 and not executor.arrived:
+        command = executor.step(command)
+        nodes = nodes_of(scene, executor.poses)
+        wanted = scene.grasp.hand_rotations(nodes)
+        held = np.array([machine.tool_pose(command, arm) for arm in arms])
+        off.append(max(np.abs(held[:, :3, 3] - nodes[:2]).max(), np.abs(held[:, :3, :3] - wanted).max()))
+        told = executor._nearest(held)
+        np.testing.assert_allclose(nodes_of(scene, told), nodes, atol=1e-6)
+    assert executor.arrived
+    assert max(off) < 1e-6
+    np.testing.assert_allclose(nodes_of(scene, executor.poses), scene.nodes_at("goal"), atol=2e-3)

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from comove.control.safety.qp_workspace import Rates, Sighting
 from comove.coordination.motion import CoordinatedMotion
-from comove.errors import OptionError
 from comove.lab.compared.hierarchy import PriorityTask
 from comove.lab.compared.task_priority import Controller, Performance, TaskPriority
 from comove.planning.search import Search
@@ -50,12 +49,6 @@ class JointController(Controller):
         carrier = search.kinematics
         if not isinstance(carrier, RobotCarrier):
             raise TypeError(f"joints are those of a RobotCarrier, not of {type(carrier).__name__}")
-        if carrier.grasp.keypoints:
-            raise OptionError(
-                "its hands turn a load about the vertical only",
-                key="method",
-                way_out="use the method 'comove' for payloads that tilt",
-            )
         self.carrier, self.arms = carrier, carrier.arms
         self.first = carrier.best_course(sampled_nodes(taught))[0]
         self.joints, self.path = self.first, [self.first]

@@ -22,7 +22,7 @@ from comove.robots.model import Arm, Robot
 from comove.robots.proposal.examination import findings_of
 from comove.robots.proposal.homes import base_of, floor_of
 from comove.robots.proposal.surroundings import scene_of
-from comove.robots.solving import carry
+from comove.robots.solving import solve_joints
 from comove.robots.transfers import plan_transfers
 from comove.scenes.grasp import HELD
 from comove.scenes.scene import Scene
@@ -248,7 +248,7 @@ def propose_scene(
         data = place.data(named, rail, duration, around)
         try:
             first_scene, budget = Scene.from_dict(data, folder=folder), Budget(work=work)
-            found = carry(first_scene, robot, seed=seed, budget=budget)
+            found = solve_joints(first_scene, robot, seed=seed, budget=budget)
         except SceneError as error:
             reasons.append(str(error))
             continue
