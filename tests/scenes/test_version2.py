@@ -441,6 +441,24 @@ WRONG = [
         "no manipulator 'rigth'",
         "'right'",
     ),
+    (
+        ("left: {position: [-0.2, 0, 0], approach: [0, 0, -1], closing: [0, 1, 0]}", "left: auto2"),
+        "grasps.left (line 13)",
+        "'auto2' is not known",
+        "write 'auto'",
+    ),
+    (
+        ("grasps:", "grasps: auto\nconstraints:"),
+        "grasps (line 12)",
+        "does not say which arms",
+        "write {left: auto, right: auto}",
+    ),
+    (
+        ("shape: box\n  size: [0.4, 0.2, 0.05]", "parts: [{shape: ball}]"),
+        "payload.parts[0] (line 8)",
+        "the shape 'ball' is not known",
+        "known: bar, box, cylinder",
+    ),
     (("  size:", "  sise:"), "payload.sise (line 9)", "unknown key", "'size'"),
     (("  left: {position", "  left: {positon"), "grasps.left.positon (line 13)", "unknown key", "'position'"),
     (
@@ -466,6 +484,63 @@ def test_a_fault_names_keys_of_the_file_and_their_lines(change, key, message, ad
     assert all(part in str(told.value) for part in (key, message, advice)), told.value
     if "belongs to version" not in message:
         assert not re.search(r"\b(load|manipulators?\[|held_by)\b", str(told.value))
+
+
+VALUES = (
+    None,
+    0,
+    -1,
+    "x",
+    "auto",
+    [],
+    {},
+    [1, 2],
+    [1, 2, 3],
+    [0, 0, 0],
+    {"a": 1},
+    True,
+    "left",
+    [{}],
+    np.nan,
+)
+
+
+def places(data, path=()):
+    """The paths of all values in plain data."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+@pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
+@examples(300)
+@given(seeds)
+def test_a_file_with_any_change_is_read_or_its_fault_is_told(seed):
+    """In the words of version 2, whichever value is another one, is missing, or has another key."""
+    rng = np.random.default_rng(seed)
+    with TemporaryDirectory() as folder:
+        data = read_text(TRAY, Path(folder))
+    if rng.random() < 0.5:
+        parts = [{"shape": "bar", "length": 0.2, "rpy_deg": [0, 0, 1]}, {"shape": "box", "size": [0.1] * 3}]
+        ends = {key: data["payload"][key] for key in ("start", "goal")}
+        data["payload"] = {"parts": parts, **ends}
+        data["grasps"]["right"] = [data["grasps"]["left"], data["grasps"]["right"]]
+    every = [*places(data)]
+    *path, last = every[rng.integers(len(every))]
+    holder = data
+    for key in path:
+        holder = holder[key]
+    if (what := rng.integers(4)) == 0:
+        del holder[last]
+    elif what == 1 and isinstance(holder, dict):
+        holder[f"{last}x"] = holder.pop(last)
+    else:
+        holder[last] = VALUES[rng.integers(len(VALUES))]
+    try:
+        _ = Scene.from_dict(data, check_ends=False).alternatives
+    except SceneError as error:
+        assert not re.search(r"\b(load|manipulators?\[|held_by)\b", str(error).partition(";")[0])
 
 
 def test_a_robot_needs_to_know_how_to_hold_it(tmp_path):

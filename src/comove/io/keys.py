@@ -14,6 +14,7 @@ import math
 import re
 import reprlib
 from collections.abc import Iterable, Iterator, Mapping, Sized
+from functools import reduce
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, ClassVar, NamedTuple, Union, get_args, get_origin
@@ -170,12 +171,18 @@ def _existing(location: KeyPath, data: Any, contract: Contract) -> KeyPath:
 
 def _keys(path: KeyPath, data: Any, contract: Contract) -> dict[str, bool]:
     """Return the keys that the contract knows for the mapping at `path`, and whether each is required."""
-    if path and (family := contract.families.get(path[0])):
-        part = data[path[0]] if family.depth == 1 else data[path[0]][path[1]]
+    if path and (family := _family_at(path, contract)):
+        part = reduce(lambda whole, key: whole[key], path[: family.depth], data)
         model = _model_at(family.models[part[family.tag]], path[family.depth :])
     else:
         model = _model_at(contract.root, path)
     return {name: field.is_required() for name, field in model.model_fields.items()}
+
+
+def _family_at(path: KeyPath, contract: Contract) -> Family | None:
+    """Return the family that a path leads into, of lists in a part by the two keys that lead to them."""
+    inner = ".".join(map(str, path[:2])) if len(path) > 2 else ""
+    return contract.families.get(inner) or contract.families.get(path[0])
 
 
 def _model_at(root: type[BaseModel], path: KeyPath) -> type[BaseModel]:
@@ -229,7 +236,8 @@ def _translated(detail: ErrorDetails, path: KeyPath, contract: Contract) -> tupl
 
 
 def _tag_error(part: Any, path: KeyPath, contract: Contract) -> tuple[str, str]:
-    family = contract.families[path[0]]
+    family = _family_at(path, contract)
+    assert family is not None, "only parts with a tag have errors of it"
     if family.tag not in part:
         return f"the key '{family.tag}' is missing", f"write one of: {', '.join(family.models)}"
     tag = part[family.tag]

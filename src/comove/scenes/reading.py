@@ -448,7 +448,9 @@ def mixed_up(data: Mapping[str, Any]) -> list[Flaw]:
     number = data.get("version", 1)
     own, other = (NEW, FORMER) if number == 2 else (FORMER, NEW)
     foreign = [key for key in other if key in data]
-    if number not in (1, 2) or not foreign:
+    if number not in (1, 2) and foreign:
+        return [Flaw(("version",), f"the version {show(number)} is not known", "write version: 2")]
+    if not foreign:
         return []
     way_out = f"write version: {3 - number}"
     if number == 2:

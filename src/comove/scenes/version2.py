@@ -220,6 +220,15 @@ Grasps = Annotated[
 """Grasps by the arm; or a list of such sets, of which the planner chooses one."""
 
 
+def _by_arm(value: Any) -> Any:
+    """Refuse the word `auto` for all arms: a scene file does not know which arms a robot has."""
+    if isinstance(value, str):
+        raise Wrong(
+            f"{show(value)} does not say which arms hold the payload", "write {left: auto, right: auto}"
+        )
+    return value
+
+
 class EndEffector(Oriented):
     """An end effector that holds no payload, and moves from `start` to `goal` [m]; a robot's does not turn."""
 
@@ -245,7 +254,7 @@ class SceneFile2(SceneKeys):
     version: Literal[2]
     obstacles: Annotated[tuple[AnyObstacle, ...], BeforeValidator(as_tuple)] = ()
     payload: Payload | None = None
-    grasps: Grasps | None = None
+    grasps: Annotated[Grasps, BeforeValidator(_by_arm)] | None = None
     end_effectors: Annotated[dict[Name, EndEffector], Field(default_factory=dict)]
 
     @property
@@ -266,6 +275,7 @@ CONTRACT_2 = Contract(
         **CONTRACT.families,
         "obstacles": Family("shape", by_name(AnyObstacle, "shape"), 2),
         "payload": Family("shape", by_name(Payload, "shape"), 1),
+        "payload.parts": Family("shape", by_name(PartShape, "shape"), 3),
     },
 )
 """What messages know of the keys of version 2."""
@@ -308,6 +318,11 @@ def _orientation_flaws(scene: SceneFile2) -> Iterator[Flaw]:
                 yield Flaw(("payload", *path, pose.turned_by), told, instead)
         if scene.dimension == 2 and scene.payload.goal.free not in (None, "yaw"):
             yield Flaw(("payload", "goal", "free"), "the scene is planar", "write yaw")
+    for name, some in ((name, some) for given in scene.sets for name, some in given.items()):
+        if some == "auto" and scene.dimension == 2:
+            yield Flaw(
+                ("grasps", name), "grasps are proposed in space, and the scene is planar", "give a position"
+            )
     some_are_turned = any(grasp.turned_by is not None for _, grasp in _grasps(scene))
     some_are_turned |= any(some == "auto" for given in scene.sets for some in given.values())
     for path, grasp in _grasps(scene):
