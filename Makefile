@@ -21,7 +21,7 @@ ablation: $(VENV)/dev.stamp  ## leave out each repair of the paper's method and 
 	$(BIN)/comove bench ablation --out ablated --workers 2
 	cp ablated/ablation.md docs/
 
-test: $(VENV)/dev.stamp  ## all tests but the slow ones, with a quarter of the random examples
+test: $(VENV)/dev.stamp  ## all tests but the slow ones, with a sixth of the random examples
 	$(BIN)/python -m pytest $(PARALLEL)
 
 test-all: $(VENV)/dev.stamp  ## the slow tests as well, with all random examples

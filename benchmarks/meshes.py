@@ -1,27 +1,108 @@
-"""How well and how fast convex polytopes hold a mesh: how many, how far beyond it, and how long that takes.
+"""How well and how fast convex polytopes hold a mesh, and mesh files are read.
 
     python benchmarks/meshes.py
+    python benchmarks/meshes.py readers
 
-Every mesh is turned at random three times; the worst is told. Times are of the processor.
+Every mesh is turned at random three times; the worst is told. Files are those of example-robot-data and of comove,
+read by comove and by trimesh. Times are of the processor.
 """
 
 from __future__ import annotations
 
+import io
+import sys
 import time
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 from timing import number, peer, print_table
 
+import comove
 from comove.geometry.convex_decomposition import decompose
 from comove.geometry.topology import solids_and_sheets
+from comove.geometry.triangles import FORMATS, read_bytes, triangles_of
 
 MESHES = Path(__file__).parents[1] / "examples" / "meshes"
 N_TURNS = 3
+QUADRILATERAL = b"".join(
+    [
+        b"ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n",
+        b"property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n",
+        np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype="<f4").tobytes(),
+        *(bytes([len(face)]) + np.array(face, dtype="<i4").tobytes() for face in ([0, 1, 2, 3], [0, 2, 1])),
+    ]
+)
+SPECIAL = {  # name, what is in it, its format and number of triangles, and its height [m]
+    "two walls, corners counted back from each": (
+        b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 0 0 5\nv 1 0 5\nv 0 1 5\nf -3 -2 -1\n",
+        *(".obj", 2, 5.0),
+    ),
+    "a quadrilateral and a triangle": (QUADRILATERAL, ".ply", 3, 0.0),
+    "cut off after one of two faces": (b"OFF\n3 2 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n", ".off", 2, 0.0),
+}
 
 
 def main() -> None:
+    """Print the table that is asked for."""
+    if sys.argv[1:] == ["readers"]:
+        read_all()
+    else:
+        decompose_all()
+
+
+def read_all() -> None:
+    """Read all mesh files of robots, and some special ones, and print two tables."""
+    peer("trimesh")
+    robots = Path(peer("pinocchio").__file__).parents[4] / "share" / "example-robot-data" / "robots"
+    folders = (robots, Path(comove.__file__).parent, MESHES.parent)
+    files = sorted(
+        {p.resolve() for folder in folders for p in folder.rglob("*") if p.suffix.lower() in FORMATS}
+    )
+    found = defaultdict(list)
+    for path in files:
+        data, suffix = read_bytes(path), path.suffix.lower()
+        begun = time.process_time()
+        own, between = _boxed(*triangles_of(data, suffix)), time.process_time()
+        other, ended = _by_trimesh(data, suffix), time.process_time()
+        same = (
+            other is not None and own[0] == other[0] and np.allclose(own[1], other[1], rtol=1e-6, atol=1e-9)
+        )
+        found[suffix].append((own[0], same, between - begun, ended - between))
+    rows = [[suffix, len(own), *np.sum(own, axis=0)] for suffix, own in found.items()]
+    print_table(
+        ["format", "files", "triangles", "same by trimesh", "comove", "trimesh"],
+        [[s, n, int(faces), int(same), f"{a:.1f} s", f"{b:.1f} s"] for s, n, faces, same, a, b in rows],
+    )
+    print()
+    rows = []
+    for name, (data, suffix, n_triangles, height) in SPECIAL.items():
+        other = _by_trimesh(data, suffix)
+        told = "refused" if other is None else f"{other[0]} triangles, {np.ptp(other[1], axis=0)[2]:g} m high"
+        rows.append([suffix, name, f"{n_triangles} triangles, {height:g} m high", told])
+    print_table(["format", "file", "what is in it", "by trimesh"], rows)
+
+
+def _boxed(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, np.ndarray]:
+    """Return the number of triangles with an area, and the box around all, array of shape (2, 3)."""
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    return int((area > 0.0).sum()), np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+
+
+def _by_trimesh(data: bytes, suffix: str) -> tuple[int, np.ndarray] | None:
+    """Return the same as trimesh reads it; None where it refuses."""
+    trimesh = peer("trimesh")
+    try:
+        scene = trimesh.load_scene(io.BytesIO(data), file_type=suffix[1:], process=False, skip_materials=True)
+        mesh = scene.convert_units("meters").to_mesh() if scene.units else scene.to_mesh()
+        return _boxed(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    except Exception:  # a reader of foreign formats may raise anything
+        return None
+
+
+def decompose_all() -> None:
     """Decompose every mesh and print the table."""
     trimesh = peer("trimesh")
     meshes = {

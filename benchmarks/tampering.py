@@ -5,15 +5,16 @@
 
 Folders of each kind are made once. A forger who has read the source then changes one at random: bytes and numbers of
 any array, entries of any summary, the scene of the folder's own, weights of the curve with samples, measures and
-claims computed anew by comove's own functions on an easier scene, poses and obstacles of runs, times, robot
-descriptions, rows of stores; or puts together what belongs to different folders. All checksums are redone. Half of
-the folders are verified against the scene that is trusted, half against their own, as commands do.
+claims computed anew by comove's own functions on an easier scene, poses and obstacles of runs, times, clocks that are
+set, tremors between samples of torques, robot descriptions, rows of stores; or puts together parts of different
+folders. All checksums are redone. Half of the folders are verified against the scene that is trusted, half against
+their own, as commands do.
 
 What is called verified is looked at by code that shares neither geometry nor files with the verifier: samples as a
 consumer would play them, distances by `tests/brute_force.py`, obstacles moved by the keys of the scene's file,
-differences for speeds and accelerations, Pinocchio's kinematics for joints. "Wrong" is what was called verified and
-contradicts the scene or the robot, or states a clearance that samples undercut. Anything but a verdict or a refusal
-in one sentence is a crash.
+differences for speeds and accelerations, Pinocchio's kinematics and dynamics for joints. "Wrong" is what was called
+verified and contradicts the scene or the robot, or states a clearance that samples undercut. Anything but a verdict
+or a refusal in one sentence is a crash.
 """
 
 from __future__ import annotations
@@ -204,6 +205,22 @@ def other_entry(rng: np.random.Generator, value: Any) -> Any:
         key = str(rng.choice(list(value)))
         return value | {key: other_entry(rng, value[key])}
     return [None, "", 5, [], {}, "\x1b[2J", 1e308, True][rng.integers(8)]
+
+
+def clock_set(rng: np.random.Generator, time: np.ndarray) -> np.ndarray:
+    """Stamps after a clock was set forwards or back at an instant, ran at another pace for a while, or trembled."""
+    time, at = time.copy(), int(rng.integers(1, len(time)))
+    size = 10.0 ** rng.uniform(-6, 1)
+    kind = rng.integers(4)
+    if kind < 2:
+        time[at:] += size if kind else -size
+    elif kind == 2:
+        steps = np.diff(time)
+        steps[at - 1 : at - 1 + rng.integers(1, len(time))] *= 10.0 ** rng.uniform(-2, 2)
+        time[1:] = time[0] + np.cumsum(steps)
+    else:
+        time[1:-1] += size * np.median(np.diff(time)) * rng.uniform(-1, 1, len(time) - 2)
+    return time
 
 
 def easier(rng: np.random.Generator, data: Mapping[str, Any]) -> dict[str, Any]:
@@ -397,7 +414,7 @@ def forge_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
     scene = scene_of(own)
     summary, arrays = RUN.read(source)
     arrays = {name: array.copy() for name, array in arrays.items()}
-    n, kind = len(arrays["time"]), rng.integers(9)
+    n, kind = len(arrays["time"]), rng.integers(10)
     swing = np.sin(np.linspace(0.0, np.pi, n)) ** rng.integers(1, 6)
     if kind == 0:
         bytes_changed(rng, folder)
@@ -421,6 +438,8 @@ def forge_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
             arrays["time"] = np.linspace(0.0, arrays["time"][-1], len(keep))
     elif kind == 6:  # turned, stretched or off the plane
         arrays["quaternion"] *= 10.0 ** rng.uniform(-1, 0.1)
+    elif kind == 9:
+        arrays["time"] = clock_set(rng, arrays["time"])
     elif kind == 7:
         theirs = RUN.read(other)[1]
         length = min(n, len(theirs["time"]))
@@ -448,12 +467,17 @@ def forge_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
 
 
 def look_at_run(case: Case) -> list[str]:
-    """Contradictions of an execution that was called verified: by hands as recorded."""
+    """Contradictions of an execution that was called verified: by hands as recorded, and halfway between."""
     summary, arrays = RUN.read(case.folder)
+    if (np.diff(arrays["time"]) <= 0.0).any():
+        return ["clock"]
     found = contradictions(case.scene, arrays["time"], arrays["position"], miss=1.1e-3, differ=False)
     least = clearance_of(case.scene, arrays["time"], arrays["position"])
     if summary["clearance_min"] is not None and summary["clearance_min"] > least + NEAR:
         found.append("stated clearance")
+    halfway = (0.5 * (one[1:] + one[:-1]) for one in (arrays["time"], arrays["position"]))
+    if clearance_of(case.scene, *halfway) < -NEAR:
+        found.append("contact between steps")
     turned = np.abs(np.linalg.norm(arrays["quaternion"], axis=2) - 1.0).max() > NEAR
     if turned or (case.scene.n_dims == 2 and np.abs(arrays["center"][..., 2]).max() > NEAR):
         found.append("poses")
@@ -571,7 +595,7 @@ def forge_joints(rng: np.random.Generator, base: Path, folder: Path) -> Case:
     (folder / "inputs.json").unlink(missing_ok=True)
     summary, arrays = JOINTS.read(folder)
     arrays = {name: array.copy() for name, array in arrays.items()}
-    kind, robot = rng.integers(6), baxter()
+    kind, robot = rng.integers(8), baxter()
     if kind == 0:
         bytes_changed(rng, folder)
         return Case(folder, motion.scene if rng.random() < 0.5 else None, motion.scene)
@@ -588,6 +612,16 @@ def forge_joints(rng: np.random.Generator, base: Path, folder: Path) -> Case:
             position[:, rng.integers(position.shape[1])] += 10.0 ** rng.uniform(-6, 0) * swing
         elif kind == 4:
             time_ *= 10.0 ** rng.uniform(-1, 0.3)
+        elif kind == 6:  # a tremor, which samples of torques may miss
+            time_ = np.linspace(0.0, time_[-1], int(rng.integers(2, 9)) * len(time_))
+            position = np.array(joints.curve(time_))
+            wave = np.sin(
+                2.0 * np.pi * rng.choice([25.0, 50.0, 100.0, 200.0]) * time_ + rng.choice([0.0, 1.0])
+            )
+            wave *= np.sin(np.linspace(0.0, np.pi, len(time_))) ** 3
+            position[:, rng.integers(position.shape[1])] += 10.0 ** rng.uniform(-7, -2) * wave
+        elif kind == 7:  # the same places at other instants
+            time_ = clock_set(rng, time_)
         else:
             position += 10.0 ** rng.uniform(-6, -1) * rng.normal(size=position.shape[1])
         forged = JointMotion(time_, joints.joint_names, position)
@@ -608,7 +642,7 @@ class RawRobot:
 
     Attributes
     ----------
-    lower, upper, velocity : limits of the joints that the raw file states
+    lower, upper, velocity, effort : limits of the joints that the raw file states
     columns : numbers of these joints in Pinocchio's configuration
     """
 
@@ -617,6 +651,7 @@ class RawRobot:
     lower: np.ndarray
     upper: np.ndarray
     velocity: np.ndarray
+    effort: np.ndarray
     columns: list[int]
 
     def over_limits(self, q: np.ndarray, t: np.ndarray) -> list[str]:
@@ -627,6 +662,32 @@ class RawRobot:
         if (np.abs(np.diff(q, axis=0) / np.diff(t)[:, None]) > self.velocity * (1 + DT)).any():
             found.append("joint speed")
         return found
+
+    def over_torque(self, robot: Any, scene: Scene, q: np.ndarray, t: np.ndarray) -> bool:
+        """Return whether torques along the spline through samples exceed their limits, also between the samples.
+
+        A bar is held in its middle, half of it by each hand; springs take their share of the weight.
+        """
+        import pinocchio as pin
+        from scipy.interpolate import CubicSpline
+
+        model = self.model.copy()
+        half = pin.Inertia(0.5 * (scene.file.load.mass or 0.25), np.zeros(3), np.zeros((3, 3)))
+        for name in scene.manipulators:
+            frame = model.frames[model.getFrameId(robot.arm(name).tip)]
+            model.appendBodyToJoint(frame.parentJoint, half, frame.placement * pin.SE3(robot.arm(name).tool))
+        curve, data = CubicSpline(t, q, bc_type="clamped"), model.createData()
+        unloaded = self.model.createData()
+        for instant in np.interp(np.arange(7 * len(t) - 6) / 7, np.arange(len(t)), t)[
+            :: max(1, len(t) // 300)
+        ]:
+            values = [curve(instant, order) for order in range(3)]
+            full = [self.whole(value[None])[0] for value in values]
+            torque = pin.rnea(model, data, *full)[self.columns]
+            weight = pin.computeGeneralizedGravity(self.model, unloaded, full[0])[self.columns]
+            if (np.abs(torque - robot.relief * weight) > self.effort * (1 + DT)).any():
+                return True
+        return False
 
     def whole(self, q: np.ndarray) -> np.ndarray:
         """Return configurations of all joints of the raw file, those that are not told at 0."""
@@ -681,7 +742,9 @@ def raw_baxter() -> RawRobot:
         model, str(file), pin.GeometryType.COLLISION, package_dirs=package_folders(file)
     )
     names = robot.joint_names
-    told = [[float(limits[name].get(key)) for name in names] for key in ("lower", "upper", "velocity")]
+    told = [
+        [float(limits[name].get(key)) for name in names] for key in ("lower", "upper", "velocity", "effort")
+    ]
     columns = [int(model.joints[model.getJointId(name)].idx_q) for name in names]
     return RawRobot(model, geometry, *map(np.array, told), columns)
 
@@ -693,7 +756,11 @@ def look_at_joints(case: Case) -> list[str]:
 
     summary, arrays = JOINTS.read(case.folder)
     q, t, raw = arrays["position"], arrays["time"], raw_baxter()
+    if (np.diff(t) <= 0.0).any():
+        return ["clock"]
     found = raw.over_limits(q, t)
+    if raw.over_torque(baxter(), case.scene, q, t):
+        found.append("torque")
     if summary["clearance_scene"] is not None:
         least = raw.links_clearance(case.scene, t, q)
         if summary["clearance_scene"] > least + 1e-4:
@@ -800,7 +867,7 @@ def forge_robot_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
     shutil.copytree(base / "result", folder)
     summary, arrays = ROBOT_RUN.read(folder)
     arrays = {name: array.copy() for name, array in arrays.items()}
-    kind, n = rng.integers(5), len(arrays["time"])
+    kind, n = rng.integers(6), len(arrays["time"])
     swing = np.sin(np.linspace(0.0, np.pi, n)) ** 3
     if kind == 0:
         for key in rng.choice(list(summary), rng.integers(1, 3)):
@@ -814,6 +881,9 @@ def forge_robot_run(rng: np.random.Generator, base: Path, folder: Path) -> Case:
             arrays[name][:, joint] += size * swing
     elif kind == 3:
         arrays["time"] *= 10.0 ** rng.uniform(-1, 1)
+        summary["duration_s"] = float(arrays["time"][-1])
+    elif kind == 5:
+        arrays["time"] = clock_set(rng, arrays["time"])
         summary["duration_s"] = float(arrays["time"][-1])
     else:
         arrays["driven_off"][rng.integers(n) :] = True
@@ -830,6 +900,8 @@ def look_at_robot_run(case: Case) -> list[str]:
 
     robot, (_, arrays) = baxter(), ROBOT_RUN.read(case.folder)
     q, t, found = arrays["commanded"], arrays["time"], []
+    if (np.diff(t) <= 0.0).any():
+        return ["clock"]
     found += raw_baxter().over_limits(q, t)
     hands = tools(robot, case.scene, arrays["measured"])
     goals = np.array([hand.goal for hand in case.scene.file.manipulators])

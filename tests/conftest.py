@@ -25,7 +25,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 # The same examples every time; `pytest --hypothesis-profile=explore` looks for new ones.
 settings.register_profile("explore", deadline=None, max_examples=OFTEN)
 settings.register_profile("thorough", deadline=None, max_examples=OFTEN, derandomize=True)
-settings.register_profile("quick", deadline=None, max_examples=OFTEN // 4, derandomize=True)
+settings.register_profile("quick", deadline=None, max_examples=OFTEN // 6, derandomize=True)
 settings.load_profile("quick")
 
 # What is imported and collected stays to the end: it is no garbage, and need not be searched for any.

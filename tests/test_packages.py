@@ -9,6 +9,7 @@ import subprocess
 import sys
 import tarfile
 import tomllib
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -20,7 +21,7 @@ from tests.clean import ROOT, VERSIONS, environment, pythons, run
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 BUILT = re.compile(r"PKG-INFO|setup\.cfg|MANIFEST\.in|src/comove\.egg-info/.*")
 """What an archive of the sources holds beside the sources."""
-SMALL = ("geometry/test_rotations.py", "primitives/test_dmp.py", "verification/test_bounds.py", "results")
+SMALL = ("geometry/test_rotations.py", "dmp/test_dmp.py", "verification/test_bounds.py", "results")
 """Tests that need nothing but the core, and touch what compiles."""
 
 
@@ -28,6 +29,13 @@ def bounds(requirements: list[str]) -> dict[str, str]:
     """Return the lower bound, or the version, that requirements ask for, by the name in lower case."""
     found = (re.fullmatch(r"([\w.-]+)(?:>=|==)([\d.]+)(?:,.*)?", text) for text in requirements)
     return {match[1].lower(): match[2] for match in found if match}
+
+
+def test_the_newest_numba_that_is_allowed_is_tested():
+    """`comove.compiled` stands on classes that numba may change in any minor version."""
+    (wanted,) = (text for text in PROJECT["dependencies"] if text.startswith("numba"))
+    major, minor = map(int, re.search(r",<(\d+)\.(\d+)$", wanted).groups())
+    assert version("numba").startswith(f"{major}.{minor - 1}.")
 
 
 def test_the_oldest_versions_are_the_lower_bounds():

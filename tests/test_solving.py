@@ -1,6 +1,7 @@
 """One call with a robot and without: `comove.solve`, `verify`, `Executor`; and the names that there are."""
 
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,8 @@ import pytest
 import comove
 from comove.control import Executor as FreeExecutor
 from comove.errors import OptionError
-from comove.planning import Budget, Solution
-from comove.robots import JointVerdict
+from comove.planning import Budget, SceneKind, Solution, load_kernels
+from comove.robots import JointVerdict, carry
 from comove.robots.online.executor import JointExecutor
 from comove.stored import ResultPart
 from comove.verification import Verdict
@@ -151,3 +152,30 @@ def test_former_names_are_found_for_one_version(name):
         found = getattr(comove, name)
     place = str(told[0].message).split(" is now ")[1].rpartition(".")[0]
     assert getattr(__import__(place, fromlist=[name]), name) is found
+
+
+@pytest.mark.parametrize("kernel", ["planner.clearance_of", "planner.rrt_connect"])
+def test_few_frames_lie_between_the_call_and_the_mathematics(kernel, monkeypatch):
+    class Enough(Exception):
+        """Ends the search where it begins to compute."""
+
+    def frames(*_):
+        frame, own = sys._getframe(1), []
+        while frame is not None:
+            if frame.f_globals["__name__"].startswith("comove."):
+                own.append(frame.f_code.co_qualname)
+            frame = frame.f_back
+        raise Enough(own)
+
+    scene = example("narrow")
+    load_kernels(SceneKind.of(scene))
+    monkeypatch.setattr(f"comove.planning.{kernel}", frames)
+    with pytest.raises(Enough) as ended:
+        comove.solve(scene)
+    assert len(ended.value.args[0]) <= 6, ended.value.args[0]
+
+
+def test_the_former_name_of_a_robots_call_says_the_new_one():
+    with pytest.warns(DeprecationWarning, match=r"comove\.solve\(scene, robot=robot\)"):
+        found = carry(gantry_scene(), robot("gantry"), budget=WORK)
+    assert isinstance(found, Solution) and found.joints.verified

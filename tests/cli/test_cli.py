@@ -406,7 +406,7 @@ BAD_SCENES = {
     "a file outside": (SCENE + "demonstration: {file: ../secret.csv}\n", ["demonstration.file", "outside"]),
     "no such demonstration": (SCENE + "demonstration: {file: cary.csv}\n", ["cary.csv"]),
     "no such shape": (SCENE + "demonstration: {lasa: Angel}\n", ["Angel", "Angle"]),
-    "a version": ("version: 2\n" + SCENE, ["version", "write 1"]),
+    "a version": ("version: 2\n" + SCENE, ["version", "write version: 1"]),
 }
 
 

@@ -47,3 +47,5 @@ def test_the_schema_is_printed(tmp_path):
     schema = json.loads(invoke("scene", "schema").output)
     assert set(schema["required"]) == {"version", "name", "workspace"}
     assert {"payload", "grasps", "end_effectors"} <= set(schema["properties"])
+    assert invoke("scene", "schema", "--out", tmp_path / "schema.json").exit_code == 0
+    assert json.loads((tmp_path / "schema.json").read_text()) == schema

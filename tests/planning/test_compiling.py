@@ -78,9 +78,9 @@ class Slow(Method):
     def run(self, search, *, planner):
         """Note what is left of the budget."""
         kernel()(1.0)
-        search.log["took"] = search.compiled.seconds
-        search.compiled.seconds += 1000.0  # a slower machine's
-        search.log["left"] = search.budget.seconds - search.elapsed()
+        search.journal.log["took"] = search.clock.compiled.seconds
+        search.clock.compiled.seconds += 1000.0  # a slower machine's
+        search.journal.log["left"] = search.clock.budget.seconds - search.clock.elapsed()
 
 
 def test_compiling_costs_nothing_of_a_budget():
@@ -96,16 +96,16 @@ class Delayed(Comove):
     def run(self, search, *, planner):
         """Plan with a budget that is spent until what was compiled has been counted."""
         coordinates = load_coordinates(search.scene)
-        space = configuration_space(search.scene, coordinates, clock=search.clock)
+        space = configuration_space(search.scene, coordinates, clock=search.clock.array)
         ends = coordinates.boundary()
         targets_of, found = _planner(search, space, ends, self), []
-        search.started -= 1e9
+        search.clock.started -= 1e9
         for seconds in (0.0, 2e9):
-            search.compiled.seconds += seconds
+            search.clock.compiled.seconds += seconds
             space.clock[LEFT] = 0.0  # the next look at the time comes at once
             found.append(targets_of(0, 1000) is not None)
         assert found == [False, True]
-        search.log["planned"] = 1.0
+        search.journal.log["planned"] = 1.0
 
 
 def test_compiling_in_the_midst_of_planning_does_not_end_it():

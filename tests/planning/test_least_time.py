@@ -125,7 +125,7 @@ def test_where_a_search_in_time_finds_nothing_the_fastest_motion_decides(monkeyp
         found = solution_of(problem, search, timed_out)
         if not problem.is_timed:
             return found
-        search.needed = 9.0
+        search.found.needed = 9.0
         return replace(found, motion=None)
 
     monkeypatch.setattr(solver, "_solution", failing)

@@ -14,6 +14,7 @@ import yaml
 import comove
 from comove.errors import RobotError, SceneError
 from comove.planning import solve
+from comove.planning.kinematics import LimitedKinematics
 from comove.planning.methods import UNPOLISHED
 from comove.robots import Robot, VerifiedJointMotion, robot_method
 from comove.robots.carrying import RobotCarrier
@@ -425,7 +426,7 @@ def test_two_pandas_find_a_way_within_few_plans_wherever_the_load_lies(shift):
     scene, plans = Scene.from_dict(data), []
     carrying = RobotCarrier(robot("two_pandas"), scene)
 
-    class Counted:
+    class Counted(LimitedKinematics):
         along, ask, stricter, reasons = carrying.along, carrying.ask, carrying.stricter, carrying.reasons
 
         def plan(self, *args, **options):

@@ -54,8 +54,13 @@ def proposal():
 
 
 def test_a_first_scene_is_solved_and_its_rail_is_in_the_way(proposal):
-    robot = proposal.found.robot
+    robot = proposal.found.joints.robot
     scene = Scene.from_dict(proposal.data)
+    written = yaml.safe_load(proposal.text())
+    assert written["version"] == 2
+    for end in ("start", "goal"):
+        again = Scene.from_dict(written).nodes_at(end)[: scene.body.n_nodes]
+        assert again == pytest.approx(scene.nodes_at(end), abs=1e-12)
     assert proposal.found.verified
     RobotCarrier(robot, scene).require_reach()
     rail = scene.file.obstacles[0]
@@ -87,8 +92,8 @@ def test_there_is_room_beside_the_rail_however_short_the_way_is(reach, way):
 
 def test_a_first_scene_can_be_approached_from_home_and_left_for_it(proposal):
     assert proposal.unreached == ""
-    transfers = plan_transfers(proposal.found.motion)
-    home = proposal.found.robot.home
+    transfers = plan_transfers(proposal.found.joints.motion)
+    home = proposal.found.joints.robot.home
     np.testing.assert_array_equal(
         [transfers.approach.position[0], transfers.release.position[-1]], [home, home]
     )

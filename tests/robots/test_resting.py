@@ -43,7 +43,7 @@ def test_arms_lift_a_payload_off_its_stand_and_set_it_down():
     scene, robot = Scene.from_dict(stands()), Robot.load("two_fr3")
     found = comove.solve(scene, robot=robot, seed=0)
     assert found.verified, found.reasons
-    assert found.report.clearance_scene >= 0.005  # of links, which nothing relieves
+    assert found.joints.report.clearance_scene >= 0.005  # of links, which nothing relieves
     joints = found.joints.attempt
     time = np.linspace(0.0, joints.duration, 1501)
     hands = hand_poses(robot, scene, joints.at(time)[0])[..., :3, 3]

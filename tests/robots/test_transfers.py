@@ -293,7 +293,7 @@ def test_a_carry_without_the_approach_that_is_asked_for_says_so(monkeypatch):
 
 
 def test_an_approach_needs_no_release():
-    motion = on_lifts(goal_is_home=True).motion
+    motion = on_lifts(goal_is_home=True).joints.motion
     with pytest.raises(
         RobotError, match=r"at home, \w+ and the load at its goal come too near .*leave the release out"
     ):
@@ -307,7 +307,7 @@ def test_an_approach_needs_no_release():
 
 
 def test_an_approach_begins_at_the_present_joints():
-    motion, robot_ = on_lifts().motion, robot("lifts")
+    motion, robot_ = on_lifts().joints.motion, robot("lifts")
     there = robot_.home + 0.1
     transfers = plan_transfers(motion, present=dict(zip(robot_.joint_names, there.tolist(), strict=True)))
     assert (transfers.approach.position[0] == there).all()
@@ -317,7 +317,7 @@ def test_an_approach_begins_at_the_present_joints():
 def test_present_joints_that_touch_are_told():
     q = robot("lifts").home
     q[[1, 2]], q[[5, 6]] = (-1.2, 0.0), (1.2, 0.0)  # forearm in forearm
-    scene, motion = lifts_scene(), on_lifts().motion
+    scene, motion = lifts_scene(), on_lifts().joints.motion
     with pytest.raises(RobotError, match=r"present: at the present joints, .* are in each other"):
         comove.solve(scene, robot=robot("lifts"), present=q)
     with pytest.raises(RobotError, match=r"present: at the present joints, .* come too near .*--present"):
@@ -334,7 +334,7 @@ def test_what_is_no_verified_motion_is_refused(nothing):
 
 def test_neither_approach_nor_release_is_refused():
     with pytest.raises(OptionError, match="neither approach nor release"):
-        plan_transfers(on_lifts().motion, approach=False, release=False)
+        plan_transfers(on_lifts().joints.motion, approach=False, release=False)
 
 
 def test_a_height_out_of_reach_is_told():

@@ -78,6 +78,19 @@ def test_contact_that_nobody_asked_for_is_refused_and_the_advice_works():
     assert len(Scene.from_dict(data).rests) == 2
 
 
+def test_the_border_supports_nothing_and_the_advice_works():
+    """A payload on a floor that is the border: the workspace is widened, and the floor is written as a box."""
+    data, floor = tray(), tray()["obstacles"][0]
+    data["workspace"]["lower"][2] = 0.0
+    for obstacles in ([], [floor]):
+        data["obstacles"] = obstacles
+        with pytest.raises(SceneError, match="border") as caught:
+            Scene.from_dict(data)
+        assert "widen the workspace; what lies there, such as a table, is an obstacle" in caught.value.way_out
+    data["workspace"]["lower"][2] = -0.1
+    assert len(Scene.from_dict(data).rests) == 2
+
+
 def test_scenes_without_supports_keep_their_checksum():
     plain = tray(0.1, support=None)
     written = {key: value for key, value in plain["obstacles"][0].items() if value is not None}

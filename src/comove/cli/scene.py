@@ -25,7 +25,6 @@ def upgrade(
     ] = None,
 ) -> int:
     """Write SCENE as a file of version 2, without its comments; print it unless --out is given."""
-    from comove.io.files import whole_file
     from comove.io.folders import scene_folder
     from comove.io.yaml_reader import read_yaml
     from comove.scenes import Scene
@@ -37,15 +36,16 @@ def upgrade(
     loaded = Scene.load(scene, check_ends=False)
     contents = upgraded(loaded, data)
     text = as_text(contents)
-    if out is None:
-        print(text, end="")
-        return VERIFIED
-    if out.absolute().parent.resolve() != scene_folder(scene).resolve() and _names_files(loaded):
+    if (
+        out is not None
+        and out.absolute().parent.resolve() != scene_folder(scene).resolve()
+        and _names_files(loaded)
+    ):
         way_out = f"write it there: --out {scene_folder(scene) / out.name}"
         raise SceneError("the scene names files beside it", file=out, way_out=way_out)
-    with whole_file(out, SceneError, replace=False) as file:
-        file.write(text.encode())
-    print(f"{out}: version 2 of {scene}; comments are not kept")
+    _give(text, out)
+    if out is not None:
+        print(f"{out}: version 2 of {scene}; comments are not kept")
     return VERIFIED
 
 
@@ -58,9 +58,22 @@ def _names_files(loaded: Scene) -> bool:
 
 
 @verb_of(group)
-def schema() -> int:
+def schema(
+    out: Annotated[Path | None, typer.Option(help="File to write; it must not be there yet.")] = None,
+) -> int:
     """Print the JSON schema of scene files of version 2, by which editors complete and check keys."""
     from comove.scenes.version2 import SceneFile2
 
-    print(json.dumps(SceneFile2.model_json_schema(), indent=2))
+    _give(json.dumps(SceneFile2.model_json_schema(), indent=2) + "\n", out)
     return VERIFIED
+
+
+def _give(text: str, out: Path | None) -> None:
+    """Print a text, or write it into a new file."""
+    from comove.io.files import whole_file
+
+    if out is None:
+        print(text, end="")
+        return
+    with whole_file(out, SceneError, replace=False) as file:
+        file.write(text.encode())

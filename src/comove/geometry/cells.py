@@ -144,15 +144,18 @@ def _piece(surfaces, members, a, b, polygon, other, own, flat):
     """
     n_own, n_faces = 0, 0
     sheet = not surfaces.closed[0]
-    faces = np.empty((members.shape[0], 4))
+    faces, sides = np.empty((members.shape[0], 4)), np.zeros((6, 4))
+    for axis in range(3):
+        sides[axis, axis], sides[axis, 3] = 1.0, b[axis]
+        sides[3 + axis, axis], sides[3 + axis, 3] = -1.0, -a[axis]
     for m in range(members.shape[0]):
         corners = surfaces.triangles[members[m]]
         n = 3
         for i in range(3):
             polygon[i] = corners[i]
-        for axis in range(3):
-            n = _clipped(polygon, n, axis, 1.0, b[axis], other)
-            n = _clipped(other, n, axis, -1.0, -a[axis], polygon)
+        for k in range(0, 6, 2):
+            n = half(polygon[:n], sides[k], 0.0, -1.0, other)
+            n = half(other[:n], sides[k + 1], 0.0, -1.0, polygon)
         if n < 3:
             continue
         p, q, r = corners[0], corners[1], corners[2]
@@ -219,19 +222,25 @@ def _is_neighbours(polygon, n, a, b, nx, ny, nz, flat):
 
 
 @kernel
-def _clipped(polygon, n, axis, sign, bound, out):
-    """Write in `out` the part of a polygon where ``sign * x[axis] <= bound``, and return its number of corners."""
-    count = 0
+def half(polygon, plane, tolerance, side, out):
+    """Write in `out` the part of a polygon beyond a plane (`side` 1) or behind it (-1); return its number of corners.
+
+    If no corner is beyond the plane by more than `tolerance` [m], the part beyond it counts as empty.
+    """
+    n, count, most = polygon.shape[0], 0, -np.inf
+    for p in polygon:
+        most = max(most, plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+    if side > 0.0 and most <= tolerance:
+        return 0
     for i in range(n):
         p, q = polygon[i], polygon[(i + 1) % n]
-        here, there = sign * p[axis] - bound, sign * q[axis] - bound
-        if here <= 0.0:
+        here = side * (plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
+        there = side * (plane[0] * q[0] + plane[1] * q[1] + plane[2] * q[2] - plane[3])
+        if here >= 0.0:
             out[count] = p
             count += 1
-        if (here < 0.0 and there > 0.0) or (here > 0.0 and there < 0.0):
+        if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
             share = here / (here - there)
-            for k in range(3):
-                out[count, k] = p[k] + share * (q[k] - p[k])
-            out[count, axis] = sign * bound
+            out[count] = p + share * (q - p)
             count += 1
     return count

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.cells import pieces
+from comove.geometry.cells import half, pieces
 from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of, thickened
 from comove.geometry.surfaces import Parts, Surfaces, point_distances, surface_of
 
@@ -533,7 +533,7 @@ def _left_out(triangles, planes, first, tolerance):
             # In no polytope, or in so many pieces already that it is left as it is.
             whole = polytope == first.shape[0] - 1 or top > MOST_OPEN
             for k in range(0 if whole else first[polytope], 0 if whole else first[polytope + 1]):
-                n_outer = _half(polygon, planes[k], tolerance, 1.0, outer)
+                n_outer = half(polygon, planes[k], tolerance, 1.0, outer)
                 if n_outer > 2:
                     if top == stack.shape[0]:
                         stack = np.concatenate((stack, np.empty_like(stack)))
@@ -541,7 +541,7 @@ def _left_out(triangles, planes, first, tolerance):
                         after = np.concatenate((after, np.empty_like(after)))
                     stack[top], sizes[top], after[top] = outer, n_outer, polytope + 1
                     top += 1
-                    n = _half(polygon, planes[k], tolerance, -1.0, inner)
+                    n = half(polygon, planes[k], tolerance, -1.0, inner)
                     polygon = inner[:n].copy()
                     whole = n + 2 > MOST_CORNERS
                     if n < 3 or whole:
@@ -565,31 +565,6 @@ def _is_beyond(polygon, planes, tolerance):
         if least >= tolerance:
             return True
     return False
-
-
-@kernel
-def _half(polygon, plane, tolerance, side, out):
-    """Write in `out` the part of a polygon beyond a plane (`side` 1) or behind it (-1); return its number of corners.
-
-    If no corner is beyond the plane by more than `tolerance` [m], the part beyond it counts as empty.
-    """
-    n, count, most = polygon.shape[0], 0, -np.inf
-    for p in polygon:
-        most = max(most, plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
-    if side > 0.0 and most <= tolerance:
-        return 0
-    for i in range(n):
-        p, q = polygon[i], polygon[(i + 1) % n]
-        here = side * (plane[0] * p[0] + plane[1] * p[1] + plane[2] * p[2] - plane[3])
-        there = side * (plane[0] * q[0] + plane[1] * q[1] + plane[2] * q[2] - plane[3])
-        if here >= 0.0:
-            out[count] = p
-            count += 1
-        if (here > 0.0 and there < 0.0) or (here < 0.0 and there > 0.0):
-            share = here / (here - there)
-            out[count] = p + share * (q - p)
-            count += 1
-    return count
 
 
 @kernel

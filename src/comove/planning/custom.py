@@ -176,7 +176,7 @@ def _minimised(
         waited += 1
         if best < reference - settings.gain * abs(reference) or not np.isfinite(reference):
             waited, reference = 0 if np.isfinite(best) else waited, min(best, reference)
-        enough = np.isfinite(best) or search.best is not None
+        enough = np.isfinite(best) or search.found.best is not None
         return search.over() or (waited >= settings.patience and bool(enough))
 
     found = minimise(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,76 +178,88 @@ class Comove(Method):
 
     def run(self, search: Search, *, planner: bool) -> None:
         """Search until no improvement is expected; raises `OutOfTime` when time is up."""
-        if search.own is not None:
-            self._customise(search, search.own, planner=planner)
-            return
-        if search.taught is not None and search.objective.weights.resemblance > 0:
-            self._grow(search, range(1))  # from the demonstration, to stay near it
-        if (planner and self._plan(search)) or search.best is not None:
-            return
-        if self._grow(search, range(self.settings.restarts) if planner else count()):
-            return
-        while not self._plan(search):  # only with the planner: without it the load grows until time is up
-            search.check_time()
+        stages: Stages = self._stages(search, planner)
+        done: bool | None = None
+        with suppress(StopIteration):
+            while True:
+                stage = stages.send(done)
+                done = stage()
 
-    def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> None:
+    def _stages(self, search: Search, planner: bool) -> Stages:
+        """Yield what is tried one after the other."""
+        if search.own is not None:
+            return bool((yield partial(self._customise, search, search.own, planner=planner)))
+        if search.taught is not None and search.objective.weights.resemblance > 0:
+            yield partial(self._grow, search, range(1))  # from the demonstration, to stay near it
+        if (planner and (yield from self._planned(search))) or search.found.best is not None:
+            return True
+        if (yield partial(self._grow, search, range(self.settings.restarts) if planner else count())):
+            return True
+        while not (yield from self._planned(search)):  # without the planner the load grows until time is up
+            search.check_time()
+        return True
+
+    def _customise(self, search: Search, own: OwnFunctions, *, planner: bool) -> bool:
         """Find smooth motions without what has to be sampled, the user's functions and constraints of the scene, then
         optimise with all of it from the best motions.
         """
+        clock = search.clock
         base = replace(
             search,
-            budget=search.budget.within(self.settings.smoothing_share * search.budget.size),
             own=None,
             checks=tuple(check for check in search.checks if check != own.reasons),
-            kept=[],
+            clock=replace(
+                clock, budget=clock.budget.within(self.settings.smoothing_share * clock.budget.size)
+            ),
+            found=replace(search.found, kept=[]),
+            journal=replace(search.journal),
             objective=replace(search.objective, scene=_unsampled(search.scene)),
             asked=None if search.asked is None else _unsampled(search.asked),
         )
         with suppress(OutOfTime):
             self.run(base, planner=planner)
-        search.evaluations, search.generations = base.evaluations, base.generations
-        search.add_work(A_SECOND * base.work)
-        search.needed = base.needed
-        if base.attempt is not None:
-            search.attempt, search.attempt_verdict = (
-                replace(base.attempt, scene=search.scene),
-                base.attempt_verdict,
+        search.journal.evaluations, search.journal.generations = (
+            base.journal.evaluations,
+            base.journal.generations,
+        )
+        clock.add_work(A_SECOND * base.clock.work)
+        search.found.needed = base.found.needed
+        if base.found.attempt is not None:
+            search.found.attempt, search.found.attempt_verdict = (
+                replace(base.found.attempt, scene=search.scene),
+                base.found.attempt_verdict,
             )
-        kept = [replace(motion, scene=search.scene) for motion in base.kept]
+        kept = [replace(motion, scene=search.scene) for motion in base.found.kept]
         for motion in kept:
             search.judge(motion)
-        search.stage = "minimising the objective given"
+        search.journal.stage = "minimising the objective given"
         for motion in reversed(kept[-self.settings.n_starts :]):
             search.check_time()
             improve_own(search, own, motion, self.settings.custom)
+        return search.found.best is not None
 
-    def _plan(self, search: Search) -> bool:
-        """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
-        scene = search.scene
-        planning = load_coordinates(scene)
-        space, ends = (
-            configuration_space(scene, planning, self.settings.space, search.clock),
-            planning.boundary(),
-        )
-        in_time = scene.moving.any() or ends[1].any()
-        plans_are_dear = not (search.kinematics.has_limits or in_time)  # beside mending
-        targets_of = (
-            _planner_in_time(search, space, ends, self) if in_time else _planner(search, space, ends, self)
-        )
+    def _planned(self, search: Search) -> Stages:
+        """Plan paths, and make them smooth motions, or fit motions to them, as the objective asks."""
+        plans = Plans.of(search, self)
         if search.aim.is_smooth:
-            if self._smooth(search, space, targets_of, ends):
+            if (yield partial(self._smooth, search, plans)):
                 return True
             if not search.kinematics.has_limits:
                 return False
             search.settle_for(search.objective.weights)  # nothing as smooth can be carried out
+        return bool((yield partial(self._fitted, search, plans)))
+
+    def _fitted(self, search: Search, plans: Plans) -> bool:
+        """Plan, fit and verify, then polish the best motion; return whether a motion was found that will do."""
+        plans_are_dear = not (search.kinematics.has_limits or plans.in_time)  # beside mending
         starts: list[tuple[float, CoordinatedDMP]] = []
         failures, unfit = 0, 0
         while len(starts) < self.n_plans and failures < self.n_failures:
             search.check_time()
-            search.stage = "planning"
-            found, start = targets_of(failures, self._nodes(failures)), None
+            search.journal.stage = "planning"
+            found, start = plans.targets(failures, self._nodes(failures)), None
             if found is not None:
-                mend = search.best is None and (plans_are_dear or unfit >= self.n_unfit)
+                mend = search.found.best is None and (plans_are_dear or unfit >= self.n_unfit)
                 start = self._certified_fit(search, *found, mend)
                 unfit += start is None
             if start is None and self._will_do(search):
@@ -260,41 +273,42 @@ class Comove(Method):
         starts.sort(key=lambda start: start[0])
         limited = search.kinematics.has_limits
         if starts and search.hard and not limited and starts[0][1].coordinates.kind == "load":
-            search.stage = "polishing"
+            search.journal.stage = "polishing"
             for _, dmp in starts[: self.settings.n_polished]:
-                before = search.best_cost
+                before = search.found.best_cost
                 cheaper(search, dmp, self.settings.smoothing)
-                if search.best_cost > (1 - self.settings.worth_another) * before:
+                if search.found.best_cost > (1 - self.settings.worth_another) * before:
                     break
         elif starts:
             self._polish(search, starts[0][1])
         return bool(starts)
 
-    def _smooth(self, search: Search, space: Space, targets_of: Targets, ends: Array) -> bool:
+    def _smooth(self, search: Search, plans: Plans) -> bool:
         """Smooth several planned paths, and the demonstration; return whether a motion was found that will do.
 
         The motion is verified, or would be in a longer duration that is known. Of a few plans the shortest is
         smoothed first: long paths seldom make good motions.
         """
         failures = idle = met = smooth = 0
+        space, ends = plans.space, plans.ends
         hasty, limited, pool, tried = search.aim.is_time, search.kinematics.has_limits, [], 0
         # Plans for arms and in time are dear, and near to a demonstration a short way is no better than another.
-        dear = limited or search.scene.moving.any() or ends[1].any()
+        dear = limited or plans.in_time
         n_drawn = 1 if dear or follows(search) else self.n_drawn[search.scene.n_dims - 2]
         while tried < self.n_ways and idle < self.n_idle and met < self.n_met:
             if idle >= self.settings.hasty_idle and (
-                hasty or (search.best is None and search.needed < np.inf)
+                hasty or (search.found.best is None and search.found.needed < np.inf)
             ):
                 break  # seconds a way, and ways differ less in time than in jerk
             for _ in range(n_drawn):
                 search.check_time()
-                search.stage = "planning"
-                found = targets_of(failures, self._nodes(failures if search.best is None else 0))
+                search.journal.stage = "planning"
+                found = plans.targets(failures, self._nodes(failures if search.found.best is None else 0))
                 if found is None:
                     failures += 1
                     break
                 # Something to hand out at once; where the duration is open it would be a slow motion.
-                if search.best is None and not search.paced:
+                if search.found.best is None and not search.paced:
                     self._certified_fit(search, *found, mend=False)
                 pool.append(found)
             if failures >= self.n_failures:
@@ -302,31 +316,35 @@ class Comove(Method):
             if not pool:
                 continue
             targets, goal = pool.pop(first_least([way_length(space, targets[0]) for targets, _ in pool]))
-            before, needed, search.latest = search.best_cost, search.needed, np.inf
+            before, needed, search.found.latest = search.found.best_cost, search.found.needed, np.inf
             if tried == 0 and search.taught is not None and follows(search):
-                search.stage = "smoothing the demonstration"
+                search.journal.stage = "smoothing the demonstration"
                 smooth_demonstration(search, search.taught, self.settings.smoothing)
-            search.stage = "smoothing"
+            search.journal.stage = "smoothing"
             # The first target is run with least jerk, or as it was planned in time.
             boundary = np.stack([ends[0], ends[1], goal, ends[3]])
             done = smooth_way(search, targets[0], boundary, self.settings.smoothing)
             tried, smooth, failures = tried + 1, smooth + done, failures + (not done)
-            if search.best is None and self._will_do(search):
+            if search.found.best is None and self._will_do(search):
                 return True
-            gained = search.best_cost < (1 - self.settings.worth_another) * before
-            gained |= search.needed < (1 - self.settings.worth_another) * needed
-            idle = 0 if gained or needed == search.best_cost == np.inf else idle + 1
+            gained = search.found.best_cost < (1 - self.settings.worth_another) * before
+            gained |= search.found.needed < (1 - self.settings.worth_another) * needed
+            idle = 0 if gained or needed == search.found.best_cost == np.inf else idle + 1
             met = (
-                1 if gained else met + (search.latest < (1 + self.settings.worth_another) * search.best_cost)
+                1
+                if gained
+                else met + (search.found.latest < (1 + self.settings.worth_another) * search.found.best_cost)
             )
-            if search.best_cost < (1 + self.settings.worth_another) * least_worth(search):
+            if search.found.best_cost < (1 + self.settings.worth_another) * least_worth(search):
                 break
         # Arms have other limits than the scene's.
-        if search.best_motion is not None and hasty and not limited:
-            hurry(search, search.best_motion, self.settings.smoothing.fastest, self.settings.smoothing)
+        if search.found.best_motion is not None and hasty and not limited:
+            hurry(search, search.found.best_motion, self.settings.smoothing.fastest, self.settings.smoothing)
         if limited:
             return smooth > 0
-        return search.best is not None or search.needed < np.inf  # which no other way would shorten much
+        return (
+            search.found.best is not None or search.found.needed < np.inf
+        )  # which no other way would shorten much
 
     def _will_do(self, search: Search) -> bool:
         """Return whether the best motion that is not verified is good enough."""
@@ -355,7 +373,7 @@ class Comove(Method):
             rank = search.objective.search_value(value) + missed
             gentlest = np.argmin(np.maximum(*search.objective.limit_ratios(value)) + missed)
             for i in (*np.argsort(rank, kind="stable")[: self.settings.n_certified], gentlest):
-                if search.attempt is not None:  # one is judged even if time is up
+                if search.found.attempt is not None:  # one is judged even if time is up
                     search.check_time()
                 if sound[i] and not possible[i]:
                     doubted += 1
@@ -372,7 +390,7 @@ class Comove(Method):
 
     def _mended(self, search: Search, dmp: CoordinatedDMP) -> tuple[float, CoordinatedDMP] | None:
         """Return a verified motion near a rejected one and its cost; None if none was found."""
-        search.stage = "mending"
+        search.journal.stage = "mending"
         objective, schedule = (
             search.objective,
             replace(self.settings.mending, enough=search.kinematics.has_limits),
@@ -387,7 +405,7 @@ class Comove(Method):
 
     def _polish(self, search: Search, dmp: CoordinatedDMP) -> None:
         """Improve a verified motion, with a stricter objective until the result is verified as well."""
-        search.stage = "polishing"
+        search.journal.stage = "polishing"
         objective, schedule = search.objective, self.polishing
         for _ in range(self.n_polishings):
             dmp = improve(search, objective, dmp, schedule)
@@ -404,7 +422,7 @@ class Comove(Method):
         basis = search.basis(self.n_basis_growing, "acceleration")
         along_path = search.objective.with_penalty(along_path=True)
         for restart in restarts:
-            search.stage = f"growing the load, restart {restart}"
+            search.journal.stage = f"growing the load, restart {restart}"
             guess = first_guess(search, search.objective.coordinates, basis, restart, self.settings)
             dmp = threaded(search, along_path, guess, self.settings) if restart > 0 else guess
             if dmp is None:
@@ -446,9 +464,9 @@ class Quick(Comove):
     n_idle: int = 1
     polishing: Schedule = UNPOLISHED
 
-    def run(self, search: Search, *, planner: bool) -> None:
+    def _stages(self, search: Search, planner: bool) -> Stages:
         """Plan, fit and verify; the load is never grown."""
-        self._plan(search)
+        return (yield from self._planned(search))
 
 
 @dataclass(frozen=True)
@@ -470,12 +488,41 @@ class Guide(Quick):
         return report.clearance_min >= scene.clearance and excess <= self.excess
 
     def _will_do(self, search: Search) -> bool:
-        rejected = search.attempt_verdict
+        rejected = search.found.attempt_verdict
         return rejected is not None and self.will_do(rejected.report, search.scene)
 
 
 Targets = Callable[[int, int], tuple[Array, Array] | None]
 """What a number of failures and of nodes leads to: movements to fit, as `fit` takes them, and where they end."""
+Stages = Generator[Callable[[], bool], bool | None, bool]
+"""What yields functions that search, to be called one after the other, and receives what they return."""
+
+
+class Plans(NamedTuple):
+    """What plans paths for a search.
+
+    Attributes
+    ----------
+    space : configuration space of the payload
+    ends : boundary of the motions, as in `CoordinatedMotion`
+    targets : what plans
+    in_time : whether plans are in time as well
+    """
+
+    space: Space
+    ends: Array
+    targets: Targets
+    in_time: bool
+
+    @classmethod
+    def of(cls, search: Search, method: Comove) -> Plans:
+        """Return what plans for a search by a method."""
+        planning = load_coordinates(search.scene)
+        space = configuration_space(search.scene, planning, method.settings.space, search.clock.array)
+        ends = planning.boundary()
+        in_time = bool(search.scene.moving.any() or ends[1].any())
+        planner = _planner_in_time if in_time else _planner
+        return cls(space, ends, planner(search, space, ends, method), in_time)
 
 
 def _unsampled(scene: Scene) -> Scene:
@@ -496,7 +543,7 @@ def _planner(search: Search, space: Space, ends: Array, method: Comove) -> Targe
 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         margin, required = margins[failures % len(margins)], search.scene.clearance
-        search.wind()
+        search.clock.wind()
         path = grow(space, start, goal, margin, search.rng, required=required, max_nodes=max_nodes)
         if path is None:
             return None
@@ -546,7 +593,7 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
     def targets(failures: int, max_nodes: int) -> tuple[Array, Array] | None:
         speed = limit * settings.shares[failures % len(settings.shares)]
         margin = settings.margins[failures % len(settings.margins)]
-        search.wind()
+        search.clock.wind()
         found = plan_in_time(
             world,
             *lifts,

@@ -111,7 +111,7 @@ def plan(
     array, shape (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign
     """
     scratch, nothing = np.empty((space.blocks.node.shape[0], 3)), np.empty((0, len(start)))
-    at_ends = min(clearance_of(space, q, scratch, 0.0) for q in (start, goal))
+    at_ends = min(clearance_of(space, start, scratch, 0.0), clearance_of(space, goal, scratch, 0.0))
     margin = min(required + margin, 0.5 * (required + at_ends))
     for grows_forest, most in _turns(space, max_nodes, settings):
         if grows_forest:

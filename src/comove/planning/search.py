@@ -84,75 +84,135 @@ class Interruption:
 
 
 @dataclass
+class SearchClock:
+    """The bounds of a search, and what was spent of them; the time in which kernels are compiled does not count.
+
+    Attributes
+    ----------
+    budget : bounds of the search
+    started : time of `clock.now` at which the search began [s]
+    compiled : counters of the kernels compiled since the start
+    interruption : flag of the user's wish to end
+    array : deadline and count of work, which all kernels share
+    """
+
+    budget: Budget = field(default_factory=Budget)
+    started: float = field(default_factory=now)
+    compiled: Compiled = field(default_factory=Compiled)
+    interruption: Interruption = field(default_factory=Interruption)
+    array: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        self.array = clock_until(work=self.budget.work * A_SECOND)
+        self.wind()
+
+    def wind(self) -> None:
+        """Postpone the deadline by the time that was spent on compilation."""
+        wind(self.array, self.started + self.budget.seconds + self.compiled.seconds)
+
+    def elapsed(self) -> float:
+        """Return the time since the start, less the time spent on compilation [s]."""
+        return now() - self.started - self.compiled.seconds
+
+    @property
+    def work(self) -> float:
+        """Return the work counted so far, in units of about a second's."""
+        return float(self.array[WORK]) / A_SECOND
+
+    def add_work(self, work: float) -> None:
+        """Count work, as computed distances that take about as long."""
+        self.array[WORK] += work
+
+    @property
+    def is_worked_off(self) -> bool:
+        """Return whether all work is done."""
+        return bool(self.array[WORK] > self.array[MOST])
+
+
+@dataclass
+class Found:
+    """What a search has found so far.
+
+    Attributes
+    ----------
+    best, best_motion, best_cost : verdict on the best motion so far, that motion, and its value of the objective
+    latest : value of the last motion that was verified (or, where obstacles are costs, judged)
+    first_verified : time from the start to the first verified motion [s]
+    kept : all motions that were the best at their time, in order
+    attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
+        its violation
+    needed : shortest duration known to suffice if the given one is too short [s]; else inf
+    drawn : jerk of the smoothest motions along planned paths that were drawn to the demonstration, as in `JerkCost`
+    """
+
+    best: Verdict | None = None
+    best_motion: CoordinatedMotion | None = None
+    best_cost: float = np.inf
+    latest: float = np.inf
+    first_verified: float | None = None
+    kept: list[CoordinatedMotion] = field(default_factory=list)
+    attempt: CoordinatedMotion | None = None
+    attempt_verdict: Verdict | None = None
+    attempt_violation: float = np.inf
+    needed: float = np.inf
+    drawn: list[float] = field(default_factory=list)
+    handed: list[tuple[CoordinatedMotion, CoordinatedMotion]] = field(
+        default_factory=list, init=False, repr=False
+    )
+
+
+@dataclass
+class Journal:
+    """What a search tells of itself.
+
+    Attributes
+    ----------
+    progress : function that is called once a generation, and for every motion that is the best so far
+    stage : description of the current stage
+    evaluations, generations : counters of evaluated samples and of generations
+    log : figures that a method reports of its run, numbers or lists of numbers by name
+    """
+
+    progress: ProgressCallback | None = None
+    stage: str = ""
+    evaluations: int = 0
+    generations: int = 0
+    log: dict[str, float | list[float]] = field(default_factory=dict)
+
+
+@dataclass
 class Search:
     """The state of a search, with which a method works.
 
     Attributes
     ----------
     objective : equation (4) on the scene
-    aim : objective that decides which motion is best
-    limits : limits of the hands, for the duration of the scene that is searched
     taught : demonstrated movement of every manipulator; None without any
     hard : whether obstacles are constraints, not only costs
     rng : source of all random numbers
-    budget : bounds of the search; the time in which kernels are compiled does not count
-    started : time of `clock.now` at which the search began [s]
-    clock : clock of the search, which all kernels share
-    compiled : counters of the kernels compiled since the start
+    aim : objective that decides which motion is best
+    limits : limits of the hands, for the duration of the scene that is searched
+    own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     asked : scene of the caller, on which motions are returned, as fast as possible if its duration is open; None if
         it is the scene that is searched
-    own : objective and constraints of the user; None without any, if none of the scene's are sampled either
-    kept : all motions that were the best at their time, in order
-    needed : shortest duration known to suffice if the given one is too short [s]; else inf
     checks : further checks that a motion must pass, on the scene of the caller
     kinematics : what moves the end effectors
-    progress : function that is called once a generation, and for every motion that is the best so far
-    interruption : flag of the user's wish to end
-    stage : description of the current stage
-    evaluations, generations : counters of evaluated samples and of generations
-    first_verified : time from the start to the first verified motion [s]
-    best, best_motion, best_cost : verdict on the best motion so far, that motion, and its value of the objective
-    latest : value of the last motion that was verified (or, if not `hard`, judged)
-    attempt, attempt_verdict, attempt_violation : rejected motion that is nearest to being verified, its verdict, and
-        its violation
-    drawn : jerk of the smoothest motions along planned paths that were drawn to the demonstration, as in `JerkCost`
-    log : figures that a method reports of its run, numbers or lists of numbers by name
+    clock, found, journal : bounds and what was spent of them, the best motions, and what is told of the search
     """
 
     objective: Objective
     taught: tuple[DMP, ...] | None
     hard: bool
     rng: np.random.Generator
-    budget: Budget = field(default_factory=Budget)
-    started: float = field(default_factory=now)
-    compiled: Compiled = field(default_factory=Compiled)
+    aim: Criterion = field(default_factory=PaperCost)
+    limits: Limits | None = None
+    own: OwnFunctions | None = None
     asked: Scene | None = None
     checks: Sequence[Check] = ()
     kinematics: Kinematics = FREE
-    progress: ProgressCallback | None = None
-    interruption: Interruption = field(default_factory=Interruption)
-    stage: str = ""
-    evaluations: int = 0
-    generations: int = 0
-    first_verified: float | None = None
-    best: Verdict | None = None
-    best_motion: CoordinatedMotion | None = None
-    best_cost: float = np.inf
-    latest: float = np.inf
-    attempt: CoordinatedMotion | None = None
-    attempt_verdict: Verdict | None = None
-    attempt_violation: float = np.inf
-    drawn: list[float] = field(default_factory=list)
-    log: dict[str, float | list[float]] = field(default_factory=dict)
-    aim: Criterion = field(default_factory=PaperCost)
-    limits: Limits | None = None
-    needed: float = np.inf
-    own: OwnFunctions | None = None
-    kept: list[CoordinatedMotion] = field(default_factory=list)
-    clock: Array = field(init=False, repr=False)
-    _handed: list[tuple[CoordinatedMotion, CoordinatedMotion]] = field(
-        default_factory=list, init=False, repr=False
-    )
+    clock: SearchClock = field(default_factory=SearchClock)
+    found: Found = field(default_factory=Found)
+    journal: Journal = field(default_factory=Journal)
 
     def basis(self, n_basis: int, metric: Metric, phase: Phase | None = None) -> MotionBasis:
         """Return the basis of the motions that are searched.
@@ -175,31 +235,10 @@ class Search:
         """Return whether the duration is open, and limits besides the scene's decide how long a motion takes."""
         return self.kinematics.has_limits and self.asked is not None and not self.asked.is_timed
 
-    def __post_init__(self) -> None:
-        self.clock = clock_until(work=self.budget.work * A_SECOND)
-        self.wind()
-
-    def wind(self) -> None:
-        """Postpone the deadline by the time that was spent on compilation."""
-        wind(self.clock, self.started + self.budget.seconds + self.compiled.seconds)
-
-    def elapsed(self) -> float:
-        """Return the time since the start, less the time spent on compilation [s]."""
-        return now() - self.started - self.compiled.seconds
-
-    @property
-    def work(self) -> float:
-        """Return the work counted so far, in units of about a second's."""
-        return float(self.clock[WORK]) / A_SECOND
-
-    def add_work(self, work: float) -> None:
-        """Count work, as computed distances that take about as long."""
-        self.clock[WORK] += work
-
     def count(self, n_rollouts: int, each: float = ROLLOUT) -> None:
         """Count evaluated rollouts, and the work of each."""
-        self.evaluations += n_rollouts
-        self.add_work(n_rollouts * each)
+        self.journal.evaluations += n_rollouts
+        self.clock.add_work(n_rollouts * each)
 
     @cached_property
     def _work_of_rollout(self) -> float:
@@ -212,15 +251,13 @@ class Search:
     @property
     def timed_out(self) -> bool:
         """Return whether time is up, or all work done before a motion was found."""
-        return self.elapsed() > self.budget.seconds or (self._is_worked_off and self.best is None)
-
-    @property
-    def _is_worked_off(self) -> bool:
-        return bool(self.clock[WORK] > self.clock[MOST])
+        return self.clock.elapsed() > self.clock.budget.seconds or (
+            self.clock.is_worked_off and self.found.best is None
+        )
 
     def over(self) -> bool:
         """Return whether the budget is spent, or the user wishes to end."""
-        return self.interruption.wished or self._is_worked_off or self.timed_out
+        return self.clock.interruption.wished or self.clock.is_worked_off or self.timed_out
 
     def check_time(self) -> None:
         """Raise `OutOfTime` once the search is over."""
@@ -233,7 +270,7 @@ class Search:
         """Evaluate a population of weights, array of shape (n_rollouts, n_columns, n_basis)."""
         self.count(len(weights), self._work_of_rollout)
         q = dmp.rollouts(weights, N_STEPS)
-        self.add_work(self.kinematics.work_of_rollout * len(weights))
+        self.clock.add_work(self.kinematics.work_of_rollout * len(weights))
         return self.kinematics.followed(objective.evaluate(q, size), objective, q)
 
     def evaluate_best(self, dmp: CoordinatedDMP, weights: Array, n_asked: int) -> Evaluation:
@@ -245,7 +282,7 @@ class Search:
         if not kinematics.has_limits or len(weights) <= n_asked:
             return self.evaluate(objective, dmp, weights)
         self.count(len(weights), self._work_of_rollout)
-        self.add_work(kinematics.work_of_rollout * n_asked)
+        self.clock.add_work(kinematics.work_of_rollout * n_asked)
         q = dmp.rollouts(weights, N_STEPS)
         value = objective.evaluate(q)
         missed = np.where(objective.feasible(value), 0.0, 100.0)
@@ -259,24 +296,28 @@ class Search:
 
     def judge(self, motion: CoordinatedMotion) -> Verdict:
         """Verify a motion, and keep it if it is the best. Further checks, which may be slow, come last."""
-        self.add_work(CERTIFIED)
+        self.clock.add_work(CERTIFIED)
         verdict = verify(motion)
         if verdict.verified is not None and (self.checks or self.asked is not None):
-            self.add_work(self.kinematics.work_of_check)
+            self.clock.add_work(self.kinematics.work_of_check)
             handed = verify(self.handed(motion), self.checks)
             if handed.verified is None:
                 verdict = replace(verdict, verified=None, reasons=handed.reasons)
         if verdict.verified is None:
             violation = self._violation(verdict)
-            if self.attempt is None or violation < self.attempt_violation:
-                self.attempt, self.attempt_verdict, self.attempt_violation = motion, verdict, violation
-        elif self.first_verified is None:
-            self.first_verified = self.elapsed()
+            if self.found.attempt is None or violation < self.found.attempt_violation:
+                self.found.attempt, self.found.attempt_verdict, self.found.attempt_violation = (
+                    motion,
+                    verdict,
+                    violation,
+                )
+        elif self.found.first_verified is None:
+            self.found.first_verified = self.clock.elapsed()
         if verdict.verified is not None or not self.hard:
-            cost = self.latest = self.worth(motion)
-            if cost < self.best_cost:
-                self.best, self.best_motion, self.best_cost = verdict, motion, cost
-                self.kept.append(motion)
+            cost = self.found.latest = self.worth(motion)
+            if cost < self.found.best_cost:
+                self.found.best, self.found.best_motion, self.found.best_cost = verdict, motion, cost
+                self.found.kept.append(motion)
                 self._report(cost, 0.0)
         return verdict
 
@@ -289,8 +330,8 @@ class Search:
     def settle_for(self, aim: Criterion) -> None:
         """Replace the objective that decides, and evaluate the best motion so far by the new one."""
         self.aim = aim
-        if self.best_motion is not None:
-            self.best_cost = self.worth(self.best_motion)
+        if self.found.best_motion is not None:
+            self.found.best_cost = self.worth(self.found.best_motion)
 
     def handed(self, motion: CoordinatedMotion) -> CoordinatedMotion:
         """Return a motion on the scene of the caller, as it is returned to the caller.
@@ -299,12 +340,12 @@ class Search:
         """
         if self.asked is None:
             return motion
-        for one, handed in self._handed:
+        for one, handed in self.found.handed:
             if one is motion:
                 return handed
-        kept = [pair for pair in self._handed if pair[0] is self.best_motion]
-        self._handed = [*kept, (motion, self._on_time(motion, self.asked))]
-        return self._handed[-1][1]
+        kept = [pair for pair in self.found.handed if pair[0] is self.found.best_motion]
+        self.found.handed = [*kept, (motion, self._on_time(motion, self.asked))]
+        return self.found.handed[-1][1]
 
     def _on_time(self, motion: CoordinatedMotion, asked: Scene) -> CoordinatedMotion:
         if asked.is_timed:
@@ -324,14 +365,16 @@ class Search:
 
     def tell(self, cost: float, violation: float) -> None:
         """Count a generation and report it."""
-        self.generations += 1
+        self.journal.generations += 1
         self._report(cost, violation)
 
     def _report(self, cost: float, violation: float) -> None:
-        if self.progress is not None:
-            best = None if self.best is None else self.best_cost
-            motion = None if self.best_motion is None else self.handed(self.best_motion)
-            self.progress(Progress(self.stage, self.generations, cost, violation, best, motion))
+        if self.journal.progress is not None:
+            best = None if self.found.best is None else self.found.best_cost
+            motion = None if self.found.best_motion is None else self.handed(self.found.best_motion)
+            self.journal.progress(
+                Progress(self.journal.stage, self.journal.generations, cost, violation, best, motion)
+            )
 
 
 @dataclass(frozen=True)

@@ -204,7 +204,7 @@ def _carried(
     settings, found = replace(smoothing.convex, wish=aim.wish), False
     along: Array | None = reference
     at: Array | None = None
-    if search.best is None and not search.paced:
+    if search.found.best is None and not search.paced:
         nearest = _optimised(
             search, programme, Anchored(smooth, anchor, smoothing.pulls[-1]), z, settings, reference
         )
@@ -228,9 +228,9 @@ def _carried(
     if at is None or taught.demonstration is None:
         return found or at is not None
     jerk, _ = programme.value(smooth, at, 0.0)
-    if any(abs(jerk - other) < smoothing.alike * other for other in search.drawn):
+    if any(abs(jerk - other) < smoothing.alike * other for other in search.found.drawn):
         return True
-    search.drawn.append(jerk)
+    search.found.drawn.append(jerk)
     # With all of its weight, arms would be stretched further, and take longer.
     nearer = replace(settings, radius=smoothing.again, least=smoothing.roughly)
     for share in smoothing.shares[:1] if search.paced else smoothing.shares:
@@ -253,7 +253,7 @@ def _optimised(
     search.check_time()
     outcome = optimise(programme, cost, z, settings, reference, search.over)
     search.count(outcome.iterations, STEP)
-    search.add_work(outcome.programmes * PROGRAMME * programme.n)
+    search.clock.add_work(outcome.programmes * PROGRAMME * programme.n)
     search.tell(outcome.value, outcome.missed)
     return outcome.z
 
@@ -291,13 +291,13 @@ def hurry(
 ) -> bool:
     """Make a motion as fast as the limits allow, verify it, and return whether it is verified.
 
-    If the given duration is too short for it, the duration that would suffice is noted in `search.needed`.
+    If the given duration is too short for it, the duration that would suffice is noted in `search.found.needed`.
 
     Parameters
     ----------
     detail : shape weights a column, and samples at which limits are evaluated
     """
-    search.stage = "gaining time"
+    search.journal.stage = "gaining time"
     n_basis, n_coarse = detail
     n_basis = min(n_basis, max(smoothing.fast[0], smoothing.most_weights // motion.coordinates.n_columns))
     coordinates, basis = motion.coordinates, motion_basis(n_basis, "jerk")
@@ -332,7 +332,7 @@ def _note_slower(search: Search, motion: CoordinatedMotion) -> bool:
     slower = in_least_time(motion, asked)
     if slower.scene.duration <= asked.duration or verify(slower, search.checks).verified is None:
         return False
-    search.needed = min(slower.scene.duration, search.needed)
+    search.found.needed = min(slower.scene.duration, search.found.needed)
     return True
 
 

@@ -49,7 +49,7 @@ from comove.planning.pace import (
 )
 from comove.planning.pace import SETTINGS as DURATIONS
 from comove.planning.resemblance import Followed, followed, precision_root
-from comove.planning.search import Interruption, OutOfTime, Search
+from comove.planning.search import Interruption, Journal, OutOfTime, Search, SearchClock
 from comove.planning.solution import ProgressCallback, Solution
 from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
@@ -293,9 +293,13 @@ def perform(procedure: Procedure) -> Solution:
                 return solution
             search, can_arrive = _search_for(problem)
             if can_arrive:
-                with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
+                with (
+                    suppress(OutOfTime),
+                    search.clock.interruption.noticed(),
+                    compiling(compiled=search.clock.compiled),
+                ):
                     problem.method.run(search, planner=problem.planner)
-            found = Searched(_solution(problem, search, search.timed_out), search.needed)
+            found = Searched(_solution(problem, search, search.timed_out), search.found.needed)
 
 
 def solved(problem: Problem) -> Procedure:
@@ -402,13 +406,11 @@ def _search_for(problem: Problem) -> tuple[Search, bool]:
         taught=taught,
         hard=problem.hard,
         rng=np.random.default_rng(problem.seed),
-        budget=problem.budget,
-        started=started,
         asked=None if scene is asked else asked,
         checks=problem.checks,
         kinematics=problem.kinematics,
-        progress=problem.progress,
-        interruption=Interruption(problem.stop),
+        clock=SearchClock(problem.budget, started, interruption=Interruption(problem.stop)),
+        journal=Journal(problem.progress),
         aim=objective,
         limits=limits,
         own=problem.own,
@@ -420,13 +422,15 @@ def _search_for(problem: Problem) -> tuple[Search, bool]:
 def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
     """Return the solution of a search that has ended, or whose budget ran out."""
     verdict: Verdict | None
-    if search.best is not None and search.best_motion is not None:
-        motion, verdict = search.best_motion, search.best
+    if search.found.best is not None and search.found.best_motion is not None:
+        motion, verdict = search.found.best_motion, search.found.best
     else:
-        motion = search.attempt or CoordinatedMotion.straight(search.scene, search.objective.coordinates)
+        motion = search.found.attempt or CoordinatedMotion.straight(
+            search.scene, search.objective.coordinates
+        )
         # Motions that the scene rejects have not been through the checks.
-        verdict = None if problem.checks else search.attempt_verdict
-    motion, evaluated, log, aim = search.handed(motion), search.objective, search.log, search.aim
+        verdict = None if problem.checks else search.found.attempt_verdict
+    motion, evaluated, log, aim = search.handed(motion), search.objective, search.journal.log, search.aim
     asked = motion.scene
     if verdict is None or search.asked is not None:
         verdict = verify(motion, problem.checks)
@@ -445,12 +449,12 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
         cost=evaluated.cost(motion),
         method=problem.method.name,
         seed=problem.seed,
-        evaluations=search.evaluations,
-        generations=search.generations,
-        time_to_first_verified_s=search.first_verified,
-        solve_time_s=search.elapsed(),
-        work=search.work,
-        interrupted=search.interruption.wished,
+        evaluations=search.journal.evaluations,
+        generations=search.journal.generations,
+        time_to_first_verified_s=search.found.first_verified,
+        solve_time_s=search.clock.elapsed(),
+        work=search.clock.work,
+        interrupted=search.clock.interruption.wished,
         timed_out=timed_out,
         log=log,
         objective=problem.own if problem.own is not None and problem.own.given else aim,

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from comove.planning.methods import Comove
 from comove.planning.objectives import objective_of_scene
 from comove.planning.pace import NONE, least_possible, too_short, with_limits, would_do
 from comove.planning.search import Schedule
-from comove.planning.solution import ProgressCallback, Solution
+from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
 from comove.robots.carrying import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
@@ -135,10 +136,16 @@ def solved_by_robot(
     return (yield from _carried(scene, robot, Budget.of(budget), wanted, method, carriers))
 
 
-def carry(scene: Scene, robot: Robot, *, progress: ProgressCallback | None = None, **wanted: Any) -> Solution:
-    """Solve a scene by a robot, as `comove.solve` does, for rooms below which that lies."""
+def solve_joints(scene: Scene, robot: Robot, **wanted: Any) -> Solution:
+    """Solve a scene by a robot, as `comove.solve` does, for packages that lie below that."""
     load_robot_kernels(SceneKind.of(scene))
-    return perform(solved_by_robot(scene, robot, progress=progress, **wanted))
+    return perform(solved_by_robot(scene, robot, **wanted))
+
+
+def carry(scene: Scene, robot: Robot, **wanted: Any) -> Solution:
+    """Solve a scene by a robot; the former name of `comove.solve(scene, robot=robot)`."""
+    warn("comove.robots.carry is now comove.solve(scene, robot=robot)", DeprecationWarning, stacklevel=2)
+    return solve_joints(scene, robot, **wanted)
 
 
 def _carried(

@@ -163,7 +163,7 @@ def possible_transfers(
         raise OptionError(
             f"the motion is a {type(carry).__name__}, not a verified one of joints",
             key="carry",
-            way_out="give what comove.robots.carry or verify_stored found, where it is verified",
+            way_out="give Solution.joints.motion of comove.solve, or what verify_stored found, where it is verified",
         )
     for name, value in (("height", height), ("grip_time", grip_time)):
         if not 0.0 < value < np.inf:

@@ -179,7 +179,9 @@ class Scene:
                 )
                 where = "touches" if abs(clearance) < rounding else where
                 outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
-                way_out = f"move the {end} or the obstacle"
+                way_out = f"move the {end}, or widen the workspace; what lies there, such as a table, is an obstacle"
+                if obstacle >= 0:
+                    way_out = f"move the {end} or the obstacle"
                 if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
                     entry = self.words.key(f"obstacles[{obstacle}]")
                     way_out += f"; if the payload rests on it, write support: true in {entry}"

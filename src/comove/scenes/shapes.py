@@ -110,7 +110,7 @@ def read_meshes(file: SceneFile, folder: Path, path: Path | None, words: Words =
                     key=f"{key}.resolution",
                     way_out="give a finer resolution",
                 )
-            if isinstance(part, MeshLoad) and part.start is not None and mesh.is_flat:
+            if isinstance(part, MeshLoad) and words.version == 2 and mesh.is_flat:
                 raise SceneError(
                     f"'{part.file}' has no volume: all its points are in one plane",
                     file=path,

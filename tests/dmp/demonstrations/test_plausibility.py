@@ -135,3 +135,9 @@ def test_what_was_told_once_is_not_told_again(recwarn):
     assert len(recwarn) == 1
     demo.resampled(50)
     assert len(recwarn) == 1
+
+
+def test_steps_are_told_without_stamps_that_are_repeated():
+    """A clock of a coarse resolution writes most stamps twice."""
+    with pytest.raises(DemonstrationError, match="its steps are 200, and nothing says"):
+        seconds(200 * np.repeat(np.arange(30), 3))

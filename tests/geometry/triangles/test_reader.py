@@ -73,6 +73,12 @@ def test_what_is_written_is_read():
     np.testing.assert_array_equal(corners(as_stl(vertices, faces), "x.stl"), vertices[faces])
 
 
+def test_corners_counted_back_are_counted_from_their_line():
+    """As tools write OBJ files of several parts."""
+    part = "v 0 0 {0}\nv 1 0 {0}\nv 0 1 {0}\nf -3 -2 -1\n"
+    assert corners(part.format(0) + part.format(5), "x.obj")[:, :, 2].tolist() == [[0.0] * 3, [5.0] * 3]
+
+
 def test_polygons_are_covered_by_their_triangles():
     """An L, whose fan reaches beyond it and leaves nothing of it out."""
     outline = np.array([[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2.0]])
@@ -126,6 +132,8 @@ def test_collada_polygons_strips_and_fans():
             WEDGE.replace(old, f'<{tag} count="2">{given}{rest}</{tag}><lines count="0"/>'), "x.dae"
         )
         assert len(found) == 3
+    twice = WEDGE.replace("<p>0 2 1", "<p>0 0 1")
+    assert len(corners(twice, "x.dae")) == 3, "a corner that is named twice"
     strip = WEDGE.replace(old, f'<tristrips count="1">{given}<p>0 1 2 3</p></tristrips>')
     assert len(corners(strip, "x.dae")) == 2
 

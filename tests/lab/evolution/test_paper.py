@@ -42,7 +42,7 @@ def test_the_planner_is_never_asked(monkeypatch):
         raise AssertionError("planned")
 
     monkeypatch.setattr("comove.planning.kinematics.plan", planned)
-    monkeypatch.setattr(Search, "over", lambda search: search.generations >= 10)
+    monkeypatch.setattr(Search, "over", lambda search: search.journal.generations >= 10)
     comove.solve(example("wide"), method=Paper(), seed=0)
 
 
@@ -72,7 +72,7 @@ def test_bands_narrow_to_less_than_the_tolerance(least):
 
 
 def test_what_there_is_when_time_runs_out_is_judged_and_labelled(monkeypatch):
-    monkeypatch.setattr(Search, "over", lambda search: search.generations >= 30)
+    monkeypatch.setattr(Search, "over", lambda search: search.journal.generations >= 30)
     solution = comove.solve(example("complex"), method=Paper())
     assert not solution.verified
     assert solution.attempt.coordinates.kind == "arms"

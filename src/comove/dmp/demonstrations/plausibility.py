@@ -149,7 +149,8 @@ def seconds(
 
 def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "") -> DemonstrationError:
     """Return the error about stamps whose unit neither a name nor their size shows."""
-    step, bare = float(np.median(np.diff(stamps).astype(np.float64))), name.partition("[")[0].strip()
+    passed, bare = np.diff(stamps).astype(np.float64), name.partition("[")[0].strip()
+    step = float(np.median(passed[passed > 0.0])) if (passed > 0.0).any() else 0.0
     return fault(
         origin.file,
         name,

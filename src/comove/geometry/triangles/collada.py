@@ -35,13 +35,11 @@ def read_collada(data: bytes) -> tuple[Array, Ints]:
     if root.tag != "COLLADA":
         raise MeshError(f"it is a <{shown(root.tag.encode())}>, not a <COLLADA>", way_out="correct its name")
     document = _Document(root)
-    parts = list(document.shapes(_scene(root, document), np.eye(4), 0))
-    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    require_few(sum(len(faces) for _, faces in parts))
-    if not parts:
+    shapes = list(document.shapes(_scene(root, document), np.eye(4), 0))
+    if not shapes:
         raise MeshError("its scene shows nothing", way_out="write triangles into it")
-    vertices = np.concatenate([vertices for vertices, _ in parts]) * _metres(root)
-    return vertices, np.concatenate([f + start for (_, f), start in zip(parts, starts, strict=False)])
+    vertices = np.concatenate(shapes).reshape(-1, 3) * _metres(root)
+    return vertices, np.arange(len(vertices)).reshape(-1, 3)
 
 
 def _metres(root: ET.Element) -> float:
@@ -68,7 +66,7 @@ class _Document:
 
     def __init__(self, root: ET.Element):
         self.by_id = {element.get("id"): element for element in root.iter() if element.get("id")}
-        self.read: dict[str, tuple[Array, Ints]] = {}
+        self.read: dict[str, Array] = {}
         self.n_nodes = self.n_faces = 0
 
     def named(self, reference: ET.Element, tag: str, key: str = "url") -> ET.Element:
@@ -79,8 +77,8 @@ class _Document:
             raise MeshError(f"there is no <{tag}> '{shown(name.encode())}' in it", way_out=ANEW)
         return found
 
-    def shapes(self, node: ET.Element, place: Array, depth: int) -> Iterator[tuple[Array, Ints]]:
-        """Yield vertices and faces of all geometries below a node, placed by the nodes' transformations."""
+    def shapes(self, node: ET.Element, place: Array, depth: int) -> Iterator[Array]:
+        """Yield the triangles (n, 3, 3) of all geometries below a node, placed by the nodes' transformations."""
         self._count(depth)
         for part in node:
             if part.tag in _TRANSFORMS:
@@ -95,11 +93,11 @@ class _Document:
             elif part.tag == "instance_node":
                 yield from self.shapes(self.named(part, "node"), place, depth + 1)
             elif part.tag == "instance_geometry":
-                vertices, faces = self.geometry(self.named(part, "geometry"))
+                triangles = self.geometry(self.named(part, "geometry"))
                 self._count(depth)
-                self.n_faces += len(faces)
+                self.n_faces += len(triangles)
                 require_few(self.n_faces)
-                yield vertices @ place[:3, :3].T + place[:3, 3], faces
+                yield triangles @ place[:3, :3].T + place[:3, 3]
 
     def _count(self, depth: int) -> None:
         self.n_nodes += 1
@@ -108,8 +106,8 @@ class _Document:
                 "its nodes go round in a circle, or are too many", way_out="write each shape once"
             )
 
-    def geometry(self, element: ET.Element) -> tuple[Array, Ints]:
-        """Return vertices and faces of a geometry in its own frame."""
+    def geometry(self, element: ET.Element) -> Array:
+        """Return the triangles of a geometry in its own frame; array, shape (n, 3, 3)."""
         name = element.get("id", "")
         if name not in self.read:
             mesh = element.find("mesh")
@@ -117,22 +115,12 @@ class _Document:
                 raise MeshError(
                     f"the geometry '{shown(name.encode())}' is no <mesh>", way_out="write triangles"
                 )
-            self.read[name] = self._mesh(mesh)
+            lists = [part for part in mesh if part.tag not in ("source", "vertices", "extra", *_EMPTY)]
+            self.read[name] = np.concatenate([np.zeros((0, 3, 3)), *map(self._triangles, lists)])
         return self.read[name]
 
-    def _mesh(self, mesh: ET.Element) -> tuple[Array, Ints]:
-        parts = [
-            self._faces(part) for part in mesh if part.tag not in ("source", "vertices", "extra", *_EMPTY)
-        ]
-        starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-        faces = [f + start for (_, f), start in zip(parts, starts, strict=False)]
-        return (
-            np.concatenate([np.zeros((0, 3)), *(vertices for vertices, _ in parts)]),
-            np.concatenate([np.zeros((0, 3), np.int64), *faces]),
-        )
-
-    def _faces(self, part: ET.Element) -> tuple[Array, Ints]:
-        """Return vertices and faces of one list of triangles or polygons."""
+    def _triangles(self, part: ET.Element) -> Array:
+        """Return the triangles (n, 3, 3) of one list of triangles or polygons."""
         if part.tag not in ("triangles", "polylist", "polygons", "tristrips", "trifans"):
             raise MeshError(
                 f"it holds <{shown(part.tag.encode())}>, which is not read", way_out="write triangles"
@@ -160,7 +148,7 @@ class _Document:
             faces = fans(np.array([len(run) for run in runs], np.int64), corners)
         if len(faces) and faces.max() >= len(vertices):
             raise MeshError(f"a face has the corner {faces.max()} of {len(vertices)}", way_out=ANEW)
-        return vertices, faces
+        return vertices[faces[(faces != np.roll(faces, 1, axis=1)).all(axis=1)]]
 
     def _input(self, part: ET.Element) -> tuple[Array, int, int]:
         """Return the vertices of a list of faces, the place of the vertex index in a corner, and the numbers per

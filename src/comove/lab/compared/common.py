@@ -177,6 +177,6 @@ def judge_execution(
     before : called with the curve before it is verified; returns further measures for the log
     """
     fit = fit_curve(search.scene, search.objective.coordinates, s, hands, settings)
-    search.log |= {"fit_error_max_m": fit.error, "integration_end_miss_m": fit.end_miss}
-    search.log |= before(fit.motion)
+    search.journal.log |= {"fit_error_max_m": fit.error, "integration_end_miss_m": fit.end_miss}
+    search.journal.log |= before(fit.motion)
     search.judge(fit.motion)

@@ -137,7 +137,7 @@ class LeaderFollower(Method):
         following = np.ones(2) if self.mutual else np.array([0.0, 1.0])
         rms, worst, hands = [], [], uncoupled.copy()
         for epoch in range(self.epochs):
-            search.stage = f"epoch {epoch + 1} of {self.epochs}"
+            search.journal.stage = f"epoch {epoch + 1} of {self.epochs}"
             runs = []
             for p, (lead, follow, distance) in enumerate(pairs):
                 run = run_epoch(uncoupled[:, [lead, follow]], distance, following, learned[p], self.gains)
@@ -149,7 +149,7 @@ class LeaderFollower(Method):
             count_execution(search, hands)
             if search.over():
                 break
-        search.log |= {"epoch_error_rms_m": rms, "epoch_error_max_m": worst}
+        search.journal.log |= {"epoch_error_rms_m": rms, "epoch_error_max_m": worst}
         judge_execution(search, s, hands, self.fitting)
 
     def _pairs(self, scene: Scene) -> list[tuple[int, int, float]]:

@@ -75,7 +75,7 @@ class Single(Method):
         with suppress(OutOfTime):
             attempts.run()
         found = attempts.found()
-        if search.best is None:
+        if search.found.best is None:
             search.judge(found.motion)
         basis, coordinates = motion_basis(self.n_basis, "velocity"), search.objective.coordinates
         self._optimised(
@@ -105,7 +105,7 @@ class Single(Method):
         """Optimise the weights, with a stricter objective after each rejection."""
         objective = search.objective
         for _ in range(self.tries):
-            search.stage = "optimising the weights"
+            search.journal.stage = "optimising the weights"
             dmp = improve(search, objective, dmp, self.schedule)
             verdict = search.judge(dmp.rollout())
             if verdict.verified is not None or not search.hard:

@@ -129,7 +129,7 @@ class SpeedScaled(Method):
             count_execution(search, hands)
             if search.over():
                 break
-        search.log |= {
+        search.journal.log |= {
             "cycle_deviation_rms_m": [
                 float(np.sqrt(np.square(cycle.deviation).sum(axis=2).mean())) for cycle in cycles
             ],
@@ -151,7 +151,7 @@ class SpeedScaled(Method):
         follow = shape @ np.linalg.pinv(shape[0])  # a wish as the primitive can follow it, and 2 derivatives
         intend = self._intentions(search, skill.path[0])
         for number in range(self.cycles):
-            search.stage = f"cycle {number + 1} of {self.cycles}"
+            search.journal.stage = f"cycle {number + 1} of {self.cycles}"
             cycle = run_cycle(skill, intend(), self.laws, scene.duration, period)
             skill = learned(skill, cycle, np.einsum("kst,tpd->kspd", follow, cycle.wish), self.laws)
             yield skill, cycle

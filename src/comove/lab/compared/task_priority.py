@@ -155,7 +155,7 @@ class TaskPriority(Method):
         hands = np.broadcast_to(scene.start, reference.shape).copy()
         controller = self._controller(search, scene.duration * s[1], taught)
         slacks, followed = [0.0], reference.copy()
-        search.stage = "following by quadratic programmes"
+        search.journal.stage = "following by quadratic programmes"
         for k, (velocity, slack, here) in enumerate(controller.velocities(hands, reference)):
             hands[k + 1] = hands[k] + controller.period * velocity
             followed[k] = here
@@ -164,8 +164,8 @@ class TaskPriority(Method):
                 break
         hands[len(slacks) :] = hands[len(slacks) - 1]  # where time was up
         count_execution(search, hands)
-        search.log |= self._measures(scene, s * scene.duration, hands, followed)
-        search.log |= {
+        search.journal.log |= self._measures(scene, s * scene.duration, hands, followed)
+        search.journal.log |= {
             "slack_max_m_per_s": max(slacks),
             "carried_out_share": (len(slacks) - 1) / (len(s) - 1),
         }

@@ -50,7 +50,7 @@ class Unconstrained(Method):
         objective, least = hands_alone(search.objective), np.inf
         with suppress(OutOfTime):
             for restart in range(self.restarts):
-                search.stage = f"optimising without coordination, run {restart + 1}"
+                search.journal.stage = f"optimising without coordination, run {restart + 1}"
                 found = improve(search, objective, start, self.schedule)
                 value = search.evaluate(objective, found, found.weights[None])
                 if objective.search_value(value)[0] < least:

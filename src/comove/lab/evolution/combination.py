@@ -35,7 +35,7 @@ from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.objectives.paper import PaperCost
-from comove.planning.search import OutOfTime, Schedule, Search, stricter
+from comove.planning.search import Journal, OutOfTime, Schedule, Search, SearchClock, stricter
 from comove.planning.solution import ProgressCallback
 from comove.processes import one_blas_thread
 from comove.scenes.scene import Scene
@@ -158,18 +158,22 @@ def combine(
             taught=None,
             hard=True,
             rng=np.random.default_rng(seed),
-            budget=bounds,
             checks=checks,
-            progress=tell or None,
+            clock=SearchClock(bounds),
+            journal=Journal(tell or None),
         )
         attempts = Attempts(search, suited, settings)
-        with suppress(OutOfTime), search.interruption.noticed(), compiling(compiled=search.compiled):
+        with (
+            suppress(OutOfTime),
+            search.clock.interruption.noticed(),
+            compiling(compiled=search.clock.compiled),
+        ):
             attempts.run()
         timed_out = search.timed_out
         found = attempts.found()
     verdict = verify(found.motion, checks)
     reasons = verdict.reasons
-    if verdict.verified is None and timed_out and not search.interruption.wished:
+    if verdict.verified is None and timed_out and not search.clock.interruption.wished:
         reasons = (bounds.ran_out, *reasons)
     return Combination(
         dmp=found.dmp,
@@ -179,11 +183,11 @@ def combine(
         motion=verdict.verified,
         reasons=reasons,
         cost=search.objective.cost(found.motion).total,
-        evaluations=search.evaluations,
-        generations=search.generations,
+        evaluations=search.journal.evaluations,
+        generations=search.journal.generations,
         restarts=attempts.restarts,
         seed=int(seed),
-        interrupted=search.interruption.wished,
+        interrupted=search.clock.interruption.wished,
         timed_out=timed_out,
     )
 
@@ -342,7 +346,7 @@ class Attempts:
             verdict = self.search.judge(motion)
             if verdict.verified is not None:
                 self.costs.append(objective.cost(motion).total)
-                if self.search.best is verdict:  # the cheapest so far
+                if self.search.found.best is verdict:  # the cheapest so far
                     self.best = coefficients
                 return
             objective = stricter(self.search, objective, verdict)
@@ -351,7 +355,7 @@ class Attempts:
     def _improve(self, objective: Objective, begin: Array, schedule: Schedule) -> tuple[Array, bool]:
         """Run CMA-ES once; return the best coefficients, and whether their motion is feasible at the samples."""
         search = self.search
-        search.stage = f"combining {len(begin)} movements"
+        search.journal.stage = f"combining {len(begin)} movements"
         parameters = Parameters.default(begin.size, schedule.population)
         optimiser = CMAES(begin.ravel(), schedule.sigma, search.rng, parameters=parameters)
         best, best_value, feasible, reference, waited = begin, np.inf, False, np.inf, 0
@@ -367,7 +371,7 @@ class Attempts:
             if fitness[i] < best_value:
                 best, best_value = samples[i].reshape(begin.shape), float(fitness[i])
                 feasible = bool(objective.feasible(value)[i])
-                if self.search.best is None and best_value < self.least:
+                if self.search.found.best is None and best_value < self.least:
                     self.best, self.least = best, best_value
             waited += 1
             if best_value < reference * (1 - schedule.gain):

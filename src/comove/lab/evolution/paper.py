@@ -117,10 +117,10 @@ class Paper(Method):
         """Search until a motion is verified; no path is planned. Raises `OutOfTime` when time is up."""
         attempt, objective = 0, search.objective.with_penalty(along_path=True)
         while True:
-            search.stage = f"initial movement, attempt {attempt}"
+            search.journal.stage = f"initial movement, attempt {attempt}"
             initial = self._initial(search, attempt)
             if initial is not None:
-                search.stage = f"narrowing the band, attempt {attempt}"
+                search.journal.stage = f"narrowing the band, attempt {attempt}"
                 motion = self._improved(search, objective, initial)
                 if motion is not None:
                     verdict = search.judge(motion)

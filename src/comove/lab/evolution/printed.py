@@ -82,10 +82,10 @@ class Printed(Method):
                         handed_out()
                     search.check_time()
                     if open_points.any():
-                        search.stage = f"drawing again, generation {search.generations}"
+                        search.journal.stage = f"drawing again, generation {search.journal.generations}"
                         points = run.sample(open_points)
             except np.linalg.LinAlgError:
-                search.log["broke_down_after_generations"] = float(search.generations)
+                search.journal.log["broke_down_after_generations"] = float(search.journal.generations)
                 break
             value = objective.evaluate(dmp.rollouts(weights(run.samples), N_STEPS))
             cost = value.cost + objective.weights.obstacle * value.hits

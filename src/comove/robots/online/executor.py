@@ -41,7 +41,7 @@ from comove.robots.online.reference import MotionReference
 from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
-from comove.robots.solving import carry
+from comove.robots.solving import solve_joints
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.scenes.groups import GroupPose
 from comove.scenes.resting import require_no_rest
@@ -400,7 +400,7 @@ class JointExecutor:
     def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
         begun = clock.perf_counter()
         budget = Budget(work=self.settings.leisure)
-        found = carry(standing, self.robot, seed=self.seed, budget=budget)
+        found = solve_joints(standing, self.robot, seed=self.seed, budget=budget)
         self.log.planning.append(clock.perf_counter() - begun)
         if found.joints.motion is None:
             raise RobotError(

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
@@ -23,10 +22,11 @@ from comove.robots.model import Arm, Robot
 from comove.robots.proposal.examination import findings_of
 from comove.robots.proposal.homes import base_of, floor_of
 from comove.robots.proposal.surroundings import scene_of
-from comove.robots.solving import carry
+from comove.robots.solving import solve_joints
 from comove.robots.transfers import plan_transfers
 from comove.scenes.grasp import HELD
 from comove.scenes.scene import Scene
+from comove.scenes.upgrade import as_text, upgraded
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.bool_]
@@ -89,10 +89,11 @@ class SceneProposal:
     unreached: str = ""
 
     def text(self) -> str:
-        """Return the scene as YAML."""
+        """Return the scene as YAML, in version 2."""
         name = self.found.joints.robot.name
         head = f"# A first scene for {name}: a bar is lifted over a rail. Lengths are in metres.\n"
-        return head + yaml.safe_dump(self.data, sort_keys=False, default_flow_style=None, width=110)
+        scene = Scene.from_dict(self.data, folder=self.found.scene.folder, check_ends=False)
+        return head + as_text(upgraded(scene, self.data))
 
 
 @dataclass(frozen=True)
@@ -247,7 +248,7 @@ def propose_scene(
         data = place.data(named, rail, duration, around)
         try:
             first_scene, budget = Scene.from_dict(data, folder=folder), Budget(work=work)
-            found = carry(first_scene, robot, seed=seed, budget=budget)
+            found = solve_joints(first_scene, robot, seed=seed, budget=budget)
         except SceneError as error:
             reasons.append(str(error))
             continue

@@ -156,6 +156,19 @@ def test_refusals_print_the_options_that_then_read_it(path, datasets, expected):
         np.testing.assert_array_equal(follow(written(path, datasets)).position, expected)
 
 
+def test_datasets_whose_names_say_nothing_need_a_unit_and_those_of_forces_are_not_offered(path):
+    written(path, {"time": 0.1 * np.arange(N), "log": np.c_[PATH, PATH]})
+    with pytest.raises(DemonstrationError, match=r"--columns 1,2,3 --unit UNIT") as caught:
+        load(path, dataset="log")
+    np.testing.assert_array_equal(load(path, **printed_options(caught.value)).position, PATH)
+    written(path, {"time": 0.1 * np.arange(N), "torque": PATH, "joint_vel": PATH})
+    with pytest.raises(DemonstrationError, match="record positions as well: here are .*torque") as caught:
+        load(path)
+    assert "run:" not in caught.value.way_out
+    with pytest.raises(DemonstrationError, match="'torque' are no positions"):
+        load(path, dataset="torque")
+
+
 def test_names_of_columns_are_used_where_the_file_has_them(path):
     """Beside the numbers, as pandas writes them, or in an attribute."""
     table, names = np.c_[0.1 * np.arange(N), PATH, XYZW], ["t", "x", "y", "z", "qx", "qy", "qz", "qw"]

@@ -1,11 +1,18 @@
 """Tables of many programs: one movement, written in each layout, is read as it is, or with printed options."""
 
+import random
+import warnings
+from contextlib import suppress
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from comove.dmp.demonstrations import Demonstration
-from comove.errors import DemonstrationError
+from comove.errors import ComoveError, ComoveWarning, DemonstrationError
+from tests.cases import examples
 from tests.dmp.demonstrations.formats.advice import followed
 
 N = 201
@@ -263,6 +270,42 @@ def test_no_command_offers_what_is_no_position(tmp_path, text, says):
     with pytest.raises(DemonstrationError, match=says) as caught:
         Demonstration.load(path)
     assert "run:" not in caught.value.way_out
+
+
+def test_a_row_that_lacks_a_cell_of_a_matrix_is_told(tmp_path):
+    lines = LAYOUTS["franka.csv"].splitlines()
+    lines[3] = lines[3].rpartition(",")[0]
+    (tmp_path / "r.csv").write_text("\n".join(lines) + "\n")
+    with pytest.raises(DemonstrationError, match="row 4: it has 16 cells and the header has 17"):
+        Demonstration.load(tmp_path / "r.csv")
+
+
+@examples(60)
+@given(st.sampled_from(sorted(LAYOUTS)), st.integers(0, 2**32 - 1))
+def test_tables_that_are_damaged_are_read_or_refused_in_words(tmp_path_factory, name, seed):
+    """Cells of a row near the first ones are lost, repeated, exchanged or overwritten."""
+    rng, lines = random.Random(seed), LAYOUTS[name].splitlines()
+    row = min(int(rng.expovariate(0.2)), len(lines) - 1)
+    mark = max(",;\t ", key=lines[row].count)
+    cells, at = lines[row].split(mark), rng.randrange(1000)
+    at %= len(cells)
+    damage = rng.randrange(4)
+    if damage == 0:
+        cells.pop(at)
+    elif damage == 1:
+        cells[at:at] = [rng.choice(cells)]
+    elif damage == 2:
+        cells[at], cells[0] = cells[0], cells[at]
+    else:
+        cells[at] = rng.choice(
+            ["", "nan", "-", "1e400", "24:61:00.0", "2024-13-45T00:00:00Z", "²", "[1,2]", "\0"]
+        )
+    lines[row] = mark.join(cells)
+    path = tmp_path_factory.mktemp("damaged") / name
+    path.write_text("\n".join(lines) + "\n")
+    with warnings.catch_warnings(), suppress(ComoveError):
+        warnings.simplefilter("ignore", ComoveWarning)
+        Demonstration.load(path)
 
 
 def test_only_a_column_that_passes_as_time_does_is_offered_as_time(tmp_path):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.dmp.demonstrations.cleaning import MAX_DIMS
-from comove.dmp.demonstrations.columns import Kind, read_columns
+from comove.dmp.demonstrations.columns import Kind, is_derived, read_columns
 from comove.dmp.demonstrations.samples import MAX_ROWS, decoding, fault, require_bytes
 from comove.errors import DemonstrationError, listed, near_name
 from comove.io.files import extra
@@ -72,6 +72,9 @@ class HDF5File:
         if not wide:
             return self.fault(key, message, f"{LAYOUTS}: here are no numbers with a row an instant")
         best = min(wide, key=_unlikely)
+        if _is_no_position(best):
+            held = listed([str(one) for one in wide], _LISTED)
+            return self.fault(key, message, f"record positions as well: here are {held}")
         chosen = best.key if len(best.shape) > 1 else best.key.rpartition("/")[0] or best.key
         way_out = f"name a dataset, of {listed([str(one) for one in wide], _LISTED)}"
         return self.fault(key, message, way_out, dataset=chosen)
@@ -227,6 +230,12 @@ class HDF5File:
             raise self.fault(key, "not all of it was written", "record or copy it again")
 
 
+def _is_no_position(dataset: DatasetShape) -> bool:
+    """Return whether the name of a dataset is one of speeds, forces and the like, or of time."""
+    stem = dataset.key.rpartition("/")[2]
+    return is_derived(stem) or read_columns([stem])[0].kind in (Kind.TIME, Kind.INDEX)
+
+
 def _unlikely(dataset: DatasetShape) -> tuple[bool, ...]:
     """Return in which respects a dataset does not look like the movement of a hand, the first being the gravest."""
     width = dataset.shape[1] if len(dataset.shape) == 2 else 1
@@ -234,6 +243,7 @@ def _unlikely(dataset: DatasetShape) -> tuple[bool, ...]:
     (column, *_) = read_columns([f"{stem}_{i}" for i in range(3)])
     is_matrix = len(dataset.shape) == 3
     return (
+        _is_no_position(dataset),
         column.kind is not Kind.POSITION,
         not is_matrix and width != 7,
         not is_matrix and width != 3,

@@ -14,9 +14,19 @@ from numpy.typing import NDArray
 from comove.dmp.demonstrations.bodies import Body, bodies_of, chosen_body
 from comove.dmp.demonstrations.cleaning import MAX_DIMS
 from comove.dmp.demonstrations.clocks import time_of
-from comove.dmp.demonstrations.columns import Kind, read_columns
+from comove.dmp.demonstrations.columns import Kind, is_derived, read_columns
 from comove.dmp.demonstrations.formats.hdf5_access import HDF5File
-from comove.dmp.demonstrations.samples import AXES, HZ, SAY_RATE, TIME, UNIT, Origin, RecordedSamples
+from comove.dmp.demonstrations.samples import (
+    AXES,
+    HZ,
+    SAY_RATE,
+    SAY_UNIT,
+    TIME,
+    UNIT,
+    WHICH_UNIT,
+    Origin,
+    RecordedSamples,
+)
 from comove.dmp.demonstrations.units import unit_named
 from comove.errors import listed
 from comove.geometry.rotations import exponential
@@ -138,12 +148,17 @@ class EpisodeReader:
             return {"": self._of_body("", body, [key] * len(names), values)}
         bodies = list(bodies_of(read_columns(names)).values())
         if len(bodies) != 1:
-            example = ",".join(map(str, range(1, min(values.shape[1], 3) + 1)))
+            if is_derived(stem):
+                raise self.file.fault(key, f"{stem!r} are no positions", "name another dataset")
+            example = [str(number) for number in range(1, min(values.shape[1], 3) + 1)]
+            is_told = self.unit is not None or self._unit(key) is not None
             raise self.file.fault(
                 key,
                 f"its name does not say what its {values.shape[1]} columns hold",
-                f"say which of them are the positions: --columns {example}",
-                columns=example.split(","),
+                f"say which are the positions: --columns {','.join(example)}"
+                + ("" if is_told else f", and {SAY_UNIT}"),
+                columns=example,
+                unit=None if is_told else WHICH_UNIT,
             )
         return {"": self._of_body("", bodies[0], [key] * len(names), values)}
 

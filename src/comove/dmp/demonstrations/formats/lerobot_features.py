@@ -16,7 +16,7 @@ from typing import Any
 from comove.dmp.demonstrations.bodies import Body, as_joints, bodies_of, chosen_body, spoken
 from comove.dmp.demonstrations.cleaning import MAX_DIMS
 from comove.dmp.demonstrations.columns import Column, Kind, read_columns
-from comove.dmp.demonstrations.samples import fault
+from comove.dmp.demonstrations.samples import SAY_UNIT, WHICH_UNIT, fault
 from comove.dmp.demonstrations.units import UNSTATED, is_length
 from comove.errors import listed, near_name
 
@@ -136,9 +136,10 @@ def movements_of(
             file,
             key,
             f"{what}: {which}",
-            f"choose its {feature.width} columns by their numbers: --columns {','.join(example)}, and of joints say "
-            "the unit as well: --unit rad",
+            f"choose its {feature.width} columns by their numbers: --columns {','.join(example)}"
+            + ("" if unit is not None or bodies else f", and {SAY_UNIT}"),
             columns=example,
+            unit=None if unit is not None or bodies else WHICH_UNIT,
         )
     found = {}
     for name, body in bodies.items():

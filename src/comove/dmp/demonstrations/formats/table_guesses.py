@@ -135,10 +135,11 @@ def with_matrices(columns: tuple[Column, ...], layout: Layout) -> tuple[Column, 
         if found and column.kind in (Kind.OTHER, Kind.JOINT):
             stems.setdefault(found[1], []).append(column)
     changed = {column.number: column for column in columns}
+    whole = [row for row in layout.sample if len(row) == layout.n_cells]
     for stem, members in stems.items():
-        if len(members) not in (12, 16):
+        if len(members) not in (12, 16) or members[-1].number >= layout.n_cells:
             continue
-        sample = np.column_stack([numbers_of(layout.sampled(column.number)) for column in members])
+        sample = np.column_stack([numbers_of([row[c.number] for row in whole]) for c in members])
         for place, axis in (_pose(sample, range(len(members))) or {}).items():
             kind = Kind.POSITION if axis in AXES else Kind.ORIENTATION
             column = members[place]
