@@ -11,7 +11,7 @@ import comove
 from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, SceneError
 from comove.robots import Robot, RobotCarrier, verify_joints
-from comove.robots.search.following import hand_rotation
+from comove.robots.search.following import follow_one, hand_rotation
 from comove.robots.verification.carried import Carried
 from comove.scenes import Scene
 from comove.sim import Weld, simulate
@@ -198,3 +198,32 @@ def test_one_arm_tilts_what_it_holds_alone():
         del key["right"]
     found = comove.solve(Scene.from_dict(data), robot=robot(), seed=0)
     assert found.verified, found.reasons
+
+
+def test_pairs_of_ends_are_first_those_between_which_the_straight_motion_leads():
+    """A UR5 holds a box in several ways, and hardly ever changes from one to another while it holds it."""
+    machine, grasps = robot("ur5_and_panda"), {"left": [0.2, 0.0, 0.03], "right": [-0.2, 0.0, 0.03]}
+    poses = {
+        "start": ([0.107, -0.039, 0.315], Rotation.from_quat([-0.0046, -0.0079, 0.7423, 0.67])),
+        "goal": ([0.336, -0.1, 0.383], Rotation.from_quat([-0.102, -0.3135, 0.7657, 0.5523])),
+    }
+    load = {"shape": "box", "size": [0.44, 0.16, 0.06], "mass": 0.6, "grasps": grasps}
+    load |= {end: {"position": p, "quaternion_wxyz": wxyz(turn)} for end, (p, turn) in poses.items()}
+    turned = Rotation.from_euler("z", 180, degrees=True) * DOWN
+    data = tray_data() | {
+        "robot": "ur5_and_panda",
+        "grasp": {"frames": {"left": wxyz(DOWN), "right": wxyz(turned)}},
+        "load": load,
+        "manipulators": [
+            {"name": name} | {end: (np.array(p) + turn.apply(r)).tolist() for end, (p, turn) in poses.items()}
+            for name, r in grasps.items()
+        ],
+    }
+    scene = Scene.from_dict(data)
+    carrier, motion = RobotCarrier(machine, scene), CoordinatedMotion.straight(scene)
+    first, last = carrier._pairs[0]
+    nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(np.linspace(0, 1, 201)))[0])
+    q, missing = np.empty((201, len(first))), np.empty((201, 2))
+    follow_one(carrier.arms, nodes, np.stack([first, first]), q, missing)
+    assert missing.max() < 1e-3
+    assert np.abs(q[-1] - last).max() < 1.0
