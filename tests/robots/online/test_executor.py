@@ -185,16 +185,16 @@ def test_a_tray_is_tilted_step_by_step_while_something_moves():
     """Commands hold it in every pose, by Pinocchio, and a robot that stands elsewhere is known by its hands."""
     ball = {
         "shape": "sphere",
-        "center": [0.5, 0.0, 0.9],
+        "center": [0.5, 0.0, 1.2],
         "radius": 0.06,
-        "motion": {"waypoints": [[0.5, 0.0, 0.9], [0.5, 0.0, 0.62]], "times": [0.0, 2.0]},
+        "motion": {"waypoints": [[0.5, 0.0, 1.2], [0.5, 0.0, 1.0]], "times": [0.0, 2.0]},
     }
-    scene = Scene.from_dict(tray_data(obstacles=[ball]))
+    scene = Scene.from_dict(tray_data(obstacles=[ball], duration=4.0))
     machine = robot("two_pandas")
     executor, off = JointExecutor(scene, machine, seed=0), []
     arms = [machine.arm(name) for name in scene.manipulators]
     command = executor.position.copy()
-    while executor.time < 20.0 and not executor.arrived:
+    while executor.time < 9.0 and not executor.arrived:
         command = executor.step(command)
         nodes = nodes_of(scene, executor.poses)
         wanted = scene.grasp.hand_rotations(nodes)
