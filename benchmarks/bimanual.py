@@ -85,7 +85,7 @@ def cooperation(humans: range, cycles: int) -> None:
     objective = Objective(scene, arms_coordinates(scene))
     found = []
     for seed in humans:
-        search = Search(objective, None, True, np.random.default_rng(seed), started=0.0, deadline=np.inf)
+        search = Search(objective, None, True, np.random.default_rng(seed))
         found.append(list(method.cooperate(search)))
     s = np.linspace(0.0, 1.0, len(found[0][0][0].slowness))
     low, high = method.human.precise
