@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 import comove
+from comove.control.executor import Executor
 from comove.errors import ComoveWarning, RobotError, SceneError
 from comove.io.yaml_reader import read_yaml
 from comove.scenes.candidates import DEPTH, OPENING
@@ -333,8 +334,8 @@ def test_another_turn_of_the_goal_is_taken_where_the_first_has_contact():
     assert result.scene.sha256 in {one.sha256 for one in scene.alternatives[1:]}
     along = result.scene.goal[1] - result.scene.goal[0]
     assert abs(np.rad2deg(np.arctan2(along[1], along[0])) - 90) == pytest.approx(45)
-    assert comove.Executor(scene).scene.sha256 in {one.sha256 for one in scene.alternatives[1:]}
-    assert comove.Executor(scene, plan=result.motion).scene.sha256 == result.scene.sha256
+    assert Executor(scene).scene.sha256 in {one.sha256 for one in scene.alternatives[1:]}
+    assert Executor(scene, plan=result.motion).scene.sha256 == result.scene.sha256
 
 
 SHAPES = {
