@@ -2,7 +2,8 @@
 
 import warnings
 from contextlib import ExitStack, chdir
-from functools import cache
+from functools import cache, wraps
+from pathlib import Path
 from unittest import mock
 
 import typer.testing
@@ -16,10 +17,16 @@ from comove.cli.app import whole_application
 typer.testing._get_command = cache(typer.testing._get_command)  # it is built anew for every command otherwise
 
 
-def _print_pixel(_, path, **__):
+_print_png = FigureCanvasAgg.print_png
+
+
+@wraps(_print_png)  # matplotlib looks at the signature
+def _print_pixel(canvas, path, **options):
+    if not isinstance(path, str | Path):  # a stream, in which a page is made
+        return _print_png(canvas, path, **options)
     said = PngInfo()
     said.add_text("Software", "Matplotlib")  # by which a picture of a program is told from a photograph
-    Image.new("L", (1, 1)).save(path, "PNG", pnginfo=said)
+    return Image.new("L", (1, 1)).save(path, "PNG", pnginfo=said)
 
 
 def invoke(*arguments, folder=".", pictures=False):
