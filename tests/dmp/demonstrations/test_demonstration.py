@@ -247,3 +247,10 @@ def test_load_goes_by_suffix_and_asks_which_manipulator(tmp_path, suffix, write)
 def test_load_refuses_other_kinds():
     with pytest.raises(DemonstrationError, match=r"carry\.cvs: .* did you mean '\.csv'"):
         Demonstration.load("carry.cvs")
+
+
+def test_from_csv_reads_what_load_reads(tmp_path):
+    table = tmp_path / "carry.csv"
+    table.write_text("time,x,y\n" + "".join(f"{i / 10},{i / 100},{i * i / 1e4}\n" for i in range(30)))
+    named, loaded = Demonstration.from_csv(table), Demonstration.load(table)
+    assert np.array_equal(named.position, loaded.position) and np.array_equal(named.time, loaded.time)

@@ -298,6 +298,11 @@ class Demonstration(RecordedSamples):
         )
 
     @classmethod
+    def from_csv(cls, path: str | os.PathLike[str], manipulator: str | None = None) -> Demonstration:
+        """Read one movement from a text table, as `load` does."""
+        return cls.load(path, manipulator)
+
+    @classmethod
     def from_lasa(cls, shape: str, demo: int = 0) -> Demonstration:
         """Read one recording of the LASA handwriting set; see `comove.dmp.demonstrations.formats.lasa`."""
         return cls.of(lasa.read(shape, demo))
