@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from comove.io.keys import KeyPath, place
-
-NO_LINES: Mapping[KeyPath, int] = MappingProxyType({})
 
 
 class Words(NamedTuple):
@@ -18,13 +15,13 @@ class Words(NamedTuple):
     Attributes
     ----------
     version : version of the file
-    lines : lines of its keys, by their paths
+    lines : lines of its keys, by their paths; None where the file has other keys
     hands : paths in the file of the end effectors
     obstacles : numbers in the file of the obstacles
     """
 
     version: int = 1
-    lines: Mapping[KeyPath, int] = NO_LINES
+    lines: Mapping[KeyPath, int] | None = None
     hands: tuple[KeyPath, ...] = ()
     obstacles: tuple[int, ...] = ()
 
@@ -59,7 +56,7 @@ class Words(NamedTuple):
             )
             for one in key.split(", ")
         ]
-        return ", ".join(dict.fromkeys(place(path, self.lines) or "" for path in paths))
+        return ", ".join(dict.fromkeys(place(path, self.lines or {}) or "" for path in paths))
 
     def moved(self, end: str) -> str:
         """Return what is moved in the file to move the payload at an end, in words."""
