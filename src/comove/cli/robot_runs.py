@@ -1,4 +1,4 @@
-"""What `comove run` does for a scene that a robot carries: it moves in MuJoCo, step by step."""
+"""Online runs of robots in MuJoCo, by `comove run`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every kind of constraint says of itself: its keys in a scene file, its error, and a bound of that error.
+"""Protocol of constraints: keys in a scene file, error, and a bound of that error.
 
 The keys are a pydantic model, `ConstraintKeys`; its method `resolved` returns the constraint itself, a frozen
 `Constraint` with hands by number and SI units. The error is a function of sampled hands. Its bound over continuous

@@ -1,4 +1,4 @@
-"""What the runs of a study show: how many were verified, why others were not, their figures and their variety."""
+"""Report of the runs of a study: how many were verified, why others were not, their figures and their variety."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all methods of constrained minimisation share: a method starts runs, and a run is asked and told."""
+"""Base of all methods of constrained minimisation: a method starts runs, and a run is asked and told."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What moves end effectors, as a search meets it: within the limits of the scene alone, or of its own as well."""
+"""Kinematics of what moves end effectors: within the limits of the scene alone, or of a robot as well."""
 
 from __future__ import annotations
 

@@ -499,7 +499,7 @@ Stages = Generator[Callable[[], bool], bool | None, bool]
 
 
 class Plans(NamedTuple):
-    """What plans paths for a search.
+    """Planner of paths for a search.
 
     Attributes
     ----------

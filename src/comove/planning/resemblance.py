@@ -1,4 +1,4 @@
-"""How near a motion is to a demonstration, and by what precision a distribution of movements weighs that.
+"""Distance of a motion from a demonstration, weighed by the precision of a distribution of movements.
 
 Where people agree, a deviation costs much; where they vary, little; and hands that moved together may deviate
 together. In unit duration the pull of `LeastJerk` becomes

@@ -131,7 +131,7 @@ class SearchClock:
 
 @dataclass
 class Found:
-    """What a search has found so far.
+    """Results of a search so far.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Found:
 
 @dataclass
 class Journal:
-    """What a search tells of itself.
+    """Progress that a search reports.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a result was made from, kept in its folder, so that it can be moved, looked at and made again elsewhere.
+"""Inputs of a result, kept in its folder, so that it can be moved, inspected and repeated elsewhere.
 
 Files keep their places relative to each other, below `FOLDER`; `LIST` says where they came from, and the command.
 """

@@ -1,4 +1,4 @@
-"""What a joint motion asks of the motors, and the least duration in which they can run it.
+"""Torques of a joint motion, and the least duration in which the motors can run it.
 
 Torques are inverse dynamics with the load's mass at the hands, by Pinocchio.
 

@@ -1,4 +1,4 @@
-"""What a robot has beyond what Pinocchio reads from its URDF: further limits of joints, and masses of links.
+"""Properties of a robot that Pinocchio does not read from its URDF: further joint limits, and masses of links.
 
 A ``<safety_controller soft_lower_limit="a" soft_upper_limit="b" k_position="k"/>`` bounds the velocities that ROS's
 controllers allow by -k (q - a) from below and by -k (q - b) from above: so q + q'/k stays within the *soft limits* a

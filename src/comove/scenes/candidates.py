@@ -40,7 +40,7 @@ class Held(NamedTuple):
     quaternion: tuple[float, ...]
 
 
-class Piece(NamedTuple):
+class GraspableShape(NamedTuple):
     """A box, or a cylinder about its third axis, of full `size` [m] that is turned and placed in the payload."""
 
     size: tuple[float, float, float]
@@ -49,7 +49,7 @@ class Piece(NamedTuple):
     rotation: Array
 
 
-def on_pieces(pieces: Sequence[Piece], n_arms: int, up: Array, most: int) -> list[tuple[Held, ...]]:
+def on_pieces(pieces: Sequence[GraspableShape], n_arms: int, up: Array, most: int) -> list[tuple[Held, ...]]:
     """Return sets of grasps of `n_arms` on one of the pieces, first those that approach from above at the start.
 
     Parameters
@@ -100,7 +100,7 @@ def _along(length: float, n_arms: int) -> Array | None:
     return np.linspace(-half, half, n_arms) if 2 * half >= APART * (n_arms - 1) else None
 
 
-def _flat(piece: Piece, n_arms: int) -> Iterator[list[tuple[Array, Array]]]:
+def _flat(piece: GraspableShape, n_arms: int) -> Iterator[list[tuple[Array, Array]]]:
     """Yield grasps on opposite faces of a box, from its other sides and from its two ends."""
     size, axes = np.array(piece.size), np.eye(3)
     for c in np.flatnonzero(size <= OPENING):
@@ -114,7 +114,7 @@ def _flat(piece: Piece, n_arms: int) -> Iterator[list[tuple[Array, Array]]]:
                 yield [(s * inside * axes[a], _frame(-s * axes[a], axes[c])) for s in (-1.0, 1.0)]
 
 
-def _round(piece: Piece, n_arms: int) -> Iterator[list[tuple[Array, Array]]]:
+def _round(piece: GraspableShape, n_arms: int) -> Iterator[list[tuple[Array, Array]]]:
     """Yield grasps across a cylinder, approached from all sides, and on its flat ends where it is a disc."""
     diameter, height, z = piece.size[0], piece.size[2], np.eye(3)[2]
     around = [rotation_in_plane(2 * np.pi * k / N_ROUND)[:, 0] for k in range(N_ROUND)]

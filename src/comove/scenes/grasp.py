@@ -27,9 +27,9 @@ from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.scenes.groups import RigidGroup
 from comove.scenes.model import (
     BoxLoad,
-    Choice,
     FrameLoad,
     GraspChoice,
+    GraspOption,
     GraspPart,
     Gripped,
     Manipulator,
@@ -244,7 +244,7 @@ def hands_of(
     ]
 
 
-def chosen(file: SceneFile, choice: Choice) -> SceneFile:
+def chosen(file: SceneFile, choice: GraspOption) -> SceneFile:
     """Return a scene file in which the payload is held and put down in one of the ways that the file leaves open."""
     load = file.load
     assert load is not None and load.start is not None, "choices are about payloads with poses"

@@ -588,7 +588,7 @@ class SceneKeys(Sparse):
         return len(self.workspace.lower)
 
 
-class Choice(Sparse):
+class GraspOption(Sparse):
     """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal."""
 
     LATER = ("frames",)
@@ -614,7 +614,7 @@ class SceneFile(SceneKeys):
         at_most(MAX_MANIPULATORS, "manipulators"),
     ]
     grasp: GraspChoice | None = None
-    choices: Annotated[tuple[Choice, ...], BeforeValidator(as_tuple)] | None = None
+    choices: Annotated[tuple[GraspOption, ...], BeforeValidator(as_tuple)] | None = None
     """Of which the planner takes one; the load, the manipulators and the grasp are those of the first."""
 
     @model_validator(mode="after")

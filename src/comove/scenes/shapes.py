@@ -192,7 +192,7 @@ def _padded(hulls: list[list[int]], at_least: int = 0) -> list[list[int]]:
     return [own + [own[-1]] * (width - len(own)) for own in hulls]
 
 
-class Parts(NamedTuple):
+class CompoundParts(NamedTuple):
     """A payload of several shapes in its own frame.
 
     Attributes
@@ -209,7 +209,7 @@ class Parts(NamedTuple):
     excess: float
 
 
-def parts_of(load: PartsLoad) -> Parts:
+def parts_of(load: PartsLoad) -> CompoundParts:
     """Return the corners of a payload's shapes; cylinders are held by prisms of `N_SIDES` sides."""
     corners, rods, hulls, excess = list[Array](), list[tuple[int, int, float]](), list[list[int]](), 0.0
     for part in load.parts:
@@ -228,7 +228,7 @@ def parts_of(load: PartsLoad) -> Parts:
             hulls.append(list(range(first, first + len(own))))
         center = np.zeros(3) if part.position is None else spatial(np.array(part.position))
         corners.append(center + own @ part.rotation.T)
-    return Parts(np.concatenate(corners), rods, hulls, excess)
+    return CompoundParts(np.concatenate(corners), rods, hulls, excess)
 
 
 def box_corners(size: tuple[float, ...]) -> Array:

@@ -38,7 +38,7 @@ from comove.io.keys import (
     show,
 )
 from comove.io.yaml_reader import Lines
-from comove.scenes.candidates import OPENING, Held, Piece, on_mesh, on_pieces
+from comove.scenes.candidates import OPENING, GraspableShape, Held, on_mesh, on_pieces
 from comove.scenes.grasp import hands_of
 from comove.scenes.imported import ImportedObstacles
 from comove.scenes.model import (
@@ -74,13 +74,13 @@ PARALLEL = 1e-3
 """Sine of the least angle between a grasp's approach and the direction in which its fingers close."""
 
 
-class Pose(Turned):
+class StartPose(Turned):
     """A pose of the payload's frame in the world [m]."""
 
     position: Vector
 
 
-class GoalPose(Pose):
+class GoalPose(StartPose):
     """The pose at the goal, whose orientation about one axis may be left open.
 
     `free` is `yaw`, the vertical through the payload's frame, or an axis of the payload, about which it is symmetric.
@@ -93,7 +93,7 @@ class _Payload(Part):
     """A rigid body of `mass` [kg] that is moved from `start` to `goal`."""
 
     mass: Positive | None = None
-    start: Pose
+    start: StartPose
     goal: GoalPose
 
 
@@ -477,7 +477,7 @@ def _proposed(
     return found
 
 
-def _pieces(payload: _Payload) -> Iterator[Piece]:
+def _pieces(payload: _Payload) -> Iterator[GraspableShape]:
     """Yield the boxes and cylinders on which fingers may close."""
     if isinstance(payload, PartsPayload):
         for part in payload.parts:
@@ -491,14 +491,16 @@ def _pieces(payload: _Payload) -> Iterator[Piece]:
         yield own
 
 
-def _piece(shape: Any) -> Piece | None:
+def _piece(shape: Any) -> GraspableShape | None:
     if shape.shape == "box":
-        return Piece(shape.size, False, np.zeros(3), np.eye(3))
+        return GraspableShape(shape.size, False, np.zeros(3), np.eye(3))
     if shape.shape == "cylinder":
-        return Piece((2 * shape.radius, 2 * shape.radius, shape.height), True, np.zeros(3), np.eye(3))
+        return GraspableShape(
+            (2 * shape.radius, 2 * shape.radius, shape.height), True, np.zeros(3), np.eye(3)
+        )
     if shape.shape == "bar":
         along_x = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-        return Piece((2 * shape.radius, 2 * shape.radius, shape.length), True, np.zeros(3), along_x)
+        return GraspableShape((2 * shape.radius, 2 * shape.radius, shape.length), True, np.zeros(3), along_x)
     return None
 
 

@@ -10,7 +10,7 @@ from comove.io.keys import KeyPath, place
 
 
 class Words(NamedTuple):
-    """How the keys behind a scene are called in its file, and in which lines they stand.
+    """Names and lines of a scene's keys in its file.
 
     Attributes
     ----------

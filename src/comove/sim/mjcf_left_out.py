@@ -1,4 +1,4 @@
-"""What of a compiled MuJoCo model no URDF has, and so changes the robot when it is written as one, in words.
+"""Features of a compiled MuJoCo model that no URDF has, in words.
 
 Each is named once, with all that it holds of: constraints that close loops or couple joints otherwise than in
 proportion, tendons, actuators that drive no joint, rotor inertias, contacts that the model lists or filters, soft
@@ -20,7 +20,7 @@ EARTH = (0.0, 0.0, -9.81)  # m/s^2, as everything else in comove has it
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What is left out of a model when its robot is written as a URDF.
+    """Features that are left out of a model when its robot is written as a URDF.
 
     Attributes
     ----------

@@ -1,1 +1,1 @@
-"""What people look at: figures, notebooks and the workbench in the browser."""
+"""Figures, notebooks and the workbench in the browser."""

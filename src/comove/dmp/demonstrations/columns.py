@@ -26,7 +26,7 @@ SIDES = ("left", "right")
 
 
 class Kind(StrEnum):
-    """What a column holds."""
+    """Quantity that a column holds."""
 
     TIME = "time"
     POSITION = "position"

@@ -1,4 +1,4 @@
-"""What the numbers of a recording look like: units of time and length, holes, jumps, and standing still.
+"""Plausibility of a recording: units of time and length, holes, jumps, and standing still.
 
 Every recording passes here, whatever file it comes from. Readers convert their stamps by `seconds`, which infers a
 unit that nobody states where the numbers leave no doubt, and refuses them otherwise. `doubts` finds what looks wrong

@@ -124,7 +124,7 @@ def _faces(columns: Columns) -> Ints:
 
 
 class _Body:
-    """What follows the header: cells, which are numbers of a text or bytes, read one element after the other."""
+    """Body of a file after its header: numbers of a text or bytes, read one element after the other."""
 
     def __init__(self, data: bytes, start: int, order: str):
         self.order, self.at = order, start if order else 0

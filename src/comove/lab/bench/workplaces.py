@@ -1,4 +1,4 @@
-"""What robots carry in drawn scenes, where, and how difficult it is made."""
+"""Payloads and places of robots in drawn scenes, by difficulty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What compared methods share: jointly taught primitives to begin with, and curves fitted to what they integrate.
+"""Parts of compared methods: jointly demonstrated primitives, and curves fitted to integrated motions.
 
 A motion is verified as a curve with exact ends. An integrated motion approaches its goal without quite reaching it.
 If what is left is small (see `FitSettings`), a correction of minimum jerk over its last part leads it to the

@@ -279,7 +279,7 @@ class _Span:
         return coefficients
 
 
-class Found(NamedTuple):
+class Combined(NamedTuple):
     """A combination of movements and its motion on a scene.
 
     Attributes
@@ -323,11 +323,11 @@ class Attempts:
             begin = self.span.begin(self.restarts, self.first, self.search.rng)
             self._run_once(begin, replace(settings.schedule, population=min(settings.largest, grown)))
 
-    def found(self) -> Found:
+    def found(self) -> Combined:
         """Return the best combination so far; before the first one, the best movement alone."""
         coefficients = self.span.begin(1, self.first, self.search.rng) if self.best is None else self.best
         dmp = self.span.combined(coefficients)
-        return Found(coefficients, dmp, self.span.motion(dmp))
+        return Combined(coefficients, dmp, self.span.motion(dmp))
 
     @property
     def enough(self) -> bool:

@@ -1,4 +1,4 @@
-"""What an online run follows: configurations of the load and joints as smooth functions of time."""
+"""Reference of an online run: configurations of the payload and joints as smooth functions of time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands around a robot before it carries anything: obstacles as bodies beside its own."""
+"""Surroundings of a robot: obstacles as bodies beside its own."""
 
 from __future__ import annotations
 

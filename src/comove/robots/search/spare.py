@@ -1,4 +1,4 @@
-"""What the arms that carry a load have to spare along a motion, and how that changes with it."""
+"""Margins of the arms along a motion, and their gradients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is played: a scene, states of it over time, and in words what is known of them.
+"""Playback: a scene, its states over time, and what is known of them, in words.
 
 Motions, robots, runs and simulations are sampled for the eye and become one thing here, which a page of its own and
 the workbench show alike. The contents of folders are verified anew from its files.

@@ -1,4 +1,4 @@
-"""What is played, as one page without server and network: it is played, paused and turned in any browser.
+"""Playback as one page without server and network, in any browser.
 
 `show` puts such a page into a notebook, or opens it in a browser.
 """

@@ -1,4 +1,4 @@
-"""What a page can show: a scene that is named, the contents of a result folder, or the examples."""
+"""Contents that a page can show: a named scene, a result folder, or the examples."""
 
 from __future__ import annotations
 

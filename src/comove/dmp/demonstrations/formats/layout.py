@@ -52,7 +52,7 @@ _QUALISYS = ("no_of_frames", "no_of_markers", "marker_names")
 
 @dataclass(frozen=True)
 class Layout:
-    """How the numbers of a table stand in its file.
+    """Layout of the numbers of a table in its file.
 
     Attributes
     ----------

@@ -22,7 +22,7 @@ _DAY, _HOUR = 86_400_000_000_000, 3_600_000_000_000  # ns
 
 @dataclass(frozen=True)
 class Clock:
-    """Where the time of a table comes from: its columns, or a rate.
+    """Source of the time of a table: its columns, or a rate.
 
     Attributes
     ----------

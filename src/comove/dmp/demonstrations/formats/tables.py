@@ -159,7 +159,7 @@ FORMAT = Format(
 
 @dataclass(frozen=True)
 class _Request:
-    """What was asked for; checked."""
+    """Options of a reader, checked."""
 
     path: Path
     manipulator: str | None = None
