@@ -27,10 +27,10 @@ SCENE = {
 
 @pytest.fixture
 def invoke(tmp_path):
-    def call(scene=SCENE, *options):
+    def call(scene=SCENE, *options, pictures=False):
         path = tmp_path / "scene.yaml"
         path.write_text(yaml.safe_dump(scene), encoding="utf-8")
-        return commands.invoke("run", path, "--out", tmp_path / "out", *options)
+        return commands.invoke("run", path, "--out", tmp_path / "out", *options, pictures=pictures)
 
     return call
 
@@ -61,7 +61,7 @@ def test_a_run_that_arrives(invoke, tmp_path):
 
 @pytest.mark.slow
 def test_all_methods_side_by_side(invoke, tmp_path):
-    result = invoke(SCENE, "--compare")
+    result = invoke(SCENE, "--compare", pictures=True)
     assert result.exit_code == 0, result.output
     table = json.loads((tmp_path / "out" / "comparison.json").read_text())
     methods = [row["method"] for row in table["methods"]]

@@ -91,7 +91,7 @@ def test_a_straight_way_would_hit_a_post():
 
 @pytest.mark.slow
 def test_without_a_planner_the_box_grows():
-    solution = comove.solve(Scene.from_dict(flat_scene()), seed=0, budget=10.0, planner=False)
+    solution = comove.solve(Scene.from_dict(flat_scene()), seed=0, budget=10.0, planner=False, robot=False)
     assert solution.verified
 
 

@@ -477,7 +477,7 @@ def test_two_arms_with_grippers_pass_between_walls_and_not_where_only_bare_arms_
     closed = beams((-0.7, 0.7))
     through = comove.solve(closed, robot=bare, seed=0)
     assert through.verified  # with the beam between the payload and the hands
-    assert through.report.without_gripper == ("left", "right")
+    assert through.joints.report.without_gripper == ("left", "right")
     verdict = verify_joints(machine, through.attempt, through.joints.attempt)
     assert verdict.verified is None
     assert any("_gripper_body" in reason and "beam0" in reason for reason in verdict.reasons)
