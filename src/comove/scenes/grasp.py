@@ -71,16 +71,6 @@ class Grasp:
     turning: NDArray[np.bool_]
     keypoints: tuple[int, ...] = ()
 
-    def heading(self, hands: Array) -> Array:
-        """Return the heading of the line between the holders [rad], between -pi and pi; array, shape (...).
-
-        Parameters
-        ----------
-        hands : array, shape (..., n_manipulators, 3), [m]
-        """
-        x, y = self._along(hands)
-        return np.asarray(np.arctan2(y, x))
-
     def hand_rotations(self, nodes: Array) -> Array:
         """Return the orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
 
