@@ -74,7 +74,9 @@ def test_hands_keep_their_tilt_and_turn_with_the_box():
     motion, scene = flat().attempt, flat().scene
     hands = motion.hands(np.linspace(0, 1, 101))[0]
     rotations = scene.grasp.hand_rotations(hands)
-    heading = np.arctan2(-rotations[:, 0, 0, 1], rotations[:, 0, 1, 1])  # of the direction in which fingers close
+    heading = np.arctan2(
+        -rotations[:, 0, 0, 1], rotations[:, 0, 1, 1]
+    )  # of the direction in which fingers close
     assert np.allclose(rotations[..., 2], [0, 0, -1], atol=1e-12)
     assert np.ptp(heading) > 1e-3
     along = np.stack([np.cos(heading), np.sin(heading), np.zeros(101)], axis=-1)
