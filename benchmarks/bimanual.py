@@ -20,11 +20,11 @@ import numpy as np
 from timing import on_one_thread, print_table
 
 import comove
-from comove.coordination.adaptation import carried_to_hands
-from comove.coordination.coordinates import arms_coordinates
 from comove.lab.compared import LeaderFollower
 from comove.lab.compared.speed_scaled import SpeedScaled
 from comove.lab.paper.jobs import scene_of
+from comove.model.adaptation import carried_to_hands
+from comove.model.coordinates import arms_coordinates
 from comove.planning.objective import Objective
 from comove.planning.search import Search
 

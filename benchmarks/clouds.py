@@ -17,7 +17,7 @@ from timing import print_table
 from comove.control import Clouds, Scanner
 from comove.control.safety.twists import nodes_of, poses_of
 from comove.lab.examples import scene_contents
-from comove.scenes import Scene
+from comove.model import Scene
 
 N_BODIES, PERIOD = 10, 0.05  # s
 

@@ -33,9 +33,9 @@ import numpy as np
 from timing import elapsed, number, on_one_thread, print_table
 
 import comove
-from comove.coordination.adaptation import covariance_of_hands
 from comove.dmp import ProMP, ViaPoint
 from comove.dmp.demonstrations import Demonstration, lasa_names
+from comove.model.adaptation import covariance_of_hands
 from comove.planning import carried_demonstration, movements_of
 from comove.planning.resemblance import followed, precision_root
 from comove.planning.seeds import minimum_jerk

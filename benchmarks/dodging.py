@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from comove.control.safety.twists import advanced, twists_between
-from comove.coordination.coordinates import HandPoses
+from comove.model.coordinates import HandPoses
 from comove.optim import CMAES
 from comove.verification.record import Record, verify_execution
 

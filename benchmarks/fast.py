@@ -22,11 +22,11 @@ from timing import by_toppra, on_one_thread, peer, print_table
 
 import comove
 from comove import LeastJerk, LeastTime, PaperCost
-from comove.coordination import CoordinatedMotion
 from comove.lab.examples import example_path
 from comove.lab.peers.common import clearances
 from comove.lab.peers.drake import Drake
 from comove.lab.systems import Offers, SystemProblem
+from comove.model import CoordinatedMotion
 
 LIMITS = {"speed": 1.0, "acceleration": 1.0, "jerk": 5.0}
 NAMES = ("narrow", "complex", "window", "triangle")

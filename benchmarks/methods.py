@@ -42,8 +42,8 @@ from comove.lab.systems import (
     cost_of,
     measured,
 )
+from comove.model import demonstration_of
 from comove.planning import Comove
-from comove.scenes import demonstration_of
 
 SCENES = ("wide", "narrow", "complex")
 N_BASIS, SIGMA = 16, 0.05

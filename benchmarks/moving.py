@@ -29,8 +29,8 @@ from timing import print_head, print_row
 from comove.control import Executor, Functions, Known, Measured, Scanned, Sensor
 from comove.lab.modulation import Sharing
 from comove.lab.modulation.comparison import MODULATED, loose_run
+from comove.model import Scene
 from comove.planning import SceneKind, load_kernels
-from comove.scenes import Scene
 from comove.verification.record import Record, verify_execution
 
 SENSOR = Sensor(noise=0.01, delay=0.05, dropout=0.1)

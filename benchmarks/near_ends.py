@@ -22,11 +22,11 @@ from numpy.typing import NDArray
 from timing import on_one_thread, print_table
 
 import comove
-from comove.coordination.adaptation import modulate
 from comove.dmp import DMP
 from comove.dmp.demonstrations import Demonstration, lasa_names
 from comove.dmp.variants import APART, CLOSED, extent_of
 from comove.errors import ComoveWarning
+from comove.model.adaptation import modulate
 
 Array = NDArray[np.float64]
 

@@ -27,8 +27,8 @@ from pathlib import Path
 import numpy as np
 from timing import medians, number, on_one_thread, peer, print_table
 
-from comove.coordination import CooperativeDMP
 from comove.dmp import DMP, Pose, PoseDMP, Variant
+from comove.dmp.cooperative import CooperativeDMP
 from comove.dmp.demonstrations import Demonstration, lasa_names
 from comove.planning.seeds import minimum_jerk
 from comove.trajectory import interpolated

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
 from comove.errors import SceneError
 from comove.lab.examples import scene_contents
 from comove.lab.examples import wall as wall_boxes
+from comove.model.coordinates import load_coordinates
+from comove.model.scene import Scene
 from comove.planning.configurations import configuration_space
 from comove.planning.planner import plan
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from comove.control.safety import twist_qp as tp
 from comove.control.safety.control_points import moved_obstacles
 from comove.control.safety.twist_qp import Sighting, TwistProgramme
 from comove.control.safety.twists import advanced, nodes_of, poses_of
-from comove.scenes import Scene
+from comove.model import Scene
 
 PERIOD = 0.01  # s
 SIDE = 2.0  # m, of the workspace

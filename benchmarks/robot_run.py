@@ -25,6 +25,7 @@ from timing import print_head, print_row
 
 from comove.control.safety.qp_workspace import Sighting
 from comove.geometry.distances import CENTER, segment_distance
+from comove.model import Scene
 from comove.planning import SceneKind
 from comove.robots import Robot
 from comove.robots.kernels import load_robot_kernels
@@ -33,7 +34,6 @@ from comove.robots.online.executor import JointExecutor
 from comove.robots.online.pilot import Pilot
 from comove.robots.online.reference import Reference
 from comove.robots.online.roadmap import Way
-from comove.scenes import Scene
 from comove.sim.live import run_live
 from comove.sim.live_record import judge_run
 

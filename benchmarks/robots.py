@@ -24,13 +24,13 @@ import numpy as np
 from timing import print_head, print_row
 
 from comove import solve
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import RobotError, SceneError
+from comove.model import Scene, demonstration_of
+from comove.model.motion import CoordinatedMotion
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
 from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, plan_transfers
 from comove.robots.kernels import load_robot_kernels
-from comove.scenes import Scene, demonstration_of
 from comove.sim import Friction, Perturbation, Weld, simulate
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

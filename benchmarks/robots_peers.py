@@ -39,13 +39,13 @@ from timing import print_head, print_row
 
 from comove import solve
 from comove.lab.bench.sets import own_scenes, scenes_of
+from comove.model import Scene
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
 from comove.robots import Robot, RobotCarrier
 from comove.robots.free_space import Room, way
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.verification.bodies import LOAD
-from comove.scenes import Scene
 
 Array = NDArray[np.float64]
 System = Callable[[Terms, int], Outcome]

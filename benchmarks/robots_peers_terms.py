@@ -17,15 +17,15 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from comove.coordination.motion import CoordinatedMotion
+from comove.model import Scene
+from comove.model.files.keys import UNTURNED
+from comove.model.motion import CoordinatedMotion
 from comove.robots import Robot, RobotCarrier
 from comove.robots.description import Placement
 from comove.robots.urdf import for_pinocchio
 from comove.robots.verification.bodies import Bodies, bodies_of
 from comove.robots.verification.carried import Carried, placements
 from comove.robots.verification.kinematics import Bases
-from comove.scenes import Scene
-from comove.scenes.model import UNTURNED
 
 Array = NDArray[np.float64]
 

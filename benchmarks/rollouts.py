@@ -20,8 +20,8 @@ import numpy as np
 from timing import medians, number, on_one_thread, peer, print_table
 
 import comove
-from comove.coordination import CoordinatedDMP, load_coordinates
 from comove.dmp import motion_basis
+from comove.model import CoordinatedDMP, load_coordinates
 
 N_ROLLOUTS, N_STEPS, N_BASIS = 1000, 200, 20
 N_PEER = 20  # rollouts of the peer that are measured

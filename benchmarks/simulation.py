@@ -19,9 +19,9 @@ import numpy as np
 from timing import number, on_one_thread, print_table
 
 from comove import solve
+from comove.model import Scene, demonstration_of
 from comove.planning import SceneKind, load_kernels
 from comove.robots import JointMotion, Robot
-from comove.scenes import Scene, demonstration_of
 from comove.sim import GRASPS, Execution, Perturbation, simulate
 
 SCENE = Path(__file__).parents[1] / "examples" / "baxter" / "gap_30.yaml"

@@ -23,8 +23,8 @@ from timing import Watch, on_one_thread, print_table
 
 import comove
 from comove import LeastJerk, PaperCost
-from comove.coordination import CoordinatedMotion
 from comove.lab.bench.sets import SETS
+from comove.model import CoordinatedMotion
 from comove.planning import Comove
 from comove.planning.convex.costs import jerk_cost
 from comove.planning.seeds import minimum_jerk

@@ -31,7 +31,7 @@ from timing import number, on_one_thread, print_table, quantile
 
 import comove
 from comove.lab.evolution import Paper
-from comove.scenes import recording_of
+from comove.model import recording_of
 
 Problem = tuple[comove.Scene, int]
 Row = dict[str, str | int | float | None]

@@ -45,16 +45,16 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import comove
 from comove.control import Executor, Pace, write_run
-from comove.coordination.coordinates import coordinates_for
 from comove.errors import ComoveError, ComoveWarning
 from comove.io.folders import whole_folder
+from comove.model import Scene
+from comove.model.coordinates import coordinates_for
+from comove.model.files.keys import canonical
 from comove.results import RESULT
 from comove.results.reference import SCENE
 from comove.results.runs import RUN, StoredRun
 from comove.results.sealed import checksum, finite
 from comove.results.solution import SOLUTION, motion_arrays, read_result, rebuild, smoothness_of
-from comove.scenes import Scene
-from comove.scenes.model import canonical
 from comove.stored import ResultPart, verify_part
 from comove.verification.measures import WEIGHTS, unit_terms, unit_terms_of
 from comove.verification.record import verify_execution

@@ -28,20 +28,20 @@ from scipy.spatial.transform import Rotation
 from timing import print_head, print_row
 
 import comove
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.data.carried import robot_of
 from comove.dmp.basis import motion_basis
 from comove.errors import SceneError
 from comove.lab.bench.drawing import clutter
 from comove.lab.bench.robot_drawing import N_BASIS, JointWitness
+from comove.model import Scene
+from comove.model.coordinates import load_coordinates
+from comove.model.motion import CoordinatedMotion
 from comove.planning import SceneKind
 from comove.planning.configurations import configuration_space
 from comove.planning.seeds import fit, targets_along
 from comove.planning.solution import Progress
 from comove.robots import RobotCarrier
 from comove.robots.kernels import load_robot_kernels
-from comove.scenes import Scene
 from comove.sim import Weld, simulate
 from comove.verification.verify import verify
 

@@ -8,8 +8,8 @@ A hand passes a thin wall between two samples: at every sample it is clear. The 
 import numpy as np
 
 import comove
-from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp import motion_basis
+from comove.model import CoordinatedMotion, load_coordinates
 from comove.view.figures import draw_motion, save
 
 scene = comove.Scene.from_dict(

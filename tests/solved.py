@@ -5,7 +5,7 @@ from importlib.resources import files
 
 import comove
 from benchmarks.random_scenes import planar_scene, spatial_bar_scene, spatial_triangle_scene
-from comove.scenes import Scene
+from comove.model import Scene
 
 EXAMPLES = files("comove") / "examples"
 RANDOM = {"planar": planar_scene, "bar": spatial_bar_scene, "triangle": spatial_triangle_scene}

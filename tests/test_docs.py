@@ -18,7 +18,7 @@ import pytest
 
 from comove.dmp.demonstrations import formats
 from comove.lab.examples import copy_examples
-from comove.scenes import Scene
+from comove.model import Scene
 from tests.commands import invoke
 from tests.lab.paper.test_page import SMALL
 

@@ -25,9 +25,9 @@ from comove.dmp.demonstrations.formats import hdf5, lerobot
 from comove.errors import ComoveError
 from comove.io.folders import check_target
 from comove.lab.bench.store import RunStore
+from comove.model import Scene
 from comove.results import RESULT, read_result
 from comove.robots import Robot, read_joints
-from comove.scenes import Scene
 from comove.sim import SIMULATION
 
 KINDS = ("", ".csv", ".npz", ".hdf5", ".bag", ".mcap", ".db3", ".json", ".yaml", ".dmp.json", ".sqlite")

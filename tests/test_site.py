@@ -16,9 +16,9 @@ import pytest
 import yaml
 
 from comove import errors
-from comove.constraints import KINDS
 from comove.lab.examples import copy_examples
-from comove.scenes.model import SceneFile
+from comove.model.constraints import KINDS
+from comove.model.files.keys import SceneFile
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"

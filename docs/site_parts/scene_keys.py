@@ -11,9 +11,9 @@ from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
 
-from comove.constraints import KINDS, ConstraintKeys
-from comove.scenes.model import SceneFile
-from comove.scenes.version2 import SceneFile2
+from comove.model.constraints import KINDS, ConstraintKeys
+from comove.model.files.keys import SceneFile
+from comove.model.files.version2 import SceneFile2
 
 INTRODUCTION = """# Scene files: keys
 

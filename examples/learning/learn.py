@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from comove.coordination.coordinates import Coordinates, load_coordinates, poses_at
 from comove.data import Study
 from comove.errors import ComoveError, ExtraError, OptionError, ResultError
 from comove.io.arrays import read_arrays
 from comove.io.files import require_target
-from comove.scenes.scene import Scene
+from comove.model.coordinates import Coordinates, load_coordinates, poses_at
+from comove.model.scene import Scene
 from comove.verification.record import ExecutionReport, Record, RecordSamples, verify_execution
 from comove.view.figures import save_picture
 from comove.view.figures.motion import FINE, OFF, TOUCHES, draw_frame

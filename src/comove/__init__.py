@@ -24,7 +24,7 @@ _ROOMS = {
     "Library": "dmp",
     "PaperCost": "planning",
     "Robot": "robots",
-    "Scene": "scenes",
+    "Scene": "model",
     "Solution": "planning",
     "learn": "dmp",
     "show": "view.workbench.recorded",
@@ -33,7 +33,7 @@ _ROOMS = {
     "verify": "stored",
 }
 _FORMER = {
-    **dict.fromkeys(("CoordinatedDMP", "CoordinatedMotion"), "coordination"),
+    **dict.fromkeys(("CoordinatedDMP", "CoordinatedMotion"), "model"),
     **dict.fromkeys(("Comove", "Equality", "Samples", "best_movement"), "planning"),
     **dict.fromkeys(("Primitive", "ProMP"), "dmp"),
     **dict.fromkeys(("Projection", "combine"), "lab.evolution"),

@@ -10,6 +10,7 @@ from comove.control.executor import Executor as FreeExecutor
 from comove.control.executor import Pace
 from comove.control.observers import Observer
 from comove.errors import ExtraError, OptionError
+from comove.model.scene import Scene
 from comove.planning.arguments import check_scene
 from comove.planning.clock import Budget
 from comove.planning.displays import displayed
@@ -18,7 +19,6 @@ from comove.planning.method import Method
 from comove.planning.objectives import Criterion, Samples
 from comove.planning.solution import ProgressCallback, Solution
 from comove.planning.solver import Demonstrated, perform, problem_of, solved
-from comove.scenes.scene import Scene
 from comove.verification.verify import Check
 
 if TYPE_CHECKING:

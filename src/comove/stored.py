@@ -16,13 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from comove.brief import brief
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ExtraError, OptionError, ResultError
 from comove.io.folders import require_folder
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.results.reference import Reference, reference_of
 from comove.results.sealed import Arrays, Summary
 from comove.results.solution import StoredResult, read_result, rebuild, verify_result
-from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Report, Verdict
 from comove.verification.verify import verify as verify_motion
 
@@ -304,7 +304,7 @@ def verify(
     Parameters
     ----------
     thing
-        A `comove.coordination.CoordinatedMotion`, or a `Solution`: the motion of its end effectors and, where a robot
+        A `comove.model.CoordinatedMotion`, or a `Solution`: the motion of its end effectors and, where a robot
         carries, of its joints. Or the path of a result folder.
     scene, robot
         The scene, and the robot's name or description, that you trust; those that the folder names unless given.

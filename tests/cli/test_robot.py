@@ -13,11 +13,11 @@ import yaml
 from comove.cli import export
 from comove.errors import RobotError
 from comove.lab.examples import example_path
+from comove.model import Scene
 from comove.robots import Robot, read_joints
 from comove.robots import description as descriptions
 from comove.robots.kernels import TWO_ARMS
 from comove.ros import FORMATS
-from comove.scenes import Scene
 from tests.commands import invoke
 from tests.robots.small_robots import SHELF, lifts, lifts_scene
 from tests.sim.test_mjcf import ARM

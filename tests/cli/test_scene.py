@@ -6,7 +6,7 @@ import pytest
 
 from comove.io.yaml_reader import read_yaml
 from comove.lab.examples import example_path
-from comove.scenes import Scene
+from comove.model import Scene
 from tests.commands import invoke
 
 

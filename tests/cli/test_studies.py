@@ -92,7 +92,7 @@ def test_episodes_are_what_the_study_draws_and_solve_finds(tmp_path):
     assert verdict.verified is not None
     assert verdict.report.clearance_min == run.clearance_min
     alone = comove.solve(
-        drawn.scene, demonstration=comove.scenes.demonstration_of(drawn.scene), seed=drawn.seed
+        drawn.scene, demonstration=comove.model.demonstration_of(drawn.scene), seed=drawn.seed
     )
     assert (alone.attempt.weights == motion.weights).all()
     assert alone.cost.total == run.cost

@@ -8,10 +8,10 @@ import pytest
 import yaml
 
 from comove.errors import ComoveWarning
-from comove.scenes import Scene
-from comove.scenes.resting import require_no_rest
+from comove.model import Scene
+from comove.model.resting import require_no_rest
 from tests import commands
-from tests.scenes.test_resting import tray
+from tests.model.test_resting import tray
 
 
 def written(folder, data):

@@ -11,7 +11,7 @@ from comove.control.clouds import surface
 from comove.control.safety.twists import nodes_of, poses_of
 from comove.errors import OptionError
 from comove.geometry import distances as sd
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.verification.record import verify_execution
 from tests.control.test_executor import crossing, disc
 from tests.meshes import hull, write_obj

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from benchmarks.random_scenes import moving_scene
 from comove.control import Executor, Functions, Pace
 from comove.control.safety.twists import advanced, nodes_of, poses_of, twists_between
-from comove.coordination.coordinates import HandPoses
 from comove.errors import OptionError
-from comove.scenes import Scene
+from comove.model import Scene
+from comove.model.coordinates import HandPoses
 from comove.verification.record import verify_execution
 from tests.cases import examples
 from tests.slow_clock import ticking

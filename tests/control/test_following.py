@@ -6,8 +6,8 @@ import pytest
 from comove.control import Executor
 from comove.dmp import DMP
 from comove.dmp.demonstrations import Demonstration
+from comove.model import Scene, demonstration_of
 from comove.planning import carried_demonstration
-from comove.scenes import Scene, demonstration_of
 from comove.verification.record import verify_execution
 from tests.solved import EXAMPLES, example
 

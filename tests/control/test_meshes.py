@@ -8,7 +8,7 @@ from comove.control.observers import Known, going_on
 from comove.control.safety.twist_qp import Sighting
 from comove.errors import OptionError
 from comove.lab.modulation.obstacles import level_obstacle
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.verification.record import verify_execution
 from comove.view.figures.run import draw_run
 from tests.meshes import l_profile, ring, write_obj

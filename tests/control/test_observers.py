@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from comove.control import Functions
 from comove.control.observers import Turning
-from comove.scenes.moving import Circle, Motion
+from comove.model.moving import Circle, Motion
 from tests.control.test_executor import crossing, disc
 
 vector = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)

@@ -19,8 +19,8 @@ from comove.data.datasets.mcap import movements_of
 from comove.data.datasets.samples import episodes_of
 from comove.data.runs import RUNS
 from comove.errors import OptionError, ResultError
-from comove.scenes import Scene
-from comove.scenes.model import canonical
+from comove.model import Scene
+from comove.model.files.keys import canonical
 from tests.commands import invoke
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"

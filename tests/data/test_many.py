@@ -6,9 +6,9 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.lab.examples import example_path
+from comove.model import demonstration_of
 from comove.planning import PaperCost
 from comove.planning.methods import Quick
-from comove.scenes import demonstration_of
 
 
 def scenes(*goals):

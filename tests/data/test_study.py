@@ -16,7 +16,7 @@ from comove.data.runs import differences
 from comove.dmp import DMP, Library, Primitive
 from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError, SceneError
-from comove.scenes import recording_of
+from comove.model import recording_of
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "studies"
 SCENE = {

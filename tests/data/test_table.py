@@ -20,7 +20,7 @@ def test_rows_are_those_of_solve(tmp_path):
     ]
     for run in table.runs[:2]:
         scene = next(scene for scene in scenes if scene.name == run.scene)
-        alone = comove.solve(scene, demonstration=comove.scenes.demonstration_of(scene), seed=run.seed)
+        alone = comove.solve(scene, demonstration=comove.model.demonstration_of(scene), seed=run.seed)
         assert (run.status, run.cost) == ("verified", alone.cost.total)
         assert run.scene_sha256 == scene.sha256
     assert set(map(len, table.columns.values())) == {4}

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import comove
-from comove.coordination import CoordinatedMotion
 from comove.data.variety import N_PATH, passing_class, variety
 from comove.lab.examples import example_path
+from comove.model import CoordinatedMotion
 
 
 def straight(*ends):

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from comove.geometry import distances as sd
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 from tests.cases import examples
 
 KINDS = {

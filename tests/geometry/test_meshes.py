@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.coordination import CoordinatedMotion
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import meshes as module
 from comove.geometry.convex_decomposition import left_out
 from comove.geometry.distances import POLYTOPE, point_distance
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene
 from comove.verification import verify
 
 from ..meshes import box, l_profile, prism, ring, write_obj, write_stl

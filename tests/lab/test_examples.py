@@ -4,7 +4,7 @@ import pytest
 
 from comove.errors import ResultError
 from comove.lab.examples import EXAMPLES, copy_examples, example
-from comove.scenes import Scene
+from comove.model import Scene
 
 
 def test_copies_are_the_scenes_themselves_and_changed_ones_stay(tmp_path):

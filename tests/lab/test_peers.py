@@ -17,7 +17,7 @@ from comove.lab.peers.common import (
 from comove.lab.peers.shapes import Shapes
 from comove.lab.registry import PEERS, SYSTEMS
 from comove.lab.systems import N_SAMPLES, Offers, SystemProblem, cost_of, measured
-from comove.scenes import Scene
+from comove.model import Scene
 
 MODULES = {
     "ompl-rrtconnect": "ompl",

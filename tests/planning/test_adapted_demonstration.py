@@ -96,7 +96,7 @@ def test_a_closed_movement_that_is_too_large_is_told_with_a_scale():
 def test_a_movement_that_stays_and_keeps_its_size_is_not_told():
     for name in ("narrow", "complex", "window"):
         scene = example(name)
-        assert not said_of(comove.scenes.demonstration_of(scene), scene)
+        assert not said_of(comove.model.demonstration_of(scene), scene)
     assert not said_of(loop(0.0), example("narrow"))
 
 

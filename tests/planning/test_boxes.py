@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
-from comove.coordination.coordinates import load_coordinates
+from comove.model import Scene
+from comove.model.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.objective import ContactPenalty, Objective
-from comove.scenes import Scene
 from comove.view.figures.motion import draw_motion
 from tests.cases import examples
 from tests.verification.random_boxes import box_near_contact, least_clearance, random_box_motion

@@ -7,12 +7,12 @@ import pytest
 
 from comove.errors import OptionError
 from comove.lab.evolution import Paper, Projection, combine
+from comove.model import Scene
 from comove.planning import Budget, Comove, LeastJerk, LeastTime, PaperCost, solve
 from comove.planning.methods import Quick
 from comove.processes import one_blas_thread
 from comove.results.sealed import checksum
 from comove.results.solution import motion_arrays
-from comove.scenes import Scene
 from tests.planning.two_gaps import bumps, two_gaps
 from tests.slow_clock import ticking
 from tests.solved import example, scene_of

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from comove.coordination import CoordinatedDMP, load_coordinates
 from comove.dmp import DMP, Library, Primitive, learn, motion_basis
 from comove.dmp import operations as op
 from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.lab.examples import example
+from comove.model import CoordinatedDMP, load_coordinates
 from comove.planning import PaperCost, best_movement, carried_demonstration
 from comove.planning.choice import N_BASIS
 from comove.planning.objective import N_STEPS, Objective

@@ -5,12 +5,12 @@ import time
 import numpy as np
 import pytest
 
-from comove.coordination.coordinates import load_coordinates
+from comove.model.coordinates import load_coordinates
+from comove.model.scene import Scene
 from comove.planning.clock import LOOKS, STRIDE, UP, WORK, Budget, clock_until, now, wind, worked
 from comove.planning.configurations import clearance_of, configuration_space, edge_is_free
 from comove.planning.planner import plan
 from comove.planning.spacetime import plan_in_time, spacetime
-from comove.scenes.scene import Scene
 
 NODES = 10_000
 

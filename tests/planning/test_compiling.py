@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 import comove.planning.compiling as compiling_room
-from comove.coordination import load_coordinates
+from comove.model import demonstration_of, load_coordinates
 from comove.planning import Comove, SceneKind, load_kernels, solve
 from comove.planning.clock import LEFT
 from comove.planning.compiling import ALONE, Compiled, compiling, meanwhile
 from comove.planning.configurations import configuration_space
 from comove.planning.method import Method
 from comove.planning.methods import _planner
-from comove.scenes import demonstration_of
 from tests.solved import example
 
 

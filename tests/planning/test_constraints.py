@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
-from comove.constraints import SameHeightConstraint, SeparationConstraint, UprightConstraint
-from comove.coordination import load_coordinates, rollouts
+from comove.dmp.basis import rollouts
 from comove.errors import OptionError
 from comove.lab.evolution import Paper, Projection
+from comove.model import Scene, load_coordinates
+from comove.model.constraints import SameHeightConstraint, SeparationConstraint, UprightConstraint
 from comove.planning.configurations import configuration_space
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.planner import plan
-from comove.scenes import Scene
 from tests import brute_force
 from tests.cases import examples
 from tests.planning.test_planner import between as along_edges

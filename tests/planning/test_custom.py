@@ -7,8 +7,8 @@ import comove
 from comove import LeastJerk
 from comove.errors import OptionError
 from comove.lab.evolution import Projection
+from comove.model import Scene
 from comove.planning import Equality, Samples
-from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import example
 from tests.verification.test_bounds import lone_hand

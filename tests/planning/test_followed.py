@@ -5,10 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp.basis import motion_basis
+from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.planning.resemblance import followed
-from comove.scenes import Scene
 
 S = np.linspace(0.0, 1.0, 201)
 

@@ -7,8 +7,8 @@ import comove
 from comove import DMP, Demonstration
 from comove.dmp.demonstrations import write_csv
 from comove.errors import OptionError
+from comove.model import Scene, demonstration_of, recording_of
 from comove.planning import carried_demonstration
-from comove.scenes import Scene, demonstration_of, recording_of
 from tests.solved import example
 
 TIME = np.linspace(0.0, 4.0, 401)

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from comove import Demonstration
-from comove.coordination.blocks import place
 from comove.lab.evolution import Paper
+from comove.model import Scene
+from comove.model.blocks import place
 from comove.planning import Comove, PaperCost, solve
 from comove.planning.convex.costs import third_differences
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.methods import UNPOLISHED
 from comove.planning.planner import plan
 from comove.planning.seeds import RIDGES, minimum_jerk, profiles
-from comove.scenes import Scene
 
 SCENE = Scene.from_dict(
     {

@@ -8,9 +8,9 @@ import pytest
 import comove
 from comove import LeastJerk, LeastTime
 from comove.errors import OptionError, SceneError
+from comove.model import Scene, demonstration_of
 from comove.planning import solver
 from comove.planning.pace import LIMITS, in_least_time, least_possible
-from comove.scenes import Scene, demonstration_of
 from comove.verification import verify
 from tests.solved import EXAMPLES, example
 from tests.verification.test_bounds import lone_hand

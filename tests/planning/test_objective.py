@@ -9,11 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
-from comove.coordination import CoordinatedMotion, load_coordinates, rollouts
-from comove.dmp.basis import motion_basis
+from comove.dmp.basis import motion_basis, rollouts
+from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.planning import PaperCost
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
-from comove.scenes import Scene
 from tests import brute_force
 from tests.cases import examples
 from tests.solved import solved

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.coordination import load_coordinates
+from comove.model import Scene, load_coordinates
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import _fit, flat_direction, plan, quaternion_of
-from comove.scenes import Scene
 from tests import brute_force
 from tests.solved import example, random_scene
 from tests.verification.random_motions import scene_data

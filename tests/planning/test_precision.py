@@ -10,10 +10,10 @@ from comove import Demonstration, LeastJerk, Scene, solve
 from comove.dmp import ProMP
 from comove.dmp.demonstrations.formats import write
 from comove.errors import OptionError
+from comove.model import demonstration_of
 from comove.planning import carried_demonstration, movements_of
 from comove.planning.convex.costs import JerkCost
 from comove.planning.resemblance import followed, precision_root
-from comove.scenes import demonstration_of
 
 SCENE = {
     "name": "tube",

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 import comove
-from comove.coordination import CoordinatedMotion
 from comove.lab.examples import example
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene
 
 SCALES = (1e-3, 10.0, 1e3)
 

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.coordination.coordinates import load_coordinates
 from comove.dmp.basis import motion_basis
+from comove.model import Scene
+from comove.model.coordinates import load_coordinates
 from comove.planning import Comove, solve
 from comove.planning.configurations import configuration_space
 from comove.planning.methods import UNPOLISHED
 from comove.planning.objectives import PaperCost
 from comove.planning.planner import along
 from comove.planning.seeds import fit, profiles, steady, targets_along
-from comove.scenes import Scene
 
 N = 4001
 

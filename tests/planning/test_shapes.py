@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 import comove
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.verification.measures import smoothness
 
 S = np.linspace(0.0, 1.0, 801)

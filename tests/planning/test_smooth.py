@@ -6,9 +6,9 @@ import pytest
 import comove
 from comove import LeastJerk, PaperCost
 from comove.errors import OptionError
+from comove.model import Scene, demonstration_of, recording_of
 from comove.planning import carried_demonstration
 from comove.planning.convex.costs import jerk_cost
-from comove.scenes import Scene, demonstration_of, recording_of
 from tests.solved import example, scene_of
 
 # The least known squared jerk over that of straight motions, by a solver of nonlinear programmes from many starts.

@@ -14,10 +14,10 @@ import comove
 from comove import DMP, Demonstration, PaperCost
 from comove.errors import OptionError
 from comove.lab.evolution import Projection
+from comove.model import Scene
 from comove.planning import Comove, carried_demonstration
 from comove.planning.methods import MethodSettings
 from comove.planning.objective import N_STEPS
-from comove.scenes import Scene
 from tests import brute_force
 from tests.solved import example, random_scene, solved
 from tests.verification.random_motions import scene_data

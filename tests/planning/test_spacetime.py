@@ -6,11 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.random_scenes import moving_scene
-from comove.coordination import load_coordinates
+from comove.model import Scene, load_coordinates
 from comove.planning import solve
 from comove.planning.configurations import configuration_space, span
 from comove.planning.spacetime import _eased, plan_in_time, spacetime, targets_in_time
-from comove.scenes import Scene
 from tests.cases import examples
 
 

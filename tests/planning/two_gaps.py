@@ -4,7 +4,7 @@ import numpy as np
 
 from comove.dmp import DMP
 from comove.dmp.demonstrations import Demonstration
-from comove.scenes import Scene
+from comove.model import Scene
 
 
 def two_gaps(gap=0.16, bar=None, upper=0.7, lower=0.3):

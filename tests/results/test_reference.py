@@ -7,11 +7,11 @@ import pytest
 import comove
 from comove.errors import ResultError
 from comove.io.folders import whole_folder
+from comove.model import Scene
+from comove.model.files.keys import DEFAULT_LIMITS
 from comove.results import RESULT
 from comove.results.reference import filled_in, reference_of
 from comove.results.solution import read_result
-from comove.scenes import Scene
-from comove.scenes.model import DEFAULT_LIMITS
 from comove.view.figures import save_result
 from tests.commands import invoke
 

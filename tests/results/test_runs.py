@@ -8,10 +8,10 @@ import pytest
 
 from comove.control import Executor, Functions, Pace, write_run
 from comove.io.folders import whole_folder
+from comove.model import Scene
 from comove.results import RESULT
 from comove.results.runs import RUN, read_run, verify_run
 from comove.results.sealed import finite
-from comove.scenes import Scene
 from comove.verification.record import verify_execution
 from comove.view.workbench.playback import playback_of
 from tests.commands import invoke

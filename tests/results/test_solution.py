@@ -18,10 +18,10 @@ from comove.cli.texts import summary_text
 from comove.errors import ResultError
 from comove.io.folders import check_target, whole_folder
 from comove.lab.evolution import Projection
+from comove.model import Scene
 from comove.results import RESULT, read_result, verify_result, write_solution
 from comove.results.sealed import checksum
 from comove.results.solution import SOLUTION, rebuild
-from comove.scenes import Scene
 from tests.cases import examples
 from tests.solved import example, solved
 from tests.verification.random_motions import scene_data

@@ -9,12 +9,11 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
-from comove.coordination import CoordinatedDMP, CoordinatedMotion
-from comove.coordination.coordinates import load_coordinates
 from comove.dmp.basis import motion_basis
+from comove.model import CoordinatedDMP, CoordinatedMotion, Scene
+from comove.model.coordinates import load_coordinates
 from comove.robots import JointMotion, Robot
 from comove.robots.description import Uncertainty
-from comove.scenes import Scene
 from tests.robots.known_path import DISTANCE, DURATION, START, hands
 
 TABLE = {"shape": "box", "center": [0.68, 0, -0.175], "size": [0.7, 1.6, 0.05]}

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from comove.coordination import CoordinatedDMP, CoordinatedMotion
-from comove.coordination.coordinates import load_coordinates
 from comove.dmp.basis import motion_basis
 from comove.errors import ComoveWarning
+from comove.model import CoordinatedDMP, CoordinatedMotion, Scene
+from comove.model.coordinates import load_coordinates
 from comove.robots import Arm, Robot
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
-from comove.scenes import Scene
 
 BUNDLED = (
     "baxter",

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 
 import comove
 from comove.errors import SceneError
+from comove.model import Scene
 from comove.robots import Robot, RobotCarrier
-from comove.scenes import Scene
 from comove.sim import simulate
 from tests.robots.small_robots import EXAMPLES, robot, urdf, written
 

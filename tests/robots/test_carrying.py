@@ -13,6 +13,7 @@ import yaml
 
 import comove
 from comove.errors import RobotError, SceneError
+from comove.model import Scene
 from comove.planning import solve
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.methods import UNPOLISHED
@@ -21,7 +22,6 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.ends import EndSettings
 from comove.robots.search.following import MET
 from comove.robots.search.tracking import sampled_nodes
-from comove.scenes import Scene
 from comove.verification import verify
 from tests.robots.known_carry import TABLE, known_carry, on_scene, posts, scene_data
 from tests.robots.small_robots import EXAMPLES, gantry, gantry_scene, movement, robot, task

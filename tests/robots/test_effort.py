@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from comove.model import Scene
 from comove.robots import JointMotion, verify_joints
 from comove.robots.effort import shortest_duration
-from comove.scenes import Scene
 from tests.robots.known_carry import baxter, hands_motion, known_carry, scene_data
 
 

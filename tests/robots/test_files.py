@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from comove.errors import ResultError, RobotError
 from comove.io import arrays as archives
+from comove.model import Scene
 from comove.results.sealed import checksum, finite
 from comove.results.solution import SOLUTION
 from comove.robots import JointMotion, verify_joints
 from comove.robots.files import JOINTS, read_joints, verified_against, verify_stored
-from comove.scenes import Scene
 from comove.stored import ResultPart, verify_folder
 from tests.cases import examples
 from tests.robots.known_carry import (

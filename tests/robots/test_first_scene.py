@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 pytest.importorskip("pinocchio")
 
 from comove.errors import ComoveWarning, RobotError
+from comove.model import Scene
 from comove.robots import Robot, RobotCarrier, bundled_robots, plan_transfers
 from comove.robots.ends import EndJoints
 from comove.robots.kernels import TWO_ARMS
 from comove.robots.proposal import first_scene, propose_scene
 from comove.robots.proposal.first_scene import FirstSceneSettings, _Place, largest_rectangle
 from comove.robots.proposal.homes import floor_of
-from comove.scenes import Scene
 from tests.commands import invoke
 
 N_CELLS, FEWEST, MOST = 11, 3, 5

@@ -8,11 +8,11 @@ import pytest
 
 import comove
 from comove.errors import SceneError
+from comove.model import Scene
 from comove.planning import Budget
 from comove.planning.solver import problem_of
 from comove.robots import Robot, solving
 from comove.robots.files import read_joints
-from comove.scenes import Scene
 from comove.view.figures import save_result
 from tests.robots.small_robots import CAMERA, lifts_scene, robot
 

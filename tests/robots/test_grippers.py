@@ -17,10 +17,10 @@ from scipy.spatial.transform import Rotation
 
 import comove
 from comove.errors import ComoveWarning, RobotError
+from comove.model import Scene
 from comove.robots import Robot, verify_joints
 from comove.robots.grippers import COLOUR, gripper_links, without_gripper
 from comove.robots.proposal import examine, propose
-from comove.scenes import Scene
 from comove.sim import simulate
 from comove.sim.engine import engine
 from comove.sim.urdf import for_mujoco

@@ -12,7 +12,7 @@ import comove
 from comove.planning.kernels import SceneKind
 from comove.robots import Robot
 from comove.robots.kernels import load_robot_kernels
-from comove.scenes import Scene
+from comove.model import Scene
 
 names, compiled = [], Dispatcher.compile
 

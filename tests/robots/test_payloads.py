@@ -8,10 +8,10 @@ import pinocchio as pin
 import pytest
 
 from comove.errors import SceneError
+from comove.model import Scene
 from comove.robots import Robot, verify_joints
 from comove.robots.carrying import RobotCarrier
 from comove.robots.effort import carried_masses, loaded_model
-from comove.scenes import Scene
 from tests.meshes import hull, write_obj
 from tests.robots.known_carry import baxter, known_carry, on_scene, scene_data
 from tests.robots.known_path import DISTANCE

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import comove
+from comove.model import Scene
+from comove.model.resting import SLOPE, TOLERANCE
 from comove.robots import Robot
 from comove.robots.verification.checks import calibration
-from comove.scenes import Scene
-from comove.scenes.resting import SLOPE, TOLERANCE
 from comove.sim import play, simulate
 from comove.sim.loads import hand_poses
 

@@ -8,15 +8,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import comove
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveWarning, SceneError
+from comove.model import Scene
+from comove.model.motion import CoordinatedMotion
 from comove.robots import Robot, RobotCarrier, verify_joints
 from comove.robots.search.following import follow_one, hand_rotation
 from comove.robots.verification.carried import Carried
-from comove.scenes import Scene
 from comove.sim import Weld, simulate
 from tests.meshes import prism
-from tests.scenes.test_payload_poses import wxyz
+from tests.model.test_payload_poses import wxyz
 
 DOWN = Rotation.from_matrix(np.diag([-1.0, 1.0, -1.0]))
 TRAY = {"shape": "box", "size": [0.5, 0.2, 0.04], "mass": 0.6}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comove import Scene
-from comove.coordination.motion import CoordinatedMotion
+from comove.model.motion import CoordinatedMotion
 from comove.robots import JointMotion, verify_joints
 from comove.robots.transfers import plan_transfers
 from tests.robots.known_carry import baxter, followed, grasp_frames, known_carry, scene_data

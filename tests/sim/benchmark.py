@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 import pinocchio as pin
 
+from comove.model import Scene
 from comove.robots import JointMotion
-from comove.scenes import Scene
 from tests.robots import known_path
 from tests.robots.known_path import DISTANCE, DURATION, START, hands, known_motion
 

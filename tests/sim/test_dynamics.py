@@ -8,9 +8,9 @@ import pinocchio as pin
 import pytest
 
 from comove.errors import RobotError, SceneError
+from comove.model import Scene
 from comove.robots import JointMotion
 from comove.robots.effort import carried_masses, loaded_model, torques
-from comove.scenes import Scene
 from comove.sim import Connect, Friction, Perturbation, Push, Settings, Weld, play, simulate
 from comove.sim.building import build_world
 from comove.sim.dynamics import at_start

@@ -8,9 +8,9 @@ import yaml
 
 from comove.errors import OptionError
 from comove.io.folders import whole_folder
+from comove.model import Scene
 from comove.results import RESULT
 from comove.robots.online.executor import JointExecutor, OnlineSettings
-from comove.scenes import Scene
 from comove.sim.building import build_world
 from comove.sim.engine import NO_PICTURES, drawing_backend, engine
 from comove.sim.execution import Contact

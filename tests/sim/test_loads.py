@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.sim.loads import carried, load_of, points_of
 
 

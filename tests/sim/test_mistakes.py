@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from comove.errors import ComoveError, ComoveWarning, OptionError, RobotError
+from comove.model import Scene
 from comove.robots import JointMotion, Robot
-from comove.scenes import Scene
 from comove.sim import (
     Friction,
     Perturbation,

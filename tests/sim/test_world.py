@@ -7,9 +7,9 @@ import pinocchio as pin
 import pytest
 
 from comove.errors import ComoveWarning, RobotError, SceneError
+from comove.model import Scene
 from comove.robots import JointMotion, Robot
 from comove.robots.description import bundled_robots
-from comove.scenes import Scene
 from comove.sim import Friction, Perturbation, Weld, simulate
 from comove.sim.building import build_world
 from comove.sim.dynamics import at_start

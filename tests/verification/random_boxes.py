@@ -7,12 +7,11 @@ upper bound; near its end it looks every thousandth of a knot's interval and eve
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.coordination import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import motion_basis
 from comove.errors import SceneError
 from comove.geometry.solids import solid_at, solid_distance
-from comove.scenes import Scene
+from comove.model import Scene, load_coordinates
+from comove.model.motion import CoordinatedMotion
 from tests import brute_force
 
 from .random_motions import WIDE, on_scene, random_obstacle, scene_data

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.coordination.coordinates import coordinates_for
 from comove.errors import ComoveWarning, SceneError
-from comove.scenes import Scene
+from comove.model import Scene
+from comove.model.coordinates import coordinates_for
 from tests import brute_force
 from tests.meshes import box, hull, l_profile, ring, spoilt, star, write_obj
 from tests.verification.random_motions import offset_of, random_motion, scene_data

@@ -11,16 +11,16 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.coordination import (
+from comove.dmp.basis import motion_basis
+from comove.errors import OptionError, SceneError
+from comove.model import (
     CoordinatedMotion,
+    Scene,
     arms_coordinates,
     load_coordinates,
     projected_coordinates,
 )
-from comove.coordination.coordinates import coordinates_for
-from comove.dmp.basis import motion_basis
-from comove.errors import OptionError, SceneError
-from comove.scenes import Scene
+from comove.model.coordinates import coordinates_for
 from tests import brute_force
 
 TRIANGLE = np.array([[-0.08, -0.05, 0.0], [0.08, -0.05, 0.0], [0.0, 0.1, 0.0]])

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.coordination import CoordinatedMotion
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene
 from comove.verification import verify
 from comove.verification.bounds import largest_jerk, largest_rates, node_bounds
 from tests.verification.random_motions import random_motion

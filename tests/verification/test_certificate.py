@@ -12,9 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp.basis import motion_basis
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification import verify
 from comove.verification.bounds import node_bounds
 from comove.verification.certificate import certify

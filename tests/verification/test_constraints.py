@@ -11,16 +11,15 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from comove.constraints import (
+from comove.dmp import motion_basis
+from comove.errors import ComoveWarning, OptionError, SceneError
+from comove.model import CoordinatedDMP, Scene, arms_coordinates, load_coordinates, projected_coordinates
+from comove.model.constraints import (
     DistanceConstraint,
     SameHeightConstraint,
     SeparationConstraint,
     UprightConstraint,
 )
-from comove.coordination import CoordinatedDMP, arms_coordinates, load_coordinates, projected_coordinates
-from comove.dmp import motion_basis
-from comove.errors import ComoveWarning, OptionError, SceneError
-from comove.scenes import Scene
 from comove.verification import verify
 from tests import brute_force
 from tests.cases import examples

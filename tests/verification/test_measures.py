@@ -7,9 +7,8 @@ from hypothesis import strategies as st
 
 import comove
 from comove import LeastJerk, PaperCost
-from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp.basis import motion_basis
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification.measures import smoothness, spectral_arc_length
 from tests.solved import example
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from comove.coordination import CoordinatedMotion
 from comove.errors import SceneError
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene
 from comove.verification import verify
 from comove.verification.certificate import certify
 

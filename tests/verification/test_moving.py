@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp.basis import motion_basis
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification import verify
 from comove.verification.certificate import certify
 from comove.verification.clearance_kernels import Around, CurveArrays, Need, Paths, certified_clearance

@@ -7,7 +7,7 @@ import pytest
 
 import comove
 from comove.errors import OptionError
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.verification.record import Record, RecordSamples, verify_execution
 
 PERIOD, DURATION = 0.01, 2.0

@@ -6,15 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comove import Scene
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp.basis import motion_basis
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import load_coordinates
+from comove.model.resting import SLOPE, TOLERANCE, recession_sagittas, recessions
 from comove.planning import solve
-from comove.scenes.resting import SLOPE, TOLERANCE, recession_sagittas, recessions
 from comove.verification import verify
 from comove.verification.record import RecordSamples, verify_execution
 from tests.brute_force import obstacle_distance
-from tests.scenes.test_resting import tray
+from tests.model.test_resting import tray
 
 FINE = np.linspace(0.0, 1.0, 4001)
 

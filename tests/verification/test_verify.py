@@ -8,11 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import comove
-from comove.coordination import CoordinatedMotion, load_coordinates
 from comove.dmp import motion_basis
 from comove.errors import OptionError, SceneError
 from comove.lab.evolution import Paper, Projection
-from comove.scenes import Scene
+from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification import VerifiedMotion, verify
 from comove.verification.bounds import node_bounds
 from tests import brute_force

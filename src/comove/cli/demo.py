@@ -24,9 +24,9 @@ def demo(
     from comove.io.folders import check_target, whole_folder
     from comove.lab.examples import EXAMPLES, copy_examples, example
     from comove.lab.paper.figures import draw_demo
+    from comove.model import recording_of
     from comove.planning import LeastJerk, solve
     from comove.results import RESULT
-    from comove.scenes import recording_of
     from comove.view.figures import save_result
 
     jobs = [(name, name, LeastJerk()) for name in EXAMPLES]

@@ -249,8 +249,8 @@ def combine(
     from comove.cli.progress import progress_bar
     from comove.dmp import Library, Primitive, write_primitive
     from comove.lab.evolution import combine
+    from comove.model import Scene
     from comove.planning.choice import suitable
-    from comove.scenes import Scene
 
     r.check_target(out)
     o.check_picture(picture)

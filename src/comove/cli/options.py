@@ -18,11 +18,11 @@ from comove.methods import METHODS
 
 if TYPE_CHECKING:
     from comove.dmp import DMP, Library, PoseDMP, ProMP
+    from comove.model import Scene
     from comove.planning.method import Method
     from comove.planning.objectives import Criterion
     from comove.robots import Robot, VerifiedJointMotion
     from comove.robots.present import Joints
-    from comove.scenes import Scene
 
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -141,7 +141,7 @@ class Trusted:
     def verified(self, folder: Path) -> VerifiedJointMotion:
         """Return the joint motion in a folder, verified anew, and print what it was verified against."""
         from comove.cli.texts import say
-        from comove.scenes import Scene
+        from comove.model import Scene
         from comove.stored import ResultPart, parts_of
 
         if ResultPart.JOINTS not in parts_of(folder):
@@ -282,8 +282,8 @@ def movement_given(
     What a scene names is returned beside a library as well, for the method that combines both.
     """
     from comove.dmp import Library
+    from comove.model import demonstration_of
     from comove.planning.choice import suitable
-    from comove.scenes import demonstration_of
 
     if resemblance and scene.file.demonstration is None and demonstration is None and library is None:
         raise OptionError(
@@ -339,8 +339,8 @@ def demonstration_at(path: Path, scene: Scene) -> DMP | PoseDMP | ProMP:
     """Return the movement of a primitive's file or a recording, or the distribution of a folder of recordings."""
     from comove.dmp import ProMP, read_primitive
     from comove.dmp.recordings import is_several, read_recording, read_several
-    from comove.scenes import fitted, followed_in
-    from comove.scenes.demonstration import require_dimension
+    from comove.model import fitted, followed_in
+    from comove.model.demonstration import require_dimension
 
     named = str(path)
     if is_several(named):

@@ -14,9 +14,9 @@ from comove.cli.texts import say
 from comove.errors import OptionError, RobotError, SceneError
 
 if TYPE_CHECKING:
+    from comove.model import Scene
     from comove.robots import Arm, Robot
     from comove.robots.proposal import Examination
-    from comove.scenes import Scene
 
 group = sub_application("robot", "Descriptions of robots: convert, new, check, scene.")
 for former in (solve.solve, run.run, simulate.simulate, export.export, send.send):
@@ -197,8 +197,8 @@ def scene(
 def _around(file: Path) -> Scene:
     """Return a scene, or the scene of a file of obstacles alone."""
     from comove.io.yaml_reader import read_yaml
+    from comove.model import Scene
     from comove.robots.proposal import scene_of
-    from comove.scenes import Scene
 
     data, _ = read_yaml(file)
     if set(data) != {"obstacles"}:

@@ -11,7 +11,7 @@ from comove.cli.app import INTERRUPTED, NOT_VERIFIED, VERIFIED, command_words
 from comove.errors import OptionError
 
 if TYPE_CHECKING:
-    from comove.scenes import Scene
+    from comove.model import Scene
 
 RUN_LONGEST = 4.0  # times the plan's duration, that a run may last unless it is said
 LEAST_RATE, USUAL_RATE, LARGEST_RATE = 50.0, 250.0, 500.0  # Hz, of control steps
@@ -61,12 +61,12 @@ def run_joints(
     from comove.cli.progress import progress_bar, time_spent
     from comove.cli.texts import robot_run_text
     from comove.io.folders import check_target, whole_folder
+    from comove.model.resting import require_no_rest
     from comove.planning import SceneKind
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
     from comove.robots.kernels import load_robot_kernels
     from comove.robots.online.executor import JointExecutor, OnlineSettings
-    from comove.scenes.resting import require_no_rest
     from comove.sim import GRASPS, Perturbation
     from comove.sim.engine import engine
     from comove.sim.live import run_live, steps_of

@@ -90,11 +90,11 @@ def run(
     from comove.lab.modulation.comparison import Compared, write_comparison
     from comove.lab.modulation.comparison import compare as compare_all
     from comove.lab.modulation.pictures import animate_comparison, draw_comparison
+    from comove.model import Scene, demonstration_of
+    from comove.model.resting import require_no_rest
     from comove.planning import Budget, SceneKind, load_kernels, solve
     from comove.results import RESULT
     from comove.results.inputs import write_inputs
-    from comove.scenes import Scene, demonstration_of
-    from comove.scenes.resting import require_no_rest
     from comove.verification.record import verify_execution
     from comove.view.figures import animate_run, draw_run, save
 

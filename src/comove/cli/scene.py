@@ -12,7 +12,7 @@ from comove.cli.app import VERIFIED, sub_application, verb_of
 from comove.errors import SceneError
 
 if TYPE_CHECKING:
-    from comove.scenes import Scene
+    from comove.model import Scene
 
 group = sub_application("scene", "Scene files: write version 2 of one, print the schema for editors.")
 
@@ -27,8 +27,8 @@ def upgrade(
     """Write SCENE as a file of version 2, without its comments; print it unless --out is given."""
     from comove.io.folders import scene_folder
     from comove.io.yaml_reader import read_yaml
-    from comove.scenes import Scene
-    from comove.scenes.upgrade import as_text, upgraded
+    from comove.model import Scene
+    from comove.model.files.upgrade import as_text, upgraded
 
     data, _ = read_yaml(scene)
     if data.get("version") == 2:
@@ -62,7 +62,7 @@ def schema(
     out: Annotated[Path | None, typer.Option(help="File to write; it must not be there yet.")] = None,
 ) -> int:
     """Print the JSON schema of scene files of version 2, by which editors complete and check keys."""
-    from comove.scenes.version2 import SceneFile2
+    from comove.model.files.version2 import SceneFile2
 
     _give(json.dumps(SceneFile2.model_json_schema(), indent=2) + "\n", out)
     return VERIFIED

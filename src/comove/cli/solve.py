@@ -15,9 +15,9 @@ from comove.errors import InputError, OptionError
 from comove.methods import METHODS, OF_ROBOTS
 
 if TYPE_CHECKING:
+    from comove.model import Scene
     from comove.planning import Solution
     from comove.robots import JointSolution
-    from comove.scenes import Scene
 
 
 class ObstacleMode(StrEnum):
@@ -95,9 +95,9 @@ def solve(
     from comove.cli.texts import in_rows, joints_text, summary_text
     from comove.dmp import ProMP
     from comove.io.folders import check_target, whole_folder
+    from comove.model import Scene
     from comove.planning import check_method, movements_of
     from comove.results import RESULT
-    from comove.scenes import Scene
 
     o.require_one_of(method, tuple(METHODS), "method")
     o.check_budget(budget)

@@ -11,7 +11,7 @@ from comove.errors import printable
 
 if TYPE_CHECKING:
     from comove.dmp import Primitive
-    from comove.scenes import Scene
+    from comove.model import Scene
 
 HANDS_ALONE = "verified, the hands alone: no joint of the robot was looked at"
 DRAWN = (".png", ".gif", ".mp4")

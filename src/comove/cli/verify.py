@@ -37,7 +37,7 @@ def verify(
 ) -> int:
     """Verify a saved result anew, from the files alone: a motion, joints, a run, a simulation."""
     from comove.cli.progress import progress_bar
-    from comove.scenes import Scene
+    from comove.model import Scene
     from comove.stored import verify_folder
 
     *scenes, folder = things

@@ -22,8 +22,8 @@ from comove.errors import OptionError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import evenly_spread, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
-from comove.scenes.scene import FAR, MovingBody, Scene
-from comove.scenes.shapes import inside_polygon
+from comove.model.scene import FAR, MovingBody, Scene
+from comove.model.shapes import inside_polygon
 from comove.verification.bounds import lengths
 
 Array = NDArray[np.float64]

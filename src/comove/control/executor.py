@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from comove.control.observers import Known, Observer, going_on
 from comove.control.safety.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
-from comove.coordination.coordinates import HandPoses, poses_at
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.arguments import require_positive
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.dmp import DMP
@@ -29,15 +27,17 @@ from comove.dmp.probabilistic import ProMP
 from comove.errors import ComoveWarning, OptionError
 from comove.geometry.distances import inflated
 from comove.geometry.rotations import matrices
+from comove.model.coordinates import HandPoses, poses_at
+from comove.model.groups import GroupPose
+from comove.model.motion import CoordinatedMotion
+from comove.model.resting import require_no_rest
+from comove.model.scene import Scene
 from comove.planning.arguments import movements_of, warn_of_adaptation
 from comove.planning.clock import Budget
 from comove.planning.methods import Guide, Quick
 from comove.planning.search import Interruption
 from comove.planning.solver import solve
 from comove.processes import one_blas_thread
-from comove.scenes.groups import GroupPose
-from comove.scenes.resting import require_no_rest
-from comove.scenes.scene import Scene
 from comove.verification.certificate import certify
 from comove.verification.record import Record
 from comove.verification.verify import VerifiedMotion

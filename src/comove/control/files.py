@@ -10,12 +10,12 @@ import numpy as np
 
 from comove._version import __version__
 from comove.control.executor import ExecutionLog
-from comove.coordination.coordinates import load_coordinates
+from comove.model.coordinates import load_coordinates
+from comove.model.files.keys import canonical
 from comove.planning.objective import Objective
 from comove.results.reference import SCENE
 from comove.results.runs import RUN
 from comove.results.sealed import Summary, finite
-from comove.scenes.model import canonical
 from comove.verification.record import ExecutionReport, Record
 
 

@@ -17,7 +17,7 @@ from comove.control.observers import Observer, sighting
 from comove.control.safety.twist_qp import Sighting
 from comove.dmp.arguments import is_number, numbers, require_positive
 from comove.errors import OptionError
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from comove.control.safety.twist_qp import Sighting
 from comove.errors import OptionError
 from comove.geometry.distances import CENTER
-from comove.scenes.moving import ObstacleMotion
-from comove.scenes.scene import Scene
+from comove.model.moving import ObstacleMotion
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 Position = Callable[[float], ArrayLike]
@@ -172,7 +172,7 @@ class Turning:
     """A motion that has constant speed and turns at a constant rate, also before `since`; straight without a turn.
 
     It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene
-    requires of a `comove.scenes.moving.Motion`; offsets are relative to the centre's position at `since`.
+    requires of a `comove.model.moving.Motion`; offsets are relative to the centre's position at `since`.
 
     Attributes
     ----------

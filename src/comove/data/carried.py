@@ -14,7 +14,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.data.cameras import CamerasPart, videos_of
 from comove.data.episode import (
     DAMAGED,
@@ -31,6 +30,9 @@ from comove.data.many import movement_of
 from comove.data.runs import LONGEST, StoredCarry, StoredMotion, StudyRun
 from comove.data.study_file import SimulationPart
 from comove.errors import ResultError, SceneError
+from comove.model.files.keys import canonical
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning import Budget, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
@@ -43,8 +45,6 @@ from comove.robots import (
     find_description,
     verify_joints,
 )
-from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
 from comove.sim import GRASPS, Execution, Perturbation, simulate
 from comove.solving import solve
 from comove.verification.verify import VerifiedMotion

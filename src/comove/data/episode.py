@@ -18,17 +18,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.data.many import movement_of
 from comove.data.runs import LONGEST, StoredMotion, StudyRun
 from comove.data.variety import N_PATH, center_path, passing_class
 from comove.errors import ComoveWarning, InputError, ResultError
+from comove.model.files.keys import canonical
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning import Budget, Solution, solve
 from comove.planning.method import Method
 from comove.results.sealed import checksum, finite
 from comove.results.solution import CURVE, motion_arrays, rebuild
-from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
 from comove.verification.bounds import largest_jerk, node_bounds
 
 Made = tuple[StudyRun, StoredMotion | None]

@@ -36,10 +36,10 @@ from comove.errors import (
 from comove.io.files import telling
 from comove.io.keys import Contract, Flaw, Part, Wrong, explained, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
+from comove.model.demonstration import LIBRARY
+from comove.model.files.keys import READING
+from comove.model.scene import Scene
 from comove.planning import Comove
-from comove.scenes.demonstration import LIBRARY
-from comove.scenes.model import READING
-from comove.scenes.scene import Scene
 
 Model = TypeVar("Model", bound=Part)
 

@@ -13,11 +13,11 @@ from comove.dmp.dmp import DMP
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError
+from comove.model.demonstration import demonstration_of
+from comove.model.scene import Scene
 from comove.planning import Comove, LeastJerk, LeastTime, PaperCost, Solution, solve
 from comove.planning.method import Method
 from comove.processes import TaskResult, run_tasks
-from comove.scenes.demonstration import demonstration_of
-from comove.scenes.scene import Scene
 from comove.verification.verify import VerifiedMotion, verify
 
 KILLS = 3  # of processes, after which a task is given up

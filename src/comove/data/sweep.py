@@ -25,10 +25,10 @@ from comove.io.keys import Flaw, Wrong, scene_error
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.methods import METHODS as KNOWN
 from comove.methods import OWN
+from comove.model.scene import Scene
 from comove.planning import Comove
 from comove.planning.method import Method
 from comove.results.inputs import files_of_scene
-from comove.scenes.scene import Scene
 
 METHODS: dict[str, Method] = {name: KNOWN[name].kind() for name in OWN}
 """Methods that solve whole scenes, by their names in a study file."""

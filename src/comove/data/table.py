@@ -15,8 +15,8 @@ from comove.data.store import parquet_kinds
 from comove.data.sweep import METHODS, ROBOT_METHODS, Sweep, SweptScene
 from comove.errors import OptionError, near_name
 from comove.io.parquet import write_parquet
-from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
+from comove.model.files.keys import canonical
+from comove.model.scene import Scene
 
 
 @dataclass(frozen=True)

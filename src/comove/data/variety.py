@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.geometry.homotopy import crossings, word_text
+from comove.model.motion import CoordinatedMotion
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ Every hand's pose is that of a common frame times its own pose in that frame,
 where X is the movement of the load, and G_i is constant for a rigid grasp or a primitive of its own for a
 prescribed relative motion (a hand that turns the lid of what the other one holds). Relative poses then hold by
 construction, whatever X does: at another pace, paused, run backwards, pushed, or with a goal that moves. Hands that
-move independently have no X; constraints between them are those of a scene (`comove.constraints`).
+move independently have no X; constraints between them are those of a scene (`comove.model.constraints`).
 """
 
 from __future__ import annotations

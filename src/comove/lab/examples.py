@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from comove.errors import ResultError
 from comove.io.files import whole_path
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

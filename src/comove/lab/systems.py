@@ -13,17 +13,17 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.dmp import DMP
 from comove.lab.bench.store import Figures
 from comove.lab.examples import scene_contents
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.clock import Budget, now
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
 from comove.planning.objectives.paper import PaperCost
 from comove.planning.solution import Progress
 from comove.planning.solver import solve
-from comove.scenes.scene import Scene
 from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
 
 Array = NDArray[np.float64]

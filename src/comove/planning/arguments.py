@@ -10,13 +10,6 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.adaptation import (
-    carried_to_hands,
-    hands_of_poses,
-    magnification,
-    movements_of_hands,
-    rounded_up,
-)
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.dmp import DMP
 from comove.dmp.operations import scale
@@ -25,12 +18,19 @@ from comove.dmp.probabilistic import ProMP
 from comove.dmp.variants import scaled_share
 from comove.errors import ComoveWarning, OptionError, near_name
 from comove.methods import METHODS
+from comove.model.adaptation import (
+    carried_to_hands,
+    hands_of_poses,
+    magnification,
+    movements_of_hands,
+    rounded_up,
+)
+from comove.model.demonstration import fitted, require_dimension
+from comove.model.scene import Scene
 from comove.planning.clock import Budget
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import OBJECTIVES, Criterion
-from comove.scenes.demonstration import fitted, require_dimension
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

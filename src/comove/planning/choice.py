@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp import DMP, Library, Primitive, Variant, motion_basis
 from comove.dmp.operations import in_space
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import load_coordinates
+from comove.model.scene import Scene
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives.paper import PaperCost
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

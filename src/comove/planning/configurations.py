@@ -17,8 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.blocks import place_one
-from comove.coordination.coordinates import (
+from comove.geometry.distances import point_distance, segment_distance
+from comove.geometry.solids import count_solids, empty_solid, solid_at, solid_distance
+from comove.geometry.surfaces import count_meshes, signed_distance
+from comove.model.blocks import place_one
+from comove.model.coordinates import (
     ANGLE,
     DIRECTION,
     POINT,
@@ -26,9 +29,8 @@ from comove.coordination.coordinates import (
     Blocks,
     Coordinates,
 )
-from comove.geometry.distances import point_distance, segment_distance
-from comove.geometry.solids import count_solids, empty_solid, solid_at, solid_distance
-from comove.geometry.surfaces import count_meshes, signed_distance
+from comove.model.resting import lift_direction
+from comove.model.scene import Scene
 from comove.planning import trees
 from comove.planning.clock import clock_until, worked
 from comove.planning.surroundings import (
@@ -38,8 +40,6 @@ from comove.planning.surroundings import (
     solids_from_mesh,
     surroundings_of,
 )
-from comove.scenes.resting import lift_direction
-from comove.scenes.scene import Scene
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]

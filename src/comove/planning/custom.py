@@ -10,11 +10,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.constraints import Constraint
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import motion_basis, rollouts
+from comove.model.constraints import Constraint
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import load_coordinates
+from comove.model.motion import CoordinatedMotion
 from comove.optim import Minimiser, minimise
 from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS

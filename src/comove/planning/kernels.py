@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from comove.coordination.coordinates import load_coordinates
 from comove.dmp.demonstrations.demonstration import Demonstration
 from comove.dmp.dmp import DMP
+from comove.model.coordinates import load_coordinates
+from comove.model.scene import Scene
 from comove.planning.clock import STRIDE, clock_until, worked
 from comove.planning.compiling import meanwhile
 from comove.planning.configurations import configuration_space
@@ -29,7 +30,6 @@ from comove.planning.planner import FOREST, flat_direction, forest
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.planning.smooth import smooth_way
-from comove.scenes.scene import Scene
 
 TETRAHEDRON = "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
 

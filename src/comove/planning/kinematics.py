@@ -14,11 +14,11 @@ from comove.planning.planner import PlannerSettings, plan
 from comove.verification.verify import Check
 
 if TYPE_CHECKING:
-    from comove.coordination.motion import CoordinatedMotion
+    from comove.model.motion import CoordinatedMotion
+    from comove.model.scene import Scene
     from comove.planning.configurations import Space
     from comove.planning.convex.programme import Follower
     from comove.planning.objective import Evaluation, Objective
-    from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar
 
-from comove.coordination.coordinates import Coordinates
 from comove.errors import OptionError
+from comove.model.coordinates import Coordinates
+from comove.model.scene import Scene
 from comove.planning.search import Search
-from comove.scenes.scene import Scene
 
 
 class Method(ABC):

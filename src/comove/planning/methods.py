@@ -12,9 +12,10 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp.basis import MotionBasis
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import Coordinates, load_coordinates
+from comove.model.scene import Scene
 from comove.planning.clock import A_SECOND
 from comove.planning.configurations import SETTINGS as SPACE
 from comove.planning.configurations import (
@@ -52,7 +53,6 @@ from comove.planning.spacetime import (
     spacetime,
     targets_in_time,
 )
-from comove.scenes.scene import Scene
 from comove.ties import first_least
 from comove.verification.verify import Report
 

@@ -21,16 +21,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.coordinates import Coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import rollouts
 from comove.geometry.distances import CENTER, REACH, point_distance, segment_distance
 from comove.geometry.solids import count_solids, empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import signed_distance
+from comove.model.coordinates import Coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.resting import recessions
+from comove.model.scene import Scene
 from comove.planning.objectives.paper import PaperCost
 from comove.planning.surroundings import from_border, seen_from, solids_from_mesh, surroundings_of
-from comove.scenes.resting import recessions
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import motion_basis
 from comove.dmp.dmp import DMP
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import load_coordinates
+from comove.model.files.keys import DEFAULT_LIMITS, MAX_DURATION, MIN_DURATION
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.solution import Solution
-from comove.scenes.model import DEFAULT_LIMITS, MAX_DURATION, MIN_DURATION
-from comove.scenes.scene import Scene
 from comove.verification.bounds import largest_rates
 
 LIMITS = DEFAULT_LIMITS

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.geometry.distances import CENTER, REACH, ROTATION, point_distance
+from comove.model.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.planning.clock import worked
 from comove.planning.configurations import (
     Space,

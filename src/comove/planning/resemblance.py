@@ -17,11 +17,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.adaptation import covariance_of_hands
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.probabilistic import ProMP
+from comove.model.adaptation import covariance_of_hands
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.objective import N_STEPS
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

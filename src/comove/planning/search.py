@@ -12,11 +12,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.dmp import DMP
 from comove.dmp.system import LinearPhase, Phase
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.optim import CMAES, DiagonalCovariance, Parameters
 from comove.planning.clock import A_SECOND, MOST, WORK, Budget, clock_until, now, wind
 from comove.planning.compiling import Compiled
@@ -27,7 +28,6 @@ from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import Criterion, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
-from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]

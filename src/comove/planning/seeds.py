@@ -7,13 +7,13 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp.basis import MotionBasis
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import Coordinates, load_coordinates
+from comove.model.scene import Scene
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS
 from comove.planning.planner import along
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import motion_basis
 from comove.dmp.dmp import DMP
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import load_coordinates
+from comove.model.motion import CoordinatedMotion
 from comove.planning.convex.costs import Anchored, JerkCost, PaperSquares, squares
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise

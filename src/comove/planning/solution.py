@@ -8,11 +8,11 @@ from typing import Any
 
 import comove
 from comove.brief import brief
-from comove.coordination.motion import CoordinatedMotion
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.objective import Cost
 from comove.planning.objectives import Criterion, OwnFunctions, PaperCost
 from comove.planning.resemblance import Followed
-from comove.scenes.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.verify import Report, VerifiedMotion
 

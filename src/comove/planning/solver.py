@@ -13,13 +13,14 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.dmp import DMP
 from comove.dmp.operations import scale
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError, SceneError
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.arguments import (
     carried_demonstration,
     check_options,
@@ -52,7 +53,6 @@ from comove.planning.resemblance import Followed, followed, precision_root
 from comove.planning.search import Interruption, Journal, OutOfTime, Search, SearchClock
 from comove.planning.solution import ProgressCallback, Solution
 from comove.processes import one_blas_thread
-from comove.scenes.scene import Scene
 from comove.verification.verify import Check, Verdict, verify
 
 Array = NDArray[np.float64]

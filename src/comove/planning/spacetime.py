@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.distances import CENTER
+from comove.model.scene import Scene
 from comove.planning import trees
 from comove.planning.configurations import (
     Space,
@@ -28,7 +29,6 @@ from comove.planning.configurations import (
 )
 from comove.planning.planner import continuous, sample
 from comove.planning.trees import copy_to, rrt_connect, shortened
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

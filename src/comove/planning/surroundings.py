@@ -11,7 +11,7 @@ from comove.compiled import kernel
 from comove.geometry.distances import CENTER
 from comove.geometry.solids import border_distance, empty_solid, solid_at, solids_or_none
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_or_none
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -19,9 +19,9 @@ from typing import Any
 from comove.errors import ComoveWarning, ResultError
 from comove.io.files import telling, whole_file
 from comove.io.folders import FOLDER, LIST, listed_inputs
-from comove.scenes.demonstration import library_file
-from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
+from comove.model.demonstration import library_file
+from comove.model.files.keys import canonical
+from comove.model.scene import Scene
 
 MOST = 2**28
 """What is copied at most [bytes]; of more, only origin and checksum are kept."""

@@ -15,8 +15,8 @@ from typing import Any, Protocol
 
 from comove.errors import ComoveWarning, InputError, ResultError
 from comove.io.folders import require_folder, scene_folder
+from comove.model.scene import Scene
 from comove.results.sealed import AGAIN, Summary, read_json
-from comove.scenes.scene import Scene
 
 SCENE = "scene.json"
 SCENE_BYTES = 2**24  # of scene.json

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ResultError, shortened
+from comove.model.scene import Scene
 from comove.results.reference import SCENE, own_scene
 from comove.results.sealed import NUMBER, TEXT, TEXTS, TRUTH, Arrays, ResultKind, Summary, require_types
-from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.verification.measures import WEIGHTS, unit_terms_of
 from comove.verification.record import ExecutionReport, Record, verify_execution

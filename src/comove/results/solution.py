@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 import comove
 from comove.brief import brief
-from comove.coordination.coordinates import COORDINATES, coordinates_for, poses_at
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
 from comove.errors import OptionError, ResultError, shortened
 from comove.io.folders import Contents
+from comove.model.coordinates import COORDINATES, coordinates_for, poses_at
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.results.reference import SCENE
 from comove.results.sealed import (
     AGAIN,
@@ -35,7 +36,6 @@ from comove.results.sealed import (
     number,
     require_types,
 )
-from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.trajectory import Trajectory
 from comove.verification.measures import WEIGHTS, smoothness, unit_terms

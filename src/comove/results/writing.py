@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from comove._version import __version__
-from comove.coordination.motion import CoordinatedMotion
+from comove.model.motion import CoordinatedMotion
 from comove.planning.objective import Objective
 from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
 from comove.planning.objectives.own import name_of

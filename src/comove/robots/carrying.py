@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import RobotError
+from comove.model.coordinates import load_coordinates
+from comove.model.files.keys import ROBOT_CLEARANCE
+from comove.model.grasp import Grasp
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.seeds import targets_along
@@ -40,9 +43,6 @@ from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.transfers import Retreat
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
-from comove.scenes.grasp import Grasp
-from comove.scenes.model import ROBOT_CLEARANCE
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

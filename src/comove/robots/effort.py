@@ -25,6 +25,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
     Extreme,
@@ -35,7 +36,6 @@ from comove.robots.motion import (
     largest_velocity,
     subdivided,
 )
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comove.errors import SceneError
+from comove.model.grasp import Grasp
+from comove.model.scene import Scene
 from comove.processes import n_processors
 from comove.robots.free_space import Room
 from comove.robots.model import Arm, Robot
@@ -25,8 +27,6 @@ from comove.robots.search.ranges import WristRanges, may_reach, ranges_of
 from comove.robots.verification.bodies import bodies_of, obstacle_object
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
-from comove.scenes.grasp import Grasp
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Pair = tuple[Array, Array]

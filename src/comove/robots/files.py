@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.brief import brief
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
 from comove.io.folders import listed_inputs, scene_folder
+from comove.model.files.keys import canonical
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.results.reference import SCENE, Reference, own_scene, reference_of
 from comove.results.sealed import (
     AGAIN,
@@ -44,8 +46,6 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
-from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.model.scene import Scene
 from comove.planning.clock import clock_until
 from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
 from comove.robots.model import Arm
@@ -24,7 +25,6 @@ from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.links import FATTEST, ROUGH
 from comove.robots.search.outline import Outline
 from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

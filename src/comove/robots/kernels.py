@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from comove.geometry.surfaces import holds
+from comove.model.scene import Scene
 from comove.planning.compiling import meanwhile
 from comove.planning.kernels import TETRAHEDRON, SceneKind, begin_loading, load_smooth_kernels
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
-from comove.scenes.scene import Scene
 
 TWO_ARMS = Path(__file__).parent / "stand_in" / "two_arms.yaml"
 STAND_IN = {

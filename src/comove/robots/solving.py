@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from comove.brief import brief
 from comove.errors import OptionError, RobotError, SceneError
 from comove.methods import METHODS, OF_ROBOTS
+from comove.model.scene import Scene
 from comove.planning.arguments import movements_of
 from comove.planning.clock import Budget, now
 from comove.planning.compiling import compiling
@@ -33,7 +34,6 @@ from comove.robots.present import Joints, present_joints
 from comove.robots.transfers import Retreat, Transfers, possible_transfers
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
-from comove.scenes.scene import Scene
 from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]

@@ -19,6 +19,7 @@ from scipy.interpolate import CubicSpline, PPoly
 
 from comove.brief import brief
 from comove.errors import OptionError, RobotError
+from comove.model.scene import Scene
 from comove.planning.seeds import minimum_jerk
 from comove.robots.free_space import Room, RoomSettings, way
 from comove.robots.model import Arm, Robot
@@ -30,7 +31,6 @@ from comove.robots.verification.bodies import LOAD, Bodies, beyond_wrists, bodie
 from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
-from comove.scenes.scene import Scene
 from comove.verification.verify import Sealed
 
 Array = NDArray[np.float64]

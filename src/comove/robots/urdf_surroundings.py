@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from comove.errors import RobotError, shortened
 from comove.geometry.rotations import quaternion_of_rotation
+from comove.model.files.keys import Turned
 from comove.robots.description import errors_in
 from comove.robots.formats import URDF, elements_in
 from comove.robots.soundness import require_sound
 from comove.robots.urdf import drop_extensions, resolve
-from comove.scenes.model import Turned
 
 Array = NDArray[np.float64]
 

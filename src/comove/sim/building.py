@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from comove.errors import RobotError
 from comove.geometry.rotations import quaternion_of_rotation
+from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
-from comove.scenes.scene import Scene
 from comove.sim.engine import THE_LOAD, below, engine, hangs_on
 from comove.sim.grasps import GraspModel
 from comove.sim.loads import Load

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.scene import Scene
 from comove.sim.building import TIMESTEP, build_world
 from comove.sim.engine import engine, without_log
 from comove.sim.execution import Contact, Execution

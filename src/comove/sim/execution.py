@@ -26,10 +26,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.brief import brief
+from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_object
-from comove.scenes.scene import Scene
 from comove.sim.loads import SETTLED, Load, carried, points_of, supports_under
 from comove.sim.settings import PLAN, Perturbation, Settings
 

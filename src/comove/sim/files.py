@@ -11,6 +11,7 @@ import numpy as np
 
 from comove._version import __version__
 from comove.errors import OptionError, ResultError
+from comove.model.scene import Scene
 from comove.results.sealed import (
     MAPPING,
     NUMBER,
@@ -27,7 +28,6 @@ from comove.results.sealed import (
 from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.scene import Scene
 from comove.sim.execution import Contact, Execution, contacts_at
 from comove.sim.grasps import GRASPS
 from comove.sim.loads import hand_poses, load_of

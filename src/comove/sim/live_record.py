@@ -21,10 +21,10 @@ import pinocchio as pin
 from numpy.typing import NDArray
 
 from comove.brief import brief
+from comove.model.scene import Scene
 from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion, approach_shares
-from comove.scenes.scene import Scene
 from comove.sim.execution import Contact, distances, work_geometry
 from comove.sim.loads import Load, carried, hand_poses, load_of, points_of
 from comove.ties import first_least

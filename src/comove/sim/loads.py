@@ -19,12 +19,12 @@ from scipy.spatial import ConvexHull
 from comove.errors import RobotError, SceneError
 from comove.geometry.rotations import facing
 from comove.geometry.solids import N_CORNERS
+from comove.model.files.keys import BarLoad, PartsLoad
+from comove.model.scene import Scene
 from comove.robots.effort import load_mass
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.carried import hull_shape
-from comove.scenes.model import BarLoad, PartsLoad
-from comove.scenes.scene import Scene
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]

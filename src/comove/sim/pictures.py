@@ -20,9 +20,9 @@ from comove.errors import ExtraError, OptionError, ResultError
 from comove.geometry.rotations import matrices
 from comove.io.files import whole_file, whole_path
 from comove.io.videos import encode, require_videos
+from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.scene import Scene
 from comove.sim.building import build_world
 from comove.sim.engine import engine, no_pictures, require_pictures, without_log
 from comove.sim.grasps import GraspModel, Weld

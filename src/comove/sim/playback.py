@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.model.scene import Scene
 from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
-from comove.scenes.scene import Scene
 from comove.sim.execution import Execution, contacts_between
 from comove.sim.grasps import Weld
 from comove.sim.loads import (

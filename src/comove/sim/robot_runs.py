@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.errors import ResultError, shortened
+from comove.model.files.keys import canonical
+from comove.model.scene import Scene
 from comove.results.reference import SCENE
 from comove.results.sealed import (
     COUNT,
@@ -35,8 +37,6 @@ from comove.results.sealed import (
 )
 from comove.robots.files import source_of
 from comove.robots.model import Robot
-from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
 from comove.sim.live_record import OnlineRecord, OnlineReport, judge_run
 from comove.sim.loads import carried, hand_poses, load_of, points_of
 

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import OptionError, RobotError
+from comove.model.scene import Scene
 from comove.robots.effort import carried_masses, loaded_model, torques
 from comove.robots.model import Robot
 from comove.robots.verification.kinematics import joint_axes
-from comove.scenes.scene import Scene
 from comove.sim.engine import add_servo
 from comove.sim.world import World
 

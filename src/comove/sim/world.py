@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from comove.geometry.distances import ROTATION
 from comove.geometry.polytopes import vertices_in
 from comove.geometry.rotations import quaternion_of_rotation
+from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
-from comove.scenes.scene import Scene
 from comove.sim.engine import STIFF, THE_LOAD, engine
 from comove.sim.loads import Load
 

@@ -20,10 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.constraints.constraint import nearest_on_chords
-from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.system import INTERVAL, N_INTERVALS, OMEGA
+from comove.model.constraints.constraint import nearest_on_chords
+from comove.model.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
+from comove.model.motion import CoordinatedMotion
 
 Array = NDArray[np.float64]
 

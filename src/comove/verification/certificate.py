@@ -22,7 +22,7 @@ obstacle, ``n (c - b) - sum_k |n e_k|`` less a constant (`comove.geometry.solids
 are not clear enough are halved. The same holds for a hull: its reach along n is the largest of functions linear in
 time, and so convex in time.
 
-A support recedes from a payload that rests on it (`comove.scenes.resting`): it is an obstacle that moves, whose
+A support recedes from a payload that rests on it (`comove.model.resting`): it is an obstacle that moves, whose
 sagitta bounds how far it is ahead of where it may be.
 
 An obstacle that is a mesh is represented by its triangles (`comove.geometry.surfaces`). Every part of the body is a
@@ -39,10 +39,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.system import INTERVAL, N_INTERVALS
-from comove.scenes.resting import recession_sagittas, recessions
-from comove.scenes.scene import Scene
+from comove.model.motion import CoordinatedMotion
+from comove.model.resting import recession_sagittas, recessions
+from comove.model.scene import Scene
 from comove.verification.bounds import NodeBounds, node_bounds
 from comove.verification.clearance_kernels import (
     Around,

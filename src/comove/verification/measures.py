@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
+from comove.model.motion import CoordinatedMotion
 from comove.verification.bounds import largest_jerk, node_bounds
 
 WEIGHTS = {"goal": 1.0, "velocity": 0.01, "obstacle": 10.0, "resemblance": 0.0}

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.brief import brief
-from comove.constraints import Course, RelativePoseConstraint, UprightConstraint
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
-from comove.scenes.scene import Scene
+from comove.model.constraints import Course, RelativePoseConstraint, UprightConstraint
+from comove.model.scene import Scene
 from comove.verification.certificate import Clearance, certify_curve
 from comove.verification.clearance_kernels import CurveArrays, Paths
 from comove.verification.verify import Report, broken_limits, examine, measures, support_measures

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 import comove
 from comove.brief import brief
-from comove.constraints import Constraint, Course
-from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Block, coordinates_for
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.system import INTERVAL, N_INTERVALS
 from comove.errors import OptionError
-from comove.scenes.resting import TOLERANCE
-from comove.scenes.scene import Scene
+from comove.model.constraints import Constraint, Course
+from comove.model.coordinates import ANGLE, DIRECTION, POINT, Block, coordinates_for
+from comove.model.motion import CoordinatedMotion
+from comove.model.resting import TOLERANCE
+from comove.model.scene import Scene
 from comove.trajectory import Trajectory
 from comove.verification.bounds import (
     NodeBounds,
@@ -189,7 +189,7 @@ class Report:
     jerk_max : upper bound of a hand's jerk, infinite where its acceleration jumps at the start or the end [m/s^3]
 
     support_distance_min : lower bound of the distance from supports, near ends that rest on them [m]; there
-        `clearance_min` is that from supports that recede (`comove.scenes.resting`)
+        `clearance_min` is that from supports that recede (`comove.model.resting`)
     support_left, support_met : time from which the full clearance is kept from supports of the start, and until which
         it is kept from those of the goal [s]
 

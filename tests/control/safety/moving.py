@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from comove.control.safety.twist_qp import Sighting, TwistProgramme
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.geometry.distances import CENTER, ROTATION
-from comove.scenes import Scene
+from comove.model import Scene
 from tests.brute_force import body_of, obstacle_distance
 
 N_POINTS = 201  # along an edge

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of
-from comove.coordination.coordinates import HandPoses, load_coordinates, poses_at, projected_coordinates
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices
+from comove.model.coordinates import HandPoses, load_coordinates, poses_at, projected_coordinates
 
 from .moving import scene_of
 

@@ -5,17 +5,17 @@ import pytest
 
 pytest.importorskip("pinocchio")
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.data.carried import robot_of
 from comove.lab.bench.robot_drawing import JointWitness
 from comove.lab.bench.runner import jobs_of, run
 from comove.lab.bench.sets import SETS, RobotSet, draw_set, own_scenes, scene_text, scenes_of
 from comove.lab.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
 from comove.lab.registry import systems_named
+from comove.model import Scene
+from comove.model.motion import CoordinatedMotion
 from comove.robots import RobotCarrier
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.links import FATTEST
-from comove.scenes import Scene
 from comove.verification.verify import verify
 from tests.lab.bench.witnesses import witness_of
 

@@ -6,7 +6,7 @@ import pytest
 from comove.errors import OptionError, ResultError
 from comove.lab.bench.drawing import DIFFICULTIES, Witness
 from comove.lab.bench.sets import SETS, HandSet, draw_set, scene_text, scenes_of
-from comove.scenes import Scene
+from comove.model import Scene
 from tests.lab.bench.witnesses import witness_of
 
 HANDS = [name for name, one in SETS.items() if isinstance(one, HandSet)]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from comove.coordination import arms_coordinates
 from comove.lab.compared.common import fit_curve
+from comove.model import arms_coordinates
 from comove.verification import verify
-from tests.coordination.examples import HANDS, LEVEL
+from tests.model.examples import HANDS, LEVEL
 
 S = np.linspace(0.0, 1.0, 2001)
 SHARE = (S**3 * (10 - 15 * S + 6 * S**2))[:, None, None]

@@ -6,8 +6,8 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.lab.compared import Gains, LeaderFollower
-from comove.scenes import demonstration_of
-from tests.coordination.examples import HANDS, MIXED, PLANAR_BAR, SPATIAL_TRIANGLE
+from comove.model import demonstration_of
+from tests.model.examples import HANDS, MIXED, PLANAR_BAR, SPATIAL_TRIANGLE
 from tests.solved import example
 
 BAR = PLANAR_BAR  # turns by a quarter on its way, so that straight lines break its length

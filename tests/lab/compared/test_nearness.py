@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from comove.lab.compared.nearness import Approach, clearance_rows
-from tests.coordination.examples import scene_of
+from tests.model.examples import scene_of
 
 STEP = 1e-3  # s
 SCENE = scene_of(

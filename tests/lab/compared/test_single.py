@@ -8,9 +8,9 @@ from comove.errors import OptionError
 from comove.lab.compared import Single
 from comove.lab.compared.single import alone
 from comove.lab.evolution import combine
-from comove.scenes import Scene, demonstration_of
+from comove.model import Scene, demonstration_of
 from tests import brute_force
-from tests.coordination.examples import POLYGON, TRAY
+from tests.model.examples import POLYGON, TRAY
 from tests.planning.two_gaps import bumps, two_gaps
 from tests.solved import example
 

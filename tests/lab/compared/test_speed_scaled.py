@@ -6,7 +6,7 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.lab.compared import Human, SpeedScaled
-from tests.coordination.examples import HANDS, SPATIAL_TRIANGLE
+from tests.model.examples import HANDS, SPATIAL_TRIANGLE
 from tests.solved import example
 
 ABSENT = Human(offset=0.0, spread=0.0, pace_offset=0.0, pace_spread=0.0)

@@ -6,9 +6,9 @@ import pytest
 import comove
 from comove.errors import OptionError
 from comove.lab.compared import Performance, TaskPriority
-from comove.scenes import Scene, demonstration_of
-from tests.coordination.examples import MIXED, PLANAR_BAR, PLANAR_LEVEL
+from comove.model import Scene, demonstration_of
 from tests.meshes import ring, write_obj
+from tests.model.examples import MIXED, PLANAR_BAR, PLANAR_LEVEL
 from tests.solved import example
 from tests.verification.random_motions import scene_data
 

@@ -6,9 +6,9 @@ import pytest
 import comove
 from comove.lab.compared import Unconstrained
 from comove.lab.compared.unconstrained import without_load
-from comove.scenes import demonstration_of
+from comove.model import demonstration_of
 from comove.verification import verify
-from tests.coordination.examples import HANDS
+from tests.model.examples import HANDS
 from tests.solved import example, random_scene
 
 

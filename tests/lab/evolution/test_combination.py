@@ -3,16 +3,15 @@
 import numpy as np
 import pytest
 
-from comove.coordination import CoordinatedDMP, load_coordinates
 from comove.dmp import DMP, motion_basis
 from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.lab.evolution import combine
 from comove.lab.evolution.combination import _Span
+from comove.model import CoordinatedDMP, Scene, load_coordinates
 from comove.planning import best_movement, solve
 from comove.planning.choice import N_BASIS, suitable
 from comove.planning.objective import N_STEPS
-from comove.scenes import Scene
 from comove.verification.verify import verify
 from tests.planning.two_gaps import bump, bumps, two_gaps
 

@@ -4,13 +4,12 @@ import numpy as np
 import pytest
 
 import comove
-from comove.coordination import arms_coordinates
 from comove.errors import OptionError
 from comove.lab.evolution import Paper
 from comove.lab.evolution.paper import window_errors
+from comove.model import Scene, arms_coordinates, recording_of
 from comove.planning.objective import N_STEPS
 from comove.planning.search import OutOfTime, Search
-from comove.scenes import Scene, recording_of
 from tests import brute_force
 from tests.solved import example
 from tests.verification.random_motions import scene_data

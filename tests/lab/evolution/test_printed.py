@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 
 import comove
-from comove.coordination import arms_coordinates
 from comove.errors import OptionError
 from comove.lab.evolution import Printed
 from comove.lab.evolution.printed import of_hands_alone, violations
+from comove.model import Scene, arms_coordinates, demonstration_of
 from comove.planning.objective import Objective
-from comove.scenes import Scene, demonstration_of
 from tests.solved import example
 from tests.verification.random_motions import scene_data
 

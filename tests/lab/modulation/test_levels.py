@@ -21,7 +21,7 @@ from comove.lab.modulation import (
     level_obstacle,
     united,
 )
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 from tests.cases import examples
 from tests.lab.modulation.bodies import bodies, cases, on_surface, rotations, vectors
 

@@ -9,7 +9,7 @@ from comove.control import Executor
 from comove.lab.examples import example_path
 from comove.lab.modulation.comparison import compare
 from comove.lab.modulation.pictures import FILM, animate_comparison, draw_comparison
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.view.figures import save
 
 TURNING = example_path("turning")

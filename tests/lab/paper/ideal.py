@@ -3,7 +3,6 @@
 from dataclasses import dataclass, replace
 from functools import cache
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.lab.modulation.comparison import METHODS
 from comove.lab.paper.baxter import METHODS as WAYS
 from comove.lab.paper.baxter import PASSAGES, STARTS, WITH_JOINTS, Passage, Transport
@@ -19,7 +18,8 @@ from comove.lab.paper.runs import (
     at_once,
     recordings,
 )
-from comove.scenes import Scene
+from comove.model import Scene
+from comove.model.motion import CoordinatedMotion
 
 GOOD = Measures(
     verified=True,

@@ -5,14 +5,14 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from comove.coordination.coordinates import arms_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp import motion_basis
 from comove.lab.examples import example
 from comove.lab.paper.jobs import scene_of
 from comove.lab.paper.measures import follow, largest_turn, measure_motion, squared_jerk
 from comove.lab.paper.runs import ReproductionPlan, taught_at_once
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import arms_coordinates
+from comove.model.motion import CoordinatedMotion
 from comove.planning.seeds import minimum_jerk
 
 

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp import DMP
 from comove.errors import ResultError
 from comove.io.folders import check_target
@@ -30,6 +29,7 @@ from comove.lab.paper.runs import (
     recorded,
 )
 from comove.lab.paper.tables import all_runs
+from comove.model.motion import CoordinatedMotion
 from tests.commands import invoke
 from tests.lab.paper.ideal import GOOD, MOVEMENTS, changed, ideal_runs
 

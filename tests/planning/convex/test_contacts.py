@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from comove.coordination import load_coordinates
 from comove.dmp.basis import motion_basis
+from comove.model import Scene, load_coordinates
 from comove.planning.convex import contacts as c
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
-from comove.scenes import Scene
 from tests import brute_force
 from tests.verification.random_motions import near_contact, on_scene, random_motion, scene_data
 

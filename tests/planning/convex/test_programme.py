@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from comove.coordination import load_coordinates
 from comove.dmp.basis import motion_basis
+from comove.model import Scene, load_coordinates
 from comove.planning import LeastJerk
 from comove.planning.convex.costs import N_SAMPLES, jerk_cost, squares, third_differences
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.optimise import optimise
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
-from comove.scenes import Scene
 from comove.verification import verify
 from tests.solved import example, scene_of
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import comove
-from comove.coordination.coordinates import load_coordinates
 from comove.dmp.basis import motion_basis
+from comove.model.coordinates import load_coordinates
 from comove.planning.convex.costs import squares
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings
 from comove.planning.convex.warp import interpolated, warped

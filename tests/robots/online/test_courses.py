@@ -10,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from comove.control.safety.qp_workspace import Sighting
 from comove.geometry.distances import CENTER
+from comove.model import Scene
 from comove.robots.online.courses import (
     WAIT,
     Places,
@@ -22,7 +23,6 @@ from comove.robots.online.courses import (
 )
 from comove.robots.online.roadmap import Roadmap
 from comove.robots.search.links import place_links
-from comove.scenes import Scene
 from tests.robots.online.test_link_rows import at_start
 
 COSTS = SlotCosts(met=0.02, near=0.1, depth=0.03, hitting=300.0, meeting=100.0, nearness=10.0)

@@ -8,10 +8,10 @@ import pytest
 from comove.control import Clouds
 from comove.control.safety.twists import nodes_of
 from comove.errors import OptionError, RobotError
+from comove.model import Scene
 from comove.robots.online.executor import JointExecutor, OnlineSettings
 from comove.robots.online.pilot import PilotSettings
 from comove.robots.online.recovery import RecoverySettings, way_back
-from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.online.test_recovery import displaced
 from tests.robots.small_robots import robot

@@ -9,10 +9,10 @@ import pytest
 from comove.control.safety.qp_workspace import Sighting
 from comove.control.safety.twists import hand_velocities, poses_of
 from comove.errors import SceneError
+from comove.model import Scene
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
 from comove.robots.search.links import place_links
-from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, scene_data
 from tests.robots.small_robots import robot
 

@@ -8,12 +8,12 @@ import pytest
 from comove.control.safety.qp_workspace import HANDS, Rates, Sighting
 from comove.control.safety.twist_qp import TwistProgramme
 from comove.control.safety.twists import advanced, nodes_of, poses_of
-from comove.coordination.coordinates import HandPoses
 from comove.geometry.closest_points import near_on_edge
+from comove.model import Scene
+from comove.model.coordinates import HandPoses
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.link_rows import LinkNeeds, empty_rows, link_rows
 from comove.robots.search.links import nearest_shares, place_links
-from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, scene_data
 from tests.robots.small_robots import robot
 

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from comove.control.safety.qp_workspace import Sighting
-from comove.coordination.coordinates import load_coordinates
 from comove.geometry.distances import CENTER
+from comove.model import Scene
+from comove.model.coordinates import load_coordinates
 from comove.planning.configurations import span
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.courses import CourseSettings
@@ -16,7 +17,6 @@ from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.reference import MotionReference, Stop
 from comove.robots.online.roadmap import RoadmapSettings, Way, nearby, nearest
-from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, scene_data
 from tests.robots.small_robots import robot
 

@@ -6,6 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from comove.model import Scene
 from comove.robots import verify_joints
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.chains import TURN
@@ -19,7 +20,6 @@ from comove.robots.search.following import (
     solutions,
 )
 from comove.robots.search.tracking import sampled_nodes
-from comove.scenes import Scene
 from tests.robots.known_carry import TABLE, grasp_frames, known_carry, scene_data
 from tests.robots.small_robots import columns, gantry_scene, grasp_errors, movement, robot, task, whole
 

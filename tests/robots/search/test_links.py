@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from comove.errors import ComoveWarning
+from comove.model import Scene
 from comove.robots import Robot
 from comove.robots.search.capsules import PROUDEST, capsules_of
 from comove.robots.search.chains import chains_of
@@ -26,7 +27,6 @@ from comove.robots.search.links import (
     place_links,
     recalled,
 )
-from comove.scenes import Scene
 from tests.robots import small_robots
 from tests.robots.known_carry import TABLE, posts, scene_data
 from tests.robots.small_robots import BUNDLED, RANDOM, robot, urdf, written

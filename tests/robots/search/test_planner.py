@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from comove.coordination.coordinates import load_coordinates
+from comove.model.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.planner import plan
 from comove.robots.carrying import RobotCarrier

@@ -5,8 +5,9 @@ import pinocchio as pin
 import pytest
 
 import comove
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
+from comove.model import Scene
+from comove.model.coordinates import load_coordinates
+from comove.model.motion import CoordinatedMotion
 from comove.planning import smooth
 from comove.planning.convex.costs import Anchored
 from comove.planning.objective import N_STEPS
@@ -16,7 +17,6 @@ from comove.robots.search.following import MET
 from comove.robots.search.links import ENOUGH
 from comove.robots.search.spare import SETTINGS, ArmsFollower
 from comove.robots.search.tracking import sampled_nodes
-from comove.scenes import Scene
 from tests.robots.known_carry import grasp_frames
 from tests.robots.small_robots import EXAMPLES, grasp_errors, movement, robot, task, whole
 

@@ -10,12 +10,12 @@ import pytest
 
 from comove.errors import ComoveWarning, OptionError
 from comove.lab.examples import example
+from comove.model import Scene
 from comove.robots import JointMotion, verify_joints
 from comove.robots.verification import checks
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.checks import unfit_scene
 from comove.robots.verification.verify import JointReport, VerifiedJointMotion
-from comove.scenes import Scene
 from comove.verification.verify import verify
 from tests.robots.known_carry import (
     TABLE,

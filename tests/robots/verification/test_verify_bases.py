@@ -6,15 +6,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from comove.coordination import CoordinatedDMP
-from comove.coordination.coordinates import load_coordinates
 from comove.dmp.basis import motion_basis
+from comove.model import CoordinatedDMP, Scene
+from comove.model.coordinates import load_coordinates
 from comove.robots import JointMotion, Robot, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import COAL_ERROR, LOAD, SCENE, SELF, bodies_of
 from comove.robots.verification.carried import Carried, placements
 from comove.robots.verification.kinematics import Bases
-from comove.scenes import Scene
 from tests.robots.known_carry import followed, grasp_frames
 
 LENGTH = 0.4  # m, of the bar

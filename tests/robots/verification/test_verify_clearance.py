@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comove.errors import OptionError
+from comove.model import Scene
 from comove.robots import JointMotion, verify_joints
 from comove.robots.description import Uncertainty
 from comove.robots.verification import bodies
@@ -25,7 +26,6 @@ from comove.robots.verification.certificate import (
     certify,
 )
 from comove.robots.verification.kinematics import Bases, Reaches
-from comove.scenes import Scene
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 

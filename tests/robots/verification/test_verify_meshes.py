@@ -7,9 +7,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from comove.model import Scene
 from comove.robots import verify_joints
 from comove.robots.verification.bodies import _triangles, depth_of
-from comove.scenes import Scene
 from tests.meshes import prism, write_stl
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, scene_data
 

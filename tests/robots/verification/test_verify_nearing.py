@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from comove.model import Scene
 from comove.robots import JointMotion
 from comove.robots.description import Uncertainty
 from comove.robots.verification.bodies import COAL_ERROR, bodies_of
@@ -23,7 +24,6 @@ from comove.robots.verification.certificate import (
     support_function,
 )
 from comove.robots.verification.kinematics import Bases
-from comove.scenes import Scene
 from tests.cases import examples
 from tests.robots.known_carry import TABLE, baxter, known_carry, on_scene, posts, scene_data
 

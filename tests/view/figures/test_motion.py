@@ -5,12 +5,12 @@ import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp import DMP
 from comove.lab.examples import example
 from comove.lab.paper.jobs import scene_of
 from comove.lab.paper.runs import given_to_both
-from comove.scenes import recording_of
+from comove.model import recording_of
+from comove.model.motion import CoordinatedMotion
 from comove.view.figures import (
     Panel,
     draw_failures,

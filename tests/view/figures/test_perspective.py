@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.view.figures import draw_motion
 from comove.view.figures.perspective import _obstacles
 from comove.view.figures.shapes import hull_faces

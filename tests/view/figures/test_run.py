@@ -6,7 +6,7 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from comove.control import Executor
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.view.figures.motion import MovingBorders
 from comove.view.figures.run import animate_run, moving_scene
 from comove.view.figures.style import COLOURS, MOVING, new_figure

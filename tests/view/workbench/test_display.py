@@ -10,8 +10,8 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 import comove
-from comove.coordination import CoordinatedMotion
 from comove.io.folders import whole_folder
+from comove.model import CoordinatedMotion
 from comove.results import RESULT, read_result
 from comove.view.figures import save_result
 from tests.solved import example, solved

@@ -7,7 +7,7 @@ import comove
 from comove.errors import OptionError
 from comove.geometry.rotations import exponential, matrices
 from comove.lab.examples import example
-from comove.scenes import Scene
+from comove.model import Scene
 from comove.view.workbench.edits import (
     SIZES,
     Draft,

@@ -51,7 +51,7 @@ def box_scene():
 
 
 def straight(scene):
-    from comove.coordination.motion import CoordinatedMotion
+    from comove.model.motion import CoordinatedMotion
 
     return CoordinatedMotion.straight(scene)
 

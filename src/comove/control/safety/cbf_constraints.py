@@ -29,7 +29,6 @@ from comove.control.safety.control_points import moved_obstacles
 from comove.control.safety.limits import bent_limits, broken_limits, length_of, limit_rows
 from comove.control.safety.qp_workspace import BORDER, HANDS, QP, Freedom, QPWorkspace, Rates, Sighting
 from comove.control.safety.twists import place, step, turn_into
-from comove.coordination.coordinates import HandPoses
 from comove.geometry.closest_points import (
     N_PARTS,
     near_on_edge,
@@ -39,6 +38,7 @@ from comove.geometry.closest_points import (
 )
 from comove.geometry.distances import CENTER, REACH, TINY, distance_and_gradient, point_distance
 from comove.geometry.solids import empty_solid, solid_at
+from comove.model.coordinates import HandPoses
 
 Array = NDArray[np.float64]
 Direction = tuple[float, float, float]

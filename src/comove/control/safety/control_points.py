@@ -16,7 +16,7 @@ from comove.control.safety.twists import exponential_at, group_nodes, turn_into
 from comove.geometry.distances import CENTER, ROTATION, TINY
 from comove.geometry.polytopes import solid_hull_of
 from comove.geometry.solids import N_CORNERS
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from comove.control.safety.control_points import LoadPoints
 from comove.geometry.closest_points import N_PARTS
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

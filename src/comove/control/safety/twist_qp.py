@@ -46,8 +46,8 @@ from comove.control.safety.qp_workspace import (
     empty_workspace,
 )
 from comove.control.safety.twists import group_nodes
-from comove.coordination.coordinates import HandPoses
-from comove.scenes.scene import Scene
+from comove.model.coordinates import HandPoses
+from comove.model.scene import Scene
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]

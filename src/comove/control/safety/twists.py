@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from comove.compiled import kernel
-from comove.coordination.coordinates import HandPoses
 from comove.geometry.rotations import quaternion_of_rotation, similarity
-from comove.scenes.groups import RigidGroup, fit_pose, orientation_of
-from comove.scenes.scene import Scene
+from comove.model.coordinates import HandPoses
+from comove.model.groups import RigidGroup, fit_pose, orientation_of
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]

@@ -16,13 +16,13 @@ import json
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from comove.coordination.coordinates import load_coordinates, poses_at
 from comove.data.datasets.samples import EpisodeSamples
 from comove.data.datasets.sizes import obstacle_names
 from comove.dmp.demonstrations.formats import rosbag
 from comove.dmp.demonstrations.samples import RecordedSamples
 from comove.errors import ResultError
-from comove.scenes.shapes import spatial
+from comove.model.coordinates import load_coordinates, poses_at
+from comove.model.shapes import spatial
 
 
 def write(folder: Path, episodes: Iterable[EpisodeSamples]) -> int:

@@ -18,7 +18,7 @@ import numpy as np
 from comove.data.datasets.samples import EpisodeSamples, require_alike
 from comove.dmp.demonstrations.formats.hdf5 import put, put_pictures, robomimic_file, write_demo
 from comove.dmp.demonstrations.samples import RecordedSamples
-from comove.scenes.shapes import spatial
+from comove.model.shapes import spatial
 
 
 def write(path: Path, episodes: Iterable[EpisodeSamples]) -> int:

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.data.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
 from comove.data.episode import DAMAGED, restored, sample_times
 from comove.data.runs import MEASURES, RUNS, StoredMotion, StudyRun, StudyStore
@@ -20,10 +19,11 @@ from comove.data.variety import passing_class
 from comove.data.videos import Video
 from comove.dmp.demonstrations.samples import AXES, QUATERNION
 from comove.errors import OptionError, ResultError
+from comove.model.files.keys import canonical
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.results.sealed import checksum, finite
 from comove.results.solution import motion_arrays
-from comove.scenes.model import canonical
-from comove.scenes.scene import Scene
 from comove.verification.bounds import largest_jerk, node_bounds
 from comove.verification.verify import VerifiedMotion, verify
 

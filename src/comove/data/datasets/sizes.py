@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import matrices
-from comove.scenes.model import BarLoad, BoxLoad, PartsLoad, PolygonLoad
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import parts_of
+from comove.model.files.keys import BarLoad, BoxLoad, PartsLoad, PolygonLoad
+from comove.model.scene import Scene
+from comove.model.shapes import parts_of
 
 Array = NDArray[np.float64]
 

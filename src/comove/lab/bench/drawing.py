@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from comove.errors import SceneError
 from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
 from comove.lab.examples import scene_contents, wall
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 from comove.planning.seeds import minimum_jerk
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
 from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
 
 Array = NDArray[np.float64]

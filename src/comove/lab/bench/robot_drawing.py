@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.data.carried import robot_of
 from comove.dmp.basis import motion_basis
 from comove.errors import SceneError
 from comove.lab.bench.drawing import clutter
 from comove.lab.bench.workplaces import RobotDifficulty, Workplace
+from comove.model.coordinates import load_coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.configurations import configuration_space
 from comove.planning.seeds import fit, targets_along
 from comove.robots import JointMotion, JointVerdict, RobotCarrier, verify_joints
-from comove.scenes.scene import Scene
 from comove.verification.verify import verify
 
 Array = NDArray[np.float64]

@@ -22,10 +22,10 @@ from comove.errors import InputError, OptionError
 from comove.lab.bench.sets import BenchScene
 from comove.lab.bench.store import Configuration, Figures, Machine, Run, RunStore
 from comove.lab.systems import System, SystemOutcome, SystemProblem, measured, refusal
+from comove.model import demonstration_of
+from comove.model.scene import Scene
 from comove.processes import TaskResult, run_tasks
 from comove.processes.worker import told
-from comove.scenes import demonstration_of
-from comove.scenes.scene import Scene
 
 
 @dataclass(frozen=True)

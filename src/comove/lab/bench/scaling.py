@@ -18,19 +18,19 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
 from comove.dmp.basis import motion_basis, rollouts
 from comove.errors import OptionError, near_name
 from comove.io.folders import Contents, whole_folder
 from comove.lab.bench.runner import machine
 from comove.lab.examples import scene_contents, wall
 from comove.lab.summaries import Interval, slope_interval, table
+from comove.model.coordinates import load_coordinates
+from comove.model.scene import Scene
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.methods import Comove
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
-from comove.scenes.scene import Scene
 from comove.view.figures.style import COLOURS, new_figure, save
 
 Array = NDArray[np.float64]

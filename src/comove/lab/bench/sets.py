@@ -18,7 +18,7 @@ from comove.errors import OptionError, near_name
 from comove.io.folders import Contents, whole_folder
 from comove.lab.bench.drawing import DIFFICULTIES, drawn
 from comove.lab.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 if TYPE_CHECKING:
     from comove.lab.bench.robot_drawing import JointWitness

@@ -14,16 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import motion_basis
 from comove.errors import OptionError
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import Coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 from comove.planning.objective import N_STEPS
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

@@ -34,7 +34,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.coordinates import arms_coordinates
 from comove.dmp.arguments import is_number, require_count, require_positive
 from comove.dmp.system import OMEGA
 from comove.errors import OptionError, near_name
@@ -46,9 +45,10 @@ from comove.lab.compared.common import (
     judge_execution,
     taught_primitives,
 )
+from comove.model.coordinates import arms_coordinates
+from comove.model.scene import Scene
 from comove.planning.method import Method, require_distances
 from comove.planning.search import Search
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge
 from comove.geometry.distances import distance_and_gradient
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 
 Array = NDArray[np.float64]
 

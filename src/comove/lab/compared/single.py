@@ -18,18 +18,18 @@ from typing import ClassVar
 
 import numpy as np
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp import DMP, Library, motion_basis
 from comove.dmp.arguments import require_count
 from comove.dmp.demonstrations import Demonstration
 from comove.errors import OptionError
 from comove.lab.evolution.combination import Attempts
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import load_coordinates
+from comove.model.scene import Scene
 from comove.planning.choice import Movements, best_movement, suitable
 from comove.planning.method import Method
 from comove.planning.methods import POLISHING
 from comove.planning.search import OutOfTime, Schedule, Search, improve, stricter
-from comove.scenes.scene import Scene
 
 SHAPES = (
     *("Angle", "CShape", "GShape", "JShape", "LShape", "NShape"),

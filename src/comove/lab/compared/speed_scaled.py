@@ -16,8 +16,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import arms_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.arguments import is_number, require_count, require_positive
 from comove.dmp.basis import motion_basis
 from comove.errors import OptionError
@@ -31,9 +29,11 @@ from comove.lab.compared.common import (
     taught_primitives,
 )
 from comove.lab.compared.cooperation import Cycle, Intention, Laws, Skill, learned, run_cycle
+from comove.model.coordinates import arms_coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -32,8 +32,6 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.coordination.coordinates import arms_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.arguments import is_number, require_positive
 from comove.dmp.online import rate_for_lag
 from comove.errors import OptionError
@@ -49,9 +47,11 @@ from comove.lab.compared.common import (
 from comove.lab.compared.hierarchy import PriorityTask, lexicographic
 from comove.lab.compared.nearness import Approach, clearance_rows
 from comove.lab.systems import distance_errors
+from comove.model.coordinates import arms_coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning.method import Method
 from comove.planning.search import Search
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

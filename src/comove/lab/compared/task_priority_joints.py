@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.control.safety.qp_workspace import Rates, Sighting
-from comove.coordination.motion import CoordinatedMotion
 from comove.lab.compared.hierarchy import PriorityTask
 from comove.lab.compared.task_priority import Controller, Performance, TaskPriority
+from comove.model.motion import CoordinatedMotion
 from comove.planning.search import Search
 from comove.robots.carrying import RobotCarrier
 from comove.robots.online.link_rows import LinkNeeds, empty_rows, hand_jacobians, link_rows

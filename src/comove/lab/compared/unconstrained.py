@@ -15,13 +15,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from comove.coordination.coordinates import arms_coordinates
 from comove.lab.compared.common import taught_primitives
+from comove.model.coordinates import arms_coordinates
+from comove.model.scene import MovingBody, Scene
 from comove.planning.method import Method
 from comove.planning.methods import threaded
 from comove.planning.objective import Objective
 from comove.planning.search import OutOfTime, Schedule, Search, improve
-from comove.scenes.scene import MovingBody, Scene
 
 OPTIMISING = Schedule(sigma=0.05, generations=1000, patience=60, gain=0.002)
 

@@ -19,13 +19,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.adaptation import modulate
-from comove.coordination.coordinates import Coordinates, load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp import DMP, LinearPhase, Variant, motion_basis
 from comove.dmp.operations import refitted
 from comove.dmp.variants import adaptation
+from comove.model.adaptation import modulate
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import Coordinates, load_coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.optim import CMAES, Parameters
 from comove.planning.arguments import check_options
 from comove.planning.choice import N_BASIS, Movements, best_movement, suitable
@@ -38,7 +39,6 @@ from comove.planning.objectives.paper import PaperCost
 from comove.planning.search import Journal, OutOfTime, Schedule, Search, SearchClock, stricter
 from comove.planning.solution import ProgressCallback
 from comove.processes import one_blas_thread
-from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.verification.verify import Check, VerifiedMotion, verify
 

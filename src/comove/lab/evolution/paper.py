@@ -25,17 +25,17 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates, arms_coordinates, load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.system import Phase
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import Coordinates, arms_coordinates, load_coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.optim.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optim.method import Start
 from comove.planning.method import Method, require_distances
 from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -15,15 +15,15 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import Coordinates, arms_coordinates
-from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp.basis import motion_basis
 from comove.dmp.system import ExponentialPhase, Phase
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import Coordinates, arms_coordinates
+from comove.model.scene import Scene
 from comove.optim.printed import PrintedCCMAES as Algorithm
 from comove.planning.method import Method, require_distances
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.search import Search
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar
 
-from comove.coordination.coordinates import Coordinates, projected_coordinates
+from comove.model.coordinates import Coordinates, projected_coordinates
+from comove.model.scene import Scene
 from comove.planning.methods import Comove
-from comove.scenes.scene import Scene
 
 
 @dataclass(frozen=True)

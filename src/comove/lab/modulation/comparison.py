@@ -22,14 +22,14 @@ from comove._version import __version__
 from comove.control.executor import Executor, Pace
 from comove.control.observers import Functions, Known
 from comove.control.safety.twists import poses_of
-from comove.coordination.motion import CoordinatedMotion
 from comove.geometry.distances import CENTER
 from comove.lab.modulation.matrices import Sharing, modulated
 from comove.lab.modulation.obstacles import level_obstacle
 from comove.lab.systems import distance_errors
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 from comove.planning.search import Interruption
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
 from comove.verification.record import ExecutionReport, Record, verify_execution
 
 Array = NDArray[np.float64]

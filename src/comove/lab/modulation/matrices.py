@@ -42,7 +42,7 @@ from comove.errors import OptionError
 from comove.geometry.distances import CENTER, REACH, TINY
 from comove.lab.modulation.levels import GROUP, REFERENCE, TURN, VELOCITY, level_at
 from comove.lab.modulation.obstacles import MovingObstacle, points_of, table_of
-from comove.scenes.shapes import spatial
+from comove.model.shapes import spatial
 
 Array = NDArray[np.float64]
 E = TypeVar("E", bound=StrEnum)

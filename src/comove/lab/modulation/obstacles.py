@@ -18,8 +18,8 @@ from comove.geometry import distances as sd
 from comove.geometry.rotations import exponential, matrices
 from comove.lab.modulation import levels as lv
 from comove.lab.modulation.shapes import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 
 Array = NDArray[np.float64]
 

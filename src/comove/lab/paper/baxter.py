@@ -13,10 +13,10 @@ from comove.lab.compared import TaskPriority
 from comove.lab.evolution import Paper
 from comove.lab.examples import example
 from comove.lab.paper.measures import largest_turn
+from comove.model import demonstration_of
 from comove.planning import LeastJerk, PaperCost, SceneKind, load_kernels, movements_of
 from comove.planning.clock import now
 from comove.planning.method import Method
-from comove.scenes import demonstration_of
 from comove.solving import solve
 
 if TYPE_CHECKING:

@@ -8,16 +8,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp import DMP
 from comove.dmp.operations import in_space
 from comove.lab.compared import LeaderFollower, Single, SpeedScaled, TaskPriority, Unconstrained
 from comove.lab.evolution import Paper, Printed, Projection
 from comove.lab.examples import example
 from comove.lab.paper.measures import Along, Measures, follow, measure
+from comove.model import Scene
+from comove.model.motion import CoordinatedMotion
 from comove.planning import Comove, PaperCost, SceneKind, load_kernels, solve
 from comove.planning.method import Method
-from comove.scenes import Scene
 
 PLANE = "xy"  # in which planar movements are laid into spatial scenes
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.lab.systems import distance_errors
+from comove.model.motion import CoordinatedMotion
 from comove.planning import Solution
 from comove.verification.certificate import certify
 from comove.verification.verify import verify

@@ -13,7 +13,6 @@ from pathlib import Path
 import numpy as np
 
 from comove._version import __version__
-from comove.coordination.motion import CoordinatedMotion
 from comove.io.folders import Contents
 from comove.lab.examples import example
 from comove.lab.paper import tables
@@ -43,6 +42,7 @@ from comove.lab.paper.runs import (
     run_everything,
 )
 from comove.lab.summaries import table
+from comove.model.motion import CoordinatedMotion
 from comove.view.figures.motion import N_STATES
 
 MINUTE = 60.0  # s

@@ -11,9 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.control import Executor
-from comove.coordination.coordinates import arms_coordinates, load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp import DMP, motion_basis
 from comove.dmp.demonstrations import Demonstration, lasa_names
 from comove.errors import ResultError
@@ -23,10 +20,13 @@ from comove.lab.modulation.comparison import Compared, compare
 from comove.lab.paper import baxter
 from comove.lab.paper.jobs import CONTENDERS, Job, Outcome, run, scene_of, warm_up
 from comove.lab.paper.measures import Along, Measures, measure_motion
+from comove.model import recording_of
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import arms_coordinates, load_coordinates
+from comove.model.motion import CoordinatedMotion
 from comove.planning import SceneKind, load_kernels
 from comove.planning.seeds import minimum_jerk
 from comove.processes import run_tasks
-from comove.scenes import recording_of
 from comove.trajectory import interpolated
 
 Movement = DMP | dict[str, DMP] | None

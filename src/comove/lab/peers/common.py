@@ -12,17 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.constraints import DistanceConstraint, SeparationConstraint
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.dmp import CoordinatedDMP
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import motion_basis
 from comove.errors import ExtraError
 from comove.geometry.distances import configuration_distance
 from comove.lab.systems import Offers, System, SystemProblem, cost_of
+from comove.model.constraints import DistanceConstraint, SeparationConstraint
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import load_coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 from comove.planning.seeds import minimum_jerk, steady
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
 from comove.verification.record import END_SPEED
 
 Array = NDArray[np.float64]

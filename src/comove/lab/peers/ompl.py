@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
 from comove.lab.peers.common import Best, Peer, independent_distances, needed, timed
 from comove.lab.systems import Offers, SystemProblem
+from comove.model.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
+from comove.model.scene import Scene
 from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
 from comove.planning.planner import along
-from comove.scenes.scene import Scene
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

@@ -18,8 +18,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import arms_coordinates
-from comove.coordination.dmp import CoordinatedDMP
 from comove.dmp.basis import motion_basis
 from comove.lab.peers.common import (
     Best,
@@ -33,8 +31,10 @@ from comove.lab.peers.common import (
     needed,
 )
 from comove.lab.systems import N_SAMPLES, WEIGHTS, Offers, SystemProblem, cost_of
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
+from comove.model.coordinated_dmp import CoordinatedDMP
+from comove.model.coordinates import arms_coordinates
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 
 Array = NDArray[np.float64]
 

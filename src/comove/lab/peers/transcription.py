@@ -27,7 +27,7 @@ from comove.lab.peers.common import (
     needed,
 )
 from comove.lab.systems import WEIGHTS, Offers, SystemProblem
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.coordinates import ANGLE, DIRECTION, POINT, Coordinates
 from comove.geometry.closest_points import near_on_hull, near_on_solid, solid_gradient
 from comove.geometry.distances import (
     CENTER,
@@ -25,8 +24,9 @@ from comove.geometry.distances import (
 )
 from comove.geometry.solids import count_solids, empty_solid, solid_at
 from comove.geometry.surfaces import count_meshes, near_on_surface
+from comove.model.coordinates import ANGLE, DIRECTION, POINT, Coordinates
+from comove.model.scene import Scene
 from comove.planning.surroundings import Surroundings, surroundings_of
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
-from comove.scenes.scene import Scene
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 
 if TYPE_CHECKING:
     from comove.planning.objectives.least_jerk import LeastJerk

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.model.scene import Scene
 from comove.planning.convex.costs import third_differences
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -8,11 +8,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.blocks import Blocks
-from comove.coordination.coordinates import DIRECTION, QUATERNION, Coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.basis import MotionBasis
 from comove.dmp.system import N_INTERVALS
+from comove.model.blocks import Blocks
+from comove.model.coordinates import DIRECTION, QUATERNION, Coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.resting import recessions
+from comove.model.scene import Scene
 from comove.planning.convex.contacts import (
     N_FIELDS,
     OWNER,
@@ -24,8 +26,6 @@ from comove.planning.convex.contacts import (
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
 from comove.planning.convex.quadratic import QuadraticSettings
-from comove.scenes.resting import recessions
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from comove.planning.objectives.least_jerk import LeastJerk
 from comove.planning.objectives.least_time import LeastTime
 from comove.planning.objectives.own import Equality, OwnFunctions, Samples
 from comove.planning.objectives.paper import PaperCost
-from comove.scenes.model import Objective
+from comove.model.files.keys import Objective
 
 __all__ = [
     "OBJECTIVES",

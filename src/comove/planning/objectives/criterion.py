@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, ClassVar, Self
 
 if TYPE_CHECKING:
-    from comove.coordination.motion import CoordinatedMotion
+    from comove.model.motion import CoordinatedMotion
     from comove.planning.objective import Objective
     from comove.planning.objectives.least_jerk import LeastJerk
     from comove.planning.objectives.paper import PaperCost

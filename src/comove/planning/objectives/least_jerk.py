@@ -13,7 +13,7 @@ from comove.planning.convex.costs import jerk_cost
 from comove.planning.objectives.criterion import Criterion
 
 if TYPE_CHECKING:
-    from comove.coordination.motion import CoordinatedMotion
+    from comove.model.motion import CoordinatedMotion
     from comove.planning.objective import Objective
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar
 from comove.planning.objectives.criterion import Criterion
 
 if TYPE_CHECKING:
-    from comove.coordination.motion import CoordinatedMotion
+    from comove.model.motion import CoordinatedMotion
     from comove.planning.objective import Objective
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.brief import brief
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
-from comove.scenes.scene import Scene
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from comove.planning.objectives.criterion import Criterion
 from comove.verification.measures import WEIGHTS
 
 if TYPE_CHECKING:
-    from comove.coordination.motion import CoordinatedMotion
+    from comove.model.motion import CoordinatedMotion
     from comove.planning.objective import Objective
 
 

@@ -21,8 +21,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from comove.compiled import kernel
 from comove.control.safety.qp_workspace import Sighting
-from comove.coordination.blocks import place_one
 from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
+from comove.model.blocks import place_one
 from comove.planning.configurations import Space
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms

@@ -25,11 +25,14 @@ from comove.control.executor import Event, StepLog
 from comove.control.observers import Functions, Observer
 from comove.control.safety.qp_workspace import Sighting
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
-from comove.coordination.blocks import write_pose
-from comove.coordination.coordinates import HandPoses, poses_at
 from comove.dmp.arguments import require_positive
 from comove.errors import OptionError, RobotError
 from comove.geometry.rotations import matrices, quaternion_of_rotation
+from comove.model.blocks import write_pose
+from comove.model.coordinates import HandPoses, poses_at
+from comove.model.groups import GroupPose
+from comove.model.resting import require_no_rest
+from comove.model.scene import Scene
 from comove.planning.clock import Budget
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
@@ -43,9 +46,6 @@ from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
 from comove.robots.solving import solve_joints
 from comove.robots.verification.verify import VerifiedJointMotion
-from comove.scenes.groups import GroupPose
-from comove.scenes.resting import require_no_rest
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

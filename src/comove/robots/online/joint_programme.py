@@ -28,12 +28,12 @@ from comove.control.safety.twist_qp import (
     TwistProgramme,
 )
 from comove.control.safety.twists import nodes_of
-from comove.coordination.coordinates import HandPoses
 from comove.errors import SceneError
+from comove.model.coordinates import HandPoses
+from comove.model.grasp import Grasp
+from comove.model.scene import Scene
 from comove.robots.online.link_rows import LinkNeeds, clearances_along, empty_rows, hand_jacobians, link_rows
 from comove.robots.search.following import Arms
-from comove.scenes.grasp import Grasp
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

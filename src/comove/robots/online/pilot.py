@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.control.safety.qp_workspace import Sighting
-from comove.coordination.coordinates import Coordinates
 from comove.dmp.arguments import require_positive
+from comove.model.coordinates import Coordinates
+from comove.model.scene import Scene
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
@@ -28,7 +29,6 @@ from comove.robots.online.roadmap import SLOT, Ground, GrowingRoadmap, Roadmap, 
 from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import Arms
 from comove.robots.search.planner import plan_with_arms
-from comove.scenes.scene import Scene
 from comove.trajectory import interpolated
 
 Array = NDArray[np.float64]

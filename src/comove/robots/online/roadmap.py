@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.blocks import place_one
+from comove.model.blocks import place_one
 from comove.planning.configurations import Space, edge_is_free, interpolate, random_configuration, span
 from comove.robots.online.link_rows import LinkNeeds, keeps_clear
 from comove.robots.search.chains import reach_pose

@@ -11,6 +11,7 @@ import pinocchio as pin
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
 from comove.robots.grippers import gripper_links, without_gripper
@@ -19,7 +20,6 @@ from comove.robots.proposal.bodies import link_of, pairs_of, placed_bodies, touc
 from comove.robots.proposal.homes import base_of, tilt_of
 from comove.robots.proposal.rules import near_limits, near_links
 from comove.robots.proposal.surroundings import among, buried, names_of
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

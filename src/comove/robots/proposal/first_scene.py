@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import RobotError, SceneError
+from comove.model.files.upgrade import as_text, upgraded
+from comove.model.grasp import HELD
+from comove.model.scene import Scene
 from comove.planning.clock import Budget
 from comove.planning.kernels import SceneKind
 from comove.planning.solution import Solution
@@ -24,9 +27,6 @@ from comove.robots.proposal.homes import base_of, floor_of
 from comove.robots.proposal.surroundings import scene_of
 from comove.robots.solving import solve_joints
 from comove.robots.transfers import plan_transfers
-from comove.scenes.grasp import HELD
-from comove.scenes.scene import Scene
-from comove.scenes.upgrade import as_text, upgraded
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.bool_]
@@ -79,7 +79,7 @@ class SceneProposal:
 
     Attributes
     ----------
-    data : contents of its file (`comove.scenes.model.SceneFile`)
+    data : contents of its file (`comove.model.files.keys.SceneFile`)
     found : its verified motion
     unreached : why no approach and release lead to and from home; empty where they do
     """

@@ -13,12 +13,12 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.model.scene import Scene
 from comove.robots.free_space import RoomSettings
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import placed_bodies
 from comove.robots.proposal.rules import clearance_at_home, limit_margin
 from comove.robots.proposal.surroundings import among, buried
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

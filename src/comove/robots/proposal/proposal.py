@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
+from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
 from comove.robots.grippers import gripper_links
@@ -33,7 +34,6 @@ from comove.robots.soundness import require_tree
 from comove.robots.supplements import in_radians_or_metres
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.kinematics import joint_axes
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Pair = tuple[str, str]

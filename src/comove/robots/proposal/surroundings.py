@@ -11,9 +11,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.verification.bodies import links_within, obstacle_object
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.geometry.solids import N_CORNERS
+from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class LinkSurroundings(NamedTuple):
     eased : clearance that links need less from each other than from other things [m]
     spare : additional clearance that a search keeps [m]
     share : share of the limits of rates and torques that a search uses
-    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.scenes.grasp.Grasp`
+    at_rest, turning : arrays, shape (n_arms, 3, 3) and (n_arms,): see `comove.model.grasp.Grasp`
     first, second : indices of the hands that define the heading; equal where one hand holds the load alone
     keypoints : array of int, shape (3,), nodes that tell how the load is turned; (0,) where hands tell its heading
     carried : array, shape (n_arms,), mass at each hand [kg]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
+from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.search.chains import Chains, chains_of
 from comove.robots.search.links import (
@@ -20,7 +21,6 @@ from comove.robots.search.links import (
     load_lines,
     pair_distances,
 )
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

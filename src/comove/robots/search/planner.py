@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.blocks import place_one
+from comove.model.blocks import place_one
 from comove.planning import trees
 from comove.planning.clock import worked
 from comove.planning.configurations import (

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.coordination.blocks import Blocks, place_one
+from comove.model.blocks import Blocks, place_one
 from comove.planning.trees import copy_to
 from comove.robots.search.chains import Chains, jacobian, place_arm, reach_pose, solve_damped
 from comove.robots.search.following import MET, SEARCHING, Arms, follow_one, hand_rotation

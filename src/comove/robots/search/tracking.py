@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, make_lsq_spline
 
 from comove.compiled import kernel
-from comove.coordination.motion import CoordinatedMotion
+from comove.model.motion import CoordinatedMotion
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import SAMPLE_RATE, JointMotion
 from comove.robots.search.chains import Iteration, inside, reach_pose

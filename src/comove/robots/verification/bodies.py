@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 from comove.errors import ComoveWarning
 from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
+from comove.model.files.keys import ROBOT_CLEARANCE
+from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
 from comove.robots.verification.kinematics import Bases, moved_by
-from comove.scenes.model import ROBOT_CLEARANCE
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -31,16 +31,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.system import N_INTERVALS
 from comove.geometry.rotations import cross
 from comove.geometry.solids import N_CORNERS
+from comove.model.coordinates import load_coordinates
+from comove.model.grasp import keypoints_of
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import Ranges, fastest, subdivided
 from comove.robots.verification.kinematics import joint_placements, joint_twists, moved_by, reaches_of
-from comove.scenes.grasp import keypoints_of
-from comove.scenes.scene import Scene
 from comove.verification.bounds import NodeBounds, node_bounds, turn_jerk
 
 Array = NDArray[np.float64]

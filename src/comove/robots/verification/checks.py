@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
 from comove.errors import RobotError
+from comove.model.resting import TOLERANCE
+from comove.model.scene import Scene
 from comove.robots.effort import largest_torque, overburdened, payloads, still_torque
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
@@ -24,8 +26,6 @@ from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_i
 from comove.robots.verification.carried import Errors, LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
 from comove.robots.verification.kinematics import Bases, joint_axes
-from comove.scenes.resting import TOLERANCE
-from comove.scenes.scene import Scene
 from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
 

@@ -24,8 +24,9 @@ from functools import cache
 import numpy as np
 
 from comove.brief import brief
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import OptionError
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.robots.description import Uncertainty
 from comove.robots.effort import carried_masses
 from comove.robots.grippers import without_gripper
@@ -35,7 +36,6 @@ from comove.robots.verification import checks
 from comove.robots.verification.bodies import bodies_of
 from comove.robots.verification.carried import Carried, holding_errors
 from comove.robots.verification.kinematics import Bases
-from comove.scenes.scene import Scene
 from comove.verification.verify import Sealed, VerifiedMotion, verify
 
 _SEAL = object()

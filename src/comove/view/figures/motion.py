@@ -13,9 +13,9 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from comove.coordination.coordinates import load_coordinates
-from comove.coordination.motion import CoordinatedMotion
-from comove.scenes.scene import Scene
+from comove.model.coordinates import load_coordinates
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.view.figures.shapes import hull_outline, load_pairs, outline
 from comove.view.figures.style import ARM, COLOURS, MOVING, draw_way, new_figure
 

@@ -11,8 +11,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from comove.io.keys import counted
+from comove.model.scene import Scene
 from comove.planning.solution import Solution
-from comove.scenes.scene import Scene
 from comove.stored import joint_rows, limits_row, motion_rows
 from comove.verification.verify import VerifiedMotion
 from comove.view.figures.motion import draw_motion, draw_scene

@@ -6,9 +6,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.dmp import DMP
+from comove.model.motion import CoordinatedMotion
 from comove.verification.verify import verify
 from comove.view.figures.motion import draw_legend, draw_panel
 from comove.view.figures.style import COLOURS, GOAL, START, new_figure

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.model.files.keys import canonical
 from comove.planning import Solution, carried_demonstration
 from comove.results import write_solution
 from comove.results.inputs import Words, write_inputs
 from comove.results.reference import SCENE
-from comove.scenes.model import canonical
 from comove.view.figures.motion import draw_motion, draw_progress
 from comove.view.figures.robots import arm_lines, draw_joints
 from comove.view.figures.style import save

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from comove.geometry.solids import N_CORNERS
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 from comove.verification.record import Record
 from comove.view.figures.motion import MovingBorders, draw_frame, draw_legend, draw_standing, views_of
 from comove.view.figures.shapes import hull_outline, load_pairs

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from comove.geometry import distances as sd
 from comove.geometry.polytopes import vertices_in
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 Array = NDArray[np.float64]
 

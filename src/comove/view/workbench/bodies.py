@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from comove.errors import ComoveError, ExtraError, MeshError, RobotError
 from comove.geometry.triangles import triangles_of
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 from comove.view.figures.shapes import hull_faces
 from comove.view.workbench.geometry import AROUND, Surface, ball, colour_of, rod
 

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_of_rotation, quaternion_product
 from comove.methods import OWN
+from comove.model.scene import Scene
 from comove.planning.objectives import OBJECTIVES as AIMS
-from comove.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Contents = dict[str, Any]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.geometry.rotations import fit_quaternion
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 from comove.view.figures.shapes import all_around, hull_faces, load_pairs, outline, support_points
 from comove.view.figures.style import COLOURS
 

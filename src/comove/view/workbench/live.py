@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.control import ExecutionLog, Executor, Functions, Pace, write_run
 from comove.control.safety.twists import nodes_of
-from comove.coordination.coordinates import HandPoses
 from comove.errors import OptionError
-from comove.scenes.scene import Scene
+from comove.model.coordinates import HandPoses
+from comove.model.scene import Scene
 from comove.verification.record import Record, verify_execution
 from comove.verification.verify import VerifiedMotion
 from comove.view.workbench.edits import Contents

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.methods import OWN
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 from comove.view.figures.style import COLOURS, GOAL, MOVING, START
 from comove.view.workbench.edits import OBJECTIVES, SIZES, Draft, Grip, sizes_of
 from comove.view.workbench.playback import RecordedMotion

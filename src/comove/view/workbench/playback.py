@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveError, ExtraError
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning import Solution
 from comove.results.reference import SCENE
 from comove.results.solution import StoredResult
-from comove.scenes.scene import Scene
 from comove.stored import ResultPart, Row, Verification, joint_rows, motion_rows, verify_part
 from comove.verification.certificate import Clearance, certify
 from comove.verification.record import Record, clearance_of, verify_execution

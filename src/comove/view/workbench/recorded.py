@@ -17,8 +17,8 @@ from comove._version import __version__
 from comove.errors import OptionError
 from comove.io.files import whole_file
 from comove.io.notebooks import in_notebook
+from comove.model.demonstration import demonstration_of
 from comove.planning.solution import ProgressCallback
-from comove.scenes.demonstration import demonstration_of
 from comove.solving import solve
 from comove.view.workbench.bodies import bodies_of, poses_of, robot_of
 from comove.view.workbench.playback import Playback, playback_of, playback_of_item

@@ -10,9 +10,9 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
+from comove.model.scene import Scene
 from comove.results.inputs import command_again
 from comove.results.sealed import AGAIN, read_json
-from comove.scenes.scene import Scene
 from comove.stored import ResultPart, Verification
 from comove.view.figures.motion import draw_motion
 from comove.view.figures.run import draw_run

@@ -9,8 +9,8 @@ from typing import Any
 
 from comove.errors import OptionError, ResultError
 from comove.io.files import whole_file
-from comove.scenes.model import SceneFile
-from comove.scenes.scene import Scene
+from comove.model.files.keys import SceneFile
+from comove.model.scene import Scene
 from comove.view.workbench.edits import Contents
 from comove.view.workbench.teaching import Taught, csv_of
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from comove.errors import ComoveError
 from comove.geometry.rotations import conjugate, quaternion_product
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 from comove.view.workbench.comparison import CHOICES, Comparison
 from comove.view.workbench.edits import (
     SIZES,

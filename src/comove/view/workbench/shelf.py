@@ -13,8 +13,8 @@ from typing import Any
 from comove import stored
 from comove.errors import ComoveWarning, OptionError, ResultError
 from comove.io.folders import require_folder
+from comove.model.scene import Scene
 from comove.results.reference import SCENE
-from comove.scenes.scene import Scene
 from comove.stored import ResultPart
 
 

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.errors import ComoveError
+from comove.model.demonstration import demonstration_of
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
 from comove.planning import carried_demonstration, movements_of
-from comove.scenes.demonstration import demonstration_of
-from comove.scenes.scene import Scene
-from comove.scenes.shapes import spatial
 from comove.view.figures.shapes import load_pairs
 from comove.view.figures.style import COLOURS, GOAL, MOVING, START
 from comove.view.workbench.bodies import LinkSurface

@@ -14,7 +14,7 @@ from comove.dmp import Library, learn
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.demonstrations.resampling import cutoff_of_noise
 from comove.errors import ComoveWarning, DemonstrationError
-from comove.scenes.demonstration import LIBRARY
+from comove.model.demonstration import LIBRARY
 
 Array = NDArray[np.float64]
 Taught = tuple[tuple[float, ...], ...]

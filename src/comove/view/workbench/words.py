@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from comove.scenes.scene import Scene
+from comove.model.scene import Scene
 
 SPECIAL = {
     "\\": "\\\\",

@@ -21,9 +21,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from comove.coordination.motion import CoordinatedMotion
 from comove.errors import ComoveError, ExtraError, OptionError
 from comove.methods import METHODS
+from comove.model.demonstration import demonstration_of
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
 from comove.planning import (
     Budget,
     Comove,
@@ -40,8 +42,6 @@ from comove.planning.objectives import OBJECTIVES, objective_of_scene
 from comove.planning.pace import with_limits
 from comove.planning.solution import ProgressCallback
 from comove.results.inputs import place_of_scene
-from comove.scenes.demonstration import demonstration_of
-from comove.scenes.scene import Scene
 from comove.solving import solve
 from comove.verification.verify import VerifiedMotion, verify
 from comove.view.workbench.bodies import bodies_of, poses_of, robot_of

@@ -1,0 +1,187 @@
+"""The blocks of the coordinates, one a rigid group: where its points are and how they move, given columns of q."""
+
+from __future__ import annotations
+
+from math import cos, sin, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.compiled import kernel
+from comove.geometry.rotations import quaternion_of_rotation, quaternion_product
+from comove.model.groups import GroupPose
+
+Array = NDArray[np.float64]
+
+POINT, ANGLE, DIRECTION, QUATERNION = range(4)
+
+
+class Blocks(NamedTuple):
+    """The blocks of the coordinates as arrays, the form that kernels take.
+
+    Attributes
+    ----------
+    kind, first : arrays of int, shape (n_blocks,) and (n_blocks + 1,): POINT, ANGLE, DIRECTION or QUATERNION; index
+        of the block's first entry in `node` and `point`
+    center : array of int, shape (n_blocks, 3), columns of q that hold the centre, the third unused in the plane
+    turn : array of int, shape (n_blocks,), first column of the orientation
+    node : array of int, shape (n_nodes,), number of the node that an entry describes
+    point : array, shape (n_nodes, 3), position of this node in the group's frame [m]
+    n_dims : 2 or 3
+    """
+
+    kind: NDArray[np.int64]
+    center: NDArray[np.int64]
+    turn: NDArray[np.int64]
+    first: NDArray[np.int64]
+    node: NDArray[np.int64]
+    point: Array
+    n_dims: int
+
+
+class Block(NamedTuple):
+    """One block of the coordinates, which describes one rigid group.
+
+    Attributes
+    ----------
+    kind : POINT, ANGLE, DIRECTION or QUATERNION
+    columns : columns of q, those of the centre and then those of the orientation; a slice where they are contiguous
+    nodes : array of int, shape (n,), numbers of the nodes in the block
+    points : array, shape (n, 3), positions of these nodes in the group's frame [m]
+    """
+
+    kind: int
+    columns: slice | NDArray[np.int64]
+    nodes: NDArray[np.int64]
+    points: Array
+
+
+def width_of(kind: int, n_dims: int) -> int:
+    """Return the number of columns of an orientation."""
+    return {POINT: 0, ANGLE: 1, DIRECTION: n_dims, QUATERNION: 4}[int(kind)]
+
+
+def columns_of(center: NDArray[np.int64], turn: int, width: int) -> slice | NDArray[np.int64]:
+    """Return the columns of one block, as a slice where they are contiguous."""
+    columns = np.append(center, np.arange(turn, turn + width))
+    neighbours = (np.diff(columns) == 1).all()
+    return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
+
+
+@kernel
+def place(blocks: Blocks, q: Array, size: float) -> Array:
+    """Return the nodes of many rollouts, q of shape (n_rollouts, n_columns, n_steps).
+
+    Array, shape (n_rollouts, n_steps, n_nodes, 3) [m].
+    """
+    n_rollouts, n_columns, n_steps = q.shape
+    nodes = np.zeros((n_rollouts, n_steps, blocks.node.shape[0], 3))
+    row = np.empty(n_columns)
+    for k in range(n_rollouts):
+        for t in range(n_steps):
+            for c in range(n_columns):
+                row[c] = q[k, c, t]
+            place_one(blocks, row, size, nodes[k, t])
+    return nodes
+
+
+@kernel
+def place_one(blocks: Blocks, q: Array, size: float, nodes: Array) -> None:
+    """Write in `nodes` (n_nodes, 3) the nodes of one configuration q, array of shape (n_columns,) [m]."""
+    n_dims = blocks.n_dims
+    for b in range(blocks.kind.shape[0]):
+        kind, o = blocks.kind[b], blocks.turn[b]
+        cx, cy = q[blocks.center[b, 0]], q[blocks.center[b, 1]]
+        cz = q[blocks.center[b, 2]] if n_dims == 3 else 0.0
+        c, s = (cos(q[o]), sin(q[o])) if kind == ANGLE else (1.0, 0.0)
+        for e in range(blocks.first[b], blocks.first[b + 1]):
+            x, y, z = blocks.point[e, 0] * size, blocks.point[e, 1] * size, blocks.point[e, 2] * size
+            node = nodes[blocks.node[e]]
+            if kind == ANGLE:
+                x, y = c * x - s * y, s * x + c * y
+            elif kind == DIRECTION and n_dims == 2:
+                n = 1.0 / sqrt(q[o] ** 2 + q[o + 1] ** 2)
+                x, y = (q[o] * x - q[o + 1] * y) * n, (q[o + 1] * x + q[o] * y) * n
+            elif kind == DIRECTION:
+                n = x / sqrt(q[o] ** 2 + q[o + 1] ** 2 + q[o + 2] ** 2)
+                x, y, z = q[o] * n, q[o + 1] * n, q[o + 2] * n
+            elif kind == QUATERNION:
+                w, qx, qy, qz = q[o], q[o + 1], q[o + 2], q[o + 3]
+                n = 2.0 / (w * w + qx * qx + qy * qy + qz * qz)
+                tx, ty, tz = qy * z - qz * y, qz * x - qx * z, qx * y - qy * x
+                x, y, z = (
+                    x + n * (w * tx + qy * tz - qz * ty),
+                    y + n * (w * ty + qz * tx - qx * tz),
+                    z + n * (w * tz + qx * ty - qy * tx),
+                )
+            node[0] = cx + x
+            node[1] = cy + y
+            node[2] = cz + z
+
+
+def write_pose(kind: int, pose: GroupPose, n_dims: int) -> Array:
+    """Return the block of q that describes a pose; array, shape (n_block_columns,)."""
+    center, rotation = pose.center[:n_dims], pose.rotation
+    if kind == POINT:
+        return center.copy()
+    if kind == ANGLE:
+        return np.append(center, np.arctan2(rotation[1, 0], rotation[0, 0]))
+    if kind == DIRECTION:
+        return np.concatenate([center, rotation[:n_dims, 0]])
+    return np.concatenate([center, quaternion_of_rotation(rotation)])
+
+
+def write_twist(kind: int, block: Array, twist: Array, n_dims: int) -> Array:
+    """Return the rate of change of a block of q with a twist; array, shape (n_block_columns,)."""
+    turn, (x, y, z) = block[n_dims:], twist[3:]
+    if kind == ANGLE:
+        change = np.array([z])
+    elif kind == DIRECTION:
+        change = np.array([-z * turn[1], z * turn[0]]) if n_dims == 2 else np.cross(twist[3:], turn)
+    else:
+        change = 0.5 * quaternion_product(np.array([0.0, x, y, z]), turn) if kind == QUATERNION else turn
+    return np.concatenate([twist[:n_dims], change])
+
+
+def turned(kind: int, part: Array, points: Array) -> Array:
+    """Return R(t) r and its two derivatives: part (3, n_steps, width), points (n, 3) -> (3, n_steps, n, 3)."""
+    result = np.zeros((3, part.shape[1], len(points), 3))
+    if kind == POINT:
+        result[0] = points
+        return result
+    if kind == ANGLE:
+        angle, rate, change = (x[:, 0, None] for x in part)
+        c, s = np.cos(angle), np.sin(angle)
+        x, y = c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]
+        result[0, ..., 0], result[0, ..., 1], result[0, ..., 2] = x, y, points[:, 2]
+        result[1, ..., 0], result[1, ..., 1] = -rate * y, rate * x
+        result[2, ..., 0], result[2, ..., 1] = -change * y - rate**2 * x, change * x - rate**2 * y
+        return result
+    u = unit_motion(part)
+    if kind == DIRECTION and part.shape[2] == 2:
+        result[..., 0] = u[..., None, 0] * points[:, 0] - u[..., None, 1] * points[:, 1]
+        result[..., 1] = u[..., None, 1] * points[:, 0] + u[..., None, 0] * points[:, 1]
+        return result
+    if kind == DIRECTION:
+        return u[:, :, None, :] * points[:, 0, None]
+    conjugate = u[0] * np.array([1.0, -1, -1, -1])
+    spin = 2 * quaternion_product(u[1], conjugate)[:, None, 1:]
+    twist = 2 * quaternion_product(u[2], conjugate)[:, None, 1:]
+    w, axis = u[0][:, None, :1], u[0][:, None, 1:]
+    crossed = np.cross(axis, points[None])
+    result[0] = points + 2 * (w * crossed + np.cross(axis, crossed))
+    result[1] = np.cross(spin, result[0])
+    result[2] = np.cross(twist, result[0]) + np.cross(spin, result[1])
+    return result
+
+
+def unit_motion(part: Array) -> Array:
+    """Return v/|v| and its two derivatives from v and its two derivatives; arrays, shape (3, n_steps, width)."""
+    length = np.linalg.norm(part[0], axis=-1, keepdims=True)
+    u = part[0] / length
+    grow = (u * part[1]).sum(axis=-1, keepdims=True)
+    rate = (part[1] - u * grow) / length
+    across = part[2] - u * (u * part[2]).sum(axis=-1, keepdims=True)
+    change = (across - 2 * grow * rate) / length - u * (rate**2).sum(axis=-1, keepdims=True)
+    return np.stack([u, rate, change])

@@ -1,0 +1,310 @@
+"""The kinds of constraints: two hands' distance, relative pose, separation and heights, and a load kept upright."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from math import degrees, radians
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from comove.io.keys import Length, PositiveLength, Wrong, no_minus_zero
+from comove.model.constraints.constraint import (
+    ROUNDING,
+    Array,
+    Constraint,
+    ConstraintKeys,
+    Course,
+    Hands,
+    PairConstraint,
+    PairKeys,
+)
+
+
+@dataclass(frozen=True)
+class DistanceConstraint(PairConstraint):
+    """A constraint that keeps ``| |y_first - y_second| - distance | <= tolerance`` at every instant, [m]."""
+
+    distance: float
+    tolerance: float
+    kind = "distance"
+    report = "distance_error_max"
+    sampled = False
+
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return by how much the distance is off [m]."""
+        return np.abs(self.apart(position) - self.distance)
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of the error at every instant [m]."""
+        least, most = course.apart(self.first, self.second)
+        return max(self.distance - least, most - self.distance)
+
+    def measure(self, error: float) -> float:
+        """Return the error [m]."""
+        return error
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words that the distance is not kept."""
+        off = f"off by up to {error:.3g} m" if np.isfinite(error) else "off by more than can be bounded"
+        return f"the distance between {self.pair(names)} is {off} (tolerance {self.tolerance:g} m)"
+
+
+def distance_tolerance(tolerance: float | None, distance: float) -> float:
+    """Return the tolerance of a distance or relative pose [m]; where it is None, a thousandth of the distance."""
+    return 1e-3 * distance if tolerance is None else tolerance
+
+
+class DistanceKeys(PairKeys):
+    """A constraint that keeps two hands `distance` apart, within `tolerance` (None: not given) [m]."""
+
+    type: Literal["distance"]
+    distance: PositiveLength
+    tolerance: Length | None = None
+
+    def resolved(self, hands: Hands) -> DistanceConstraint:
+        """Return the constraint, with a thousandth of the distance as its tolerance where none is given."""
+        first, second = hands.numbers(self.between)
+        tolerance = distance_tolerance(self.tolerance, self.distance)
+        return DistanceConstraint(first, second, self.distance, tolerance)
+
+
+@dataclass(frozen=True)
+class RelativePoseConstraint(PairConstraint):
+    """A constraint that makes two hands parts of one rigid body.
+
+    Start and goal may miss the hands' distance by `tolerance` [m].
+
+    A `DistanceConstraint` of the same hands states how far they are apart.
+    """
+
+    tolerance: float
+    kind = "relative_pose"
+    report = ""
+    sampled = False
+
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return 0: positions do not tell how hands are turned, and their distance is a constraint of its own."""
+        return np.zeros(len(position))
+
+    def bound(self, course: Course) -> float:
+        """Return 0 where one body holds both hands and its roll, or in the plane a distance does; else infinity."""
+        return 0.0 if course.n_dims == 2 or course.rigid(self.first, self.second, roll=True) else np.inf
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words that nothing holds the pose."""
+        return f"the motion's coordinates do not hold the relative pose of {self.pair(names)}"
+
+    def needs_body(self, ends: Array) -> bool:
+        """Return whether only a rigid body holds the pose, which in the plane is a distance."""
+        return ends.shape[-1] == 3
+
+
+class RelativePoseKeys(PairKeys):
+    """A constraint that moves two hands as one rigid body, as they start.
+
+    Ends may miss the hands' distance by `tolerance` [m].
+    """
+
+    type: Literal["relative_pose"]
+    tolerance: Length | None = None
+
+    def resolved(self, hands: Hands) -> RelativePoseConstraint:
+        """Return the constraint, with a thousandth of the hands' distance as its tolerance where none is given."""
+        first, second = hands.numbers(self.between)
+        apart = float(np.linalg.norm(hands.start[first] - hands.start[second]))
+        return RelativePoseConstraint(first, second, distance_tolerance(self.tolerance, apart))
+
+
+@dataclass(frozen=True)
+class SeparationConstraint(PairConstraint):
+    """A constraint that keeps ``|y_first - y_second| >= distance - tolerance`` at every instant, [m]."""
+
+    distance: float
+    tolerance: float
+    kind = "separation"
+    report = "separation_spare_min"
+    sampled = False
+
+    @property
+    def least(self) -> float:
+        """Return the distance that must be kept, the tolerance subtracted [m]."""
+        return self.distance - self.tolerance
+
+    @property
+    def allowed(self) -> float:
+        """Return rounding, as `least` has the tolerance in it."""
+        return ROUNDING
+
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return by how much the hands are too near, negative where they have room to spare [m]."""
+        return self.least - self.apart(position)
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of the error at every instant [m]."""
+        return self.least - course.apart(self.first, self.second)[0]
+
+    def measure(self, error: float) -> float:
+        """Return the spare distance [m]."""
+        return -error
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words how near the hands come."""
+        near = self.least - error
+        return (
+            f"{self.pair(names)} come as near as {max(near, 0.0):.4g} m (at least {self.least:g} m asked for)"
+        )
+
+    def unmet(self, end: str, error: float, names: Sequence[str]) -> tuple[str, str]:
+        """Return in words that hands are too near at the start or the goal, and what to write instead."""
+        apart = f"{self.pair(names)} are {self.least - error:.4g} m apart at the {end}"
+        return (
+            f"{apart}, but they must stay at least {self.least:g} m apart",
+            "move one of them, or ask for less",
+        )
+
+
+class SeparationKeys(PairKeys):
+    """A constraint that keeps two hands at least `distance` apart, less `tolerance` [m]."""
+
+    type: Literal["separation"]
+    distance: PositiveLength
+    tolerance: Length = 0.0
+
+    @model_validator(mode="after")
+    def _demands_something(self) -> SeparationKeys:
+        if self.tolerance >= self.distance:
+            raise Wrong(
+                f"a tolerance of {self.tolerance:g} m leaves nothing of the distance {self.distance:g} m",
+                "give a smaller tolerance",
+            )
+        return self
+
+    def resolved(self, hands: Hands) -> SeparationConstraint:
+        """Return the constraint."""
+        first, second = hands.numbers(self.between)
+        return SeparationConstraint(first, second, self.distance, self.tolerance)
+
+
+@dataclass(frozen=True)
+class SameHeightConstraint(PairConstraint):
+    """A constraint that keeps ``|h_first - h_second| <= tolerance`` at every instant, h the last coordinate, [m]."""
+
+    tolerance: float
+    kind = "same_height"
+    report = "height_error_max"
+    sampled = False
+
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return the difference of the heights [m]."""
+        return np.abs(position[:, self.first, n_dims - 1] - position[:, self.second, n_dims - 1])
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of the difference of the heights at every instant [m]."""
+        relative, stray = course.relative(self.first, self.second, slice(course.n_dims - 1, course.n_dims))
+        gap = np.abs(relative[:, 0])
+        return float((np.maximum(gap[1:], gap[:-1]) + stray).max())
+
+    def measure(self, error: float) -> float:
+        """Return the difference of the heights [m]."""
+        return error
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words how much the heights differ."""
+        differ = f"the heights of {self.pair(names)} differ by up to {error:.3g} m"
+        return f"{differ} (tolerance {self.tolerance:g} m)"
+
+    def unmet(self, end: str, error: float, names: Sequence[str]) -> tuple[str, str]:
+        """Return in words how much the heights differ at the start or the goal, and what to write instead."""
+        differ = f"at the {end} the heights of {self.pair(names)} differ by {error:.3g} m"
+        return f"{differ} (tolerance {self.tolerance:g} m)", "move one of them, or widen the tolerance"
+
+    def level(self, ends: Array) -> tuple[tuple[int, int], ...]:
+        """Return the pair itself, which shares a height."""
+        return ((self.first, self.second),)
+
+
+class SameHeightKeys(PairKeys):
+    """A constraint that keeps two hands at the same height (last coordinate), within `tolerance` [m]."""
+
+    type: Literal["same_height"]
+    tolerance: Length = 1e-3
+
+    def resolved(self, hands: Hands) -> SameHeightConstraint:
+        """Return the constraint."""
+        first, second = hands.numbers(self.between)
+        return SameHeightConstraint(first, second, self.tolerance)
+
+
+LEVEL = 1e-12
+"""[m], by which hands at one height may differ by rounding."""
+
+
+@dataclass(frozen=True)
+class UprightConstraint(Constraint):
+    """A constraint that keeps the inclination of lines between the load's holders, `members`, within `tolerance`
+    [rad].
+    """
+
+    members: tuple[int, ...]
+    tolerance: float
+    kind = "upright"
+    report = "tilt_max"
+    sampled = False
+
+    @property
+    def hands(self) -> tuple[int, ...]:
+        """Return the numbers of the holders."""
+        return self.members
+
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return the largest change, since the first sample, of the inclination of a line between holders [rad]."""
+        tilt = np.zeros(len(position))
+        for i, j in combinations(self.members, 2):
+            line = position[:, i] - position[:, j]
+            x, y = (line[:, 0], line[:, 1]) if n_dims == 2 else (np.hypot(line[:, 0], line[:, 1]), line[:, 2])
+            tilt = np.maximum(tilt, np.arctan2(np.abs(x[0] * y - y[0] * x), x[0] * x + y[0] * y))
+        return tilt
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of the tilt at every instant [rad]."""
+        tilt = self.error(course.position, course.n_dims)
+        return float((np.maximum(tilt[1:], tilt[:-1]) + course.tilting(self.members)).max())
+
+    def measure(self, error: float) -> float:
+        """Return the tilt [rad]."""
+        return error
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words how far the load tilts."""
+        if not np.isfinite(error):
+            return "the motion's coordinates let the load tilt, and it must stay upright"
+        return f"the load tilts by up to {degrees(error):.3g} deg (tolerance {degrees(self.tolerance):g} deg)"
+
+    def level(self, ends: Array) -> tuple[tuple[int, int], ...]:
+        """Return pairs of all holders where, in space, they are at one height at start and goal, and so always."""
+        heights = ends[:, list(self.members), -1]
+        if ends.shape[-1] == 2 or not (np.ptp(heights, axis=1) <= LEVEL).all():
+            return ()
+        return tuple((self.members[0], other) for other in self.members[1:])
+
+    def needs_body(self, ends: Array) -> bool:
+        """Return whether only a rigid body holds the tilt, as the holders do not share a height."""
+        return len(self.level(ends)) < len(self.members) - 1
+
+
+class UprightKeys(ConstraintKeys):
+    """A constraint that lets the load turn about the vertical only.
+
+    The goal may miss the tilt of the start by `tolerance_deg`.
+    """
+
+    type: Literal["upright"]
+    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = 0.1
+
+    def resolved(self, hands: Hands) -> UprightConstraint:
+        """Return the constraint on all holders of the load."""
+        return UprightConstraint(hands.holders, radians(self.tolerance_deg))

@@ -1,0 +1,1 @@
+"""Scene files: keys, versions, and obstacles that other files describe."""

@@ -1,0 +1,370 @@
+"""The orientations of hands that hold a load, from where they and the load's keypoints are.
+
+Of a load that turns about the vertical only, the heading psi is the direction, seen from above, from its second
+holder to its first. A hand's grasp frame (z the approach direction, fingers open along y) keeps its tilt and turns
+with the load:
+
+    R(psi) = Rz(psi + offset) R(0)
+
+A load that turns in any way is told by three keypoints of it, which are not on one line: x points from the first to
+the second, and z is normal to all three. A grasp frame is constant in that frame K:
+
+    R = K R(0)
+
+Hands that hold a payload must also be near its surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from comove.geometry.rotations import matrices, rotation_in_plane
+from comove.model.files.keys import (
+    BoxLoad,
+    FrameLoad,
+    GraspChoice,
+    GraspOption,
+    GraspPart,
+    Gripped,
+    Manipulator,
+    PartsLoad,
+    PayloadPose,
+    PolygonLoad,
+    SceneFile,
+)
+from comove.model.groups import RigidGroup
+from comove.model.shapes import inside_polygon, parts_of, spatial
+
+Array = NDArray[np.float64]
+
+DIGITS = 9
+"""Digits of lengths [m] by which points are compared."""
+HELD = {
+    "down": np.diag([-1.0, 1.0, -1.0]),
+    "forward": np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]),
+}
+"""Grasp frames at heading 0, by their names: the approach points down, or along the heading with fingers that open
+upwards."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """Holds how the hands are oriented while they carry the load.
+
+    Attributes
+    ----------
+    holders : numbers of the hands that hold the load; the heading points from the second to the first. A single
+        holder carries a load whose heading is always 0
+    at_rest : array, shape (n_manipulators, 3, 3), every hand's grasp frame while the heading is 0, offset included;
+        in the frame of the keypoints where there are some
+    turning : array of bool, shape (n_manipulators,), True for hands that turn with the load; the others do not turn
+    keypoints : numbers of three nodes that tell how the load is turned; none where it turns about the vertical only
+    """
+
+    holders: tuple[int, ...]
+    at_rest: Array
+    turning: NDArray[np.bool_]
+    keypoints: tuple[int, ...] = ()
+
+    def hand_rotations(self, nodes: Array) -> Array:
+        """Return the orientations of the hands' grasp frames; array, shape (..., n_manipulators, 3, 3).
+
+        Parameters
+        ----------
+        nodes : array, shape (..., n_nodes, 3), hands first, then the load's corners [m]; without keypoints, hands
+            suffice
+        """
+        if self.keypoints:
+            frames = keypoint_frames(np.asarray(nodes)[..., list(self.keypoints), :])[..., None, :, :]
+            return np.where(self.turning[:, None, None], frames @ self.at_rest, self.at_rest)
+        x, y = self._along(nodes)
+        size = np.hypot(x, y)[..., None]
+        c = np.where(self.turning, x[..., None] / size, 1.0)[..., None]
+        s = np.where(self.turning, y[..., None] / size, 0.0)[..., None]
+        rotations = np.empty((*c.shape[:-1], 3, 3))
+        rotations[..., 0, :] = c * self.at_rest[:, 0] - s * self.at_rest[:, 1]
+        rotations[..., 1, :] = s * self.at_rest[:, 0] + c * self.at_rest[:, 1]
+        rotations[..., 2, :] = self.at_rest[:, 2]
+        return rotations
+
+    def spins(self, nodes: Array, velocities: Array) -> Array:
+        """Compute the angular velocity of the load as its nodes move; array, shape (..., 3, n) [rad/s].
+
+        Parameters
+        ----------
+        nodes : array, shape (..., n_nodes, 3), as in `hand_rotations` [m]
+        velocities : array, shape (..., n_nodes, 3, n), n ways in which they move as one body [m/s]
+        """
+        if self.keypoints:
+            three = list(self.keypoints)
+            return _angular_velocity(nodes[..., three, :], velocities[..., three, :, :])
+        spin = np.zeros((*velocities.shape[:-3], 3, velocities.shape[-1]))
+        if len(self.holders) > 1:
+            first, second = self.holders[:2]
+            x, y = (along[..., None] for along in self._along(nodes))
+            change = velocities[..., first, :, :] - velocities[..., second, :, :]
+            spin[..., 2, :] = (x * change[..., 1, :] - y * change[..., 0, :]) / (x * x + y * y)
+        return spin
+
+    def _along(self, hands: Array) -> tuple[Array, Array]:
+        """Return x and y of the vector from the second holder to the first [m]; two arrays, shape (...)."""
+        hands = np.asarray(hands, dtype=float)
+        if len(self.holders) == 1:
+            return np.ones(hands.shape[:-2]), np.zeros(hands.shape[:-2])
+        first, second = self.holders[:2]
+        return tuple(np.moveaxis(hands[..., first, :2] - hands[..., second, :2], -1, 0))
+
+
+def keypoint_frames(points: Array) -> Array:
+    """Return the frames K of three points each; (..., 3, 3), [m] -> (..., 3, 3)."""
+    along, aside = points[..., 1, :] - points[..., 0, :], points[..., 2, :] - points[..., 0, :]
+    x, z = (v / np.linalg.norm(v, axis=-1, keepdims=True) for v in (along, np.cross(along, aside)))
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _angular_velocity(points: Array, velocities: Array) -> Array:
+    """Compute the angular velocity w of a rigid body from three of its points; arrays as in `Grasp.spins`.
+
+    With edges e_i from the first point, their normal included, and g_i the dual basis, ``2 w = sum_i g_i x e_i'``.
+    """
+    edges, rates = (
+        points[..., 1:, :] - points[..., :1, :],
+        velocities[..., 1:, :, :] - velocities[..., :1, :, :],
+    )
+    normal = np.cross(edges[..., 0, :], edges[..., 1, :])
+    turned = np.cross(rates[..., 0, :, :], edges[..., 1, :, None], axis=-2) + np.cross(
+        edges[..., 0, :, None], rates[..., 1, :, :], axis=-2
+    )
+    basis = np.concatenate([edges, normal[..., None, :]], axis=-2)
+    rates = np.concatenate([rates, turned[..., None, :, :]], axis=-3)
+    dual = np.linalg.inv(basis)  # whose columns are g_i
+    return 0.5 * np.cross(np.moveaxis(dual, -1, -2)[..., None], rates, axis=-2).sum(axis=-3)
+
+
+def keypoints_of(points: Array) -> tuple[int, int, int]:
+    """Return three of a body's points, array of shape (n, 3), that tell its orientation well: far from one line."""
+    away = np.linalg.norm(points - points[0], axis=1).round(DIGITS)
+    second = int(away.argmax())
+    along = (points[second] - points[0]) / away[second]
+    aside = points - points[0]
+    third = int(np.linalg.norm(aside - (aside @ along)[:, None] * along, axis=1).round(DIGITS).argmax())
+    return 0, second, third
+
+
+def grasp_of(file: SceneFile, groups: Sequence[RigidGroup]) -> Grasp | None:
+    """Return the grasp that a scene file describes, the first where it describes several; None where it has none."""
+    if file.grasp is None:
+        return None
+    part, holders, corner = alternatives(file)[0], set(file.holder_numbers), len(file.names)
+    carried: tuple[int, ...] = ()
+    for group in groups:
+        if holders & set(group.members):
+            carried = group.members
+            break
+        corner += len(group.corners)
+    if part.frames is not None and file.load is not None and file.load.start is not None:
+        three = list(keypoints_of(group.points))
+        payload = group.start.rotation.T @ matrices(np.array(file.load.start.quaternion_wxyz))
+        turn = keypoint_frames(group.points[three]).T @ payload
+        frames = [matrices(np.array(part.frames[name])) for name in file.names]
+        nodes = [*group.members, *range(corner, corner + len(group.corners))]
+        return Grasp(
+            holders=file.holder_numbers,
+            at_rest=np.stack([turn @ held if i in carried else held for i, held in enumerate(frames)]),
+            turning=np.isin(np.arange(len(frames)), carried),
+            keypoints=tuple(nodes[k] for k in three),
+        )
+    offset = part.offset_deg
+    offsets = [offset.get(name, 0.0) if isinstance(offset, dict) else offset for name in file.names]
+    held = HELD[part.orientation or "down"]
+    if part.quaternion_wxyz is not None:
+        held = matrices(np.array(part.quaternion_wxyz))
+    return Grasp(
+        holders=file.holder_numbers,
+        at_rest=np.stack([rotation_in_plane(np.deg2rad(angle)) @ held for angle in offsets]),
+        turning=np.isin(np.arange(len(file.names)), carried),
+    )
+
+
+def alternatives(file: SceneFile, step: float = 45.0) -> tuple[GraspPart, ...]:
+    """Return the grasps that a scene file leaves open, each with a yaw that is given; none where it has none.
+
+    Where the yaw is free, hands are turned by all multiples of `step` [deg] beyond their offsets: all by the same, or
+    the first against the others.
+    """
+    if file.grasp is None:
+        return ()
+    found = list[GraspPart]()
+    for part in file.grasp.any_of or (file.grasp,):
+        if part.yaw == "load":
+            found.append(part)
+            continue
+        turns = step * np.arange(round(360 / step))
+        for first, others in ((1, 1), (1, -1)):
+            for turn in turns.tolist():
+                signs = [first if name == file.names[0] else others for name in file.names]
+                said = part.offset_deg
+                offset = {
+                    name: (said.get(name, 0.0) if isinstance(said, dict) else said) + sign * turn
+                    for name, sign in zip(file.names, signs, strict=True)
+                }
+                same = all(abs((sign - 1) * turn) % 360 == 0 for sign in signs)
+                if others == 1 or not same:
+                    found.append(part.model_copy(update={"yaw": "load", "offset_deg": offset}))
+    return tuple(found)
+
+
+def hands_of(
+    start: PayloadPose, goal: PayloadPose, grasps: Mapping[str, tuple[float, ...]]
+) -> list[dict[str, Any]]:
+    """Return the manipulators that hold a payload at some points of its frame, as a scene file has them."""
+    n_dims, placed = len(start.position), dict[str, Array]()
+    points = spatial(np.array([*grasps.values()]))
+    for end, pose in (("start", start), ("goal", goal)):
+        turned = points @ matrices(np.array(pose.quaternion_wxyz)).T
+        placed[end] = np.array(pose.position) + turned[:, :n_dims]
+    return [
+        {"name": name, **{end: tuple(places[i].tolist()) for end, places in placed.items()}}
+        for i, name in enumerate(grasps)
+    ]
+
+
+def chosen(file: SceneFile, choice: GraspOption) -> SceneFile:
+    """Return a scene file in which the payload is held and put down in one of the ways that the file leaves open."""
+    load = file.load
+    assert load is not None and load.start is not None, "choices are about payloads with poses"
+    changes: dict[str, Any] = {"goal": choice.goal}
+    if isinstance(load, Gripped):
+        changes["grasps"] = choice.grasps
+    hands = hands_of(load.start, choice.goal, choice.grasps)
+    others = [hand for hand in file.manipulators if hand.name not in choice.grasps]
+    return file.model_copy(
+        update={
+            "load": load.model_copy(update=changes),
+            "manipulators": (*(Manipulator(**hand) for hand in hands), *others),
+            "grasp": None if choice.frames is None else GraspChoice(frames=choice.frames),
+            "choices": None,
+        }
+    )
+
+
+if TYPE_CHECKING:
+    from comove.geometry.convex_decomposition import ConvexDecomposition
+
+
+FINGERS = 0.04
+"""Distance from a payload at which a hand still holds it [m]: fingers of parallel grippers are about 4 cm long, and a
+hand may be given by their roots."""
+SHARE = 0.02
+"""Share of the payload's longest side that is allowed besides, for sizes that are rounded."""
+
+
+def grasp_distances(
+    file: SceneFile, groups: list[RigidGroup], decomposition: ConvexDecomposition | None = None
+) -> Array:
+    """Compute how far each hand that holds the payload is from it.
+
+    Parameters
+    ----------
+    groups : the rigid groups of the scene; one of them holds the payload
+    decomposition : of a payload that is a mesh
+
+    Returns
+    -------
+    array, shape (n_holders,), [m]; 0 inside of the payload. Of a mesh, the distance from the polytopes that contain
+    it, which is at most their over-approximation error less.
+    """
+    load, holders = file.load, file.holder_numbers
+    group = next((g for g in groups if set(holders) <= set(g.members)), None)
+    if load is None or group is None:
+        return np.zeros(len(holders))
+    hands = group.grasps[[group.members.index(i) for i in holders]]
+    if isinstance(load, FrameLoad):
+        at = {name: group.grasps[group.members.index(file.names.index(name))] for name in file.holders}
+        ends = np.array([[at[first], at[second]] for first, second in load.edges])
+        return np.maximum(_from_segments(hands, ends) - load.radius, 0.0)
+    if isinstance(load, PolygonLoad):
+        border = np.stack([group.corners, np.roll(group.corners, -1, axis=0)], axis=1)
+        apart = np.maximum(_from_segments(hands, border) - load.radius, 0.0)
+        return np.where(inside_polygon(group.corners, hands), 0.0, apart)
+    if isinstance(load, BoxLoad):
+        edges = group.corners[[1, 3] if file.dimension == 2 else [1, 2, 4]] - group.corners[0]
+        lengths = np.linalg.norm(edges, axis=1)
+        along = np.abs((hands - group.corners.mean(axis=0)) @ (edges / lengths[:, None]).T)
+        return np.linalg.norm(np.maximum(along - lengths / 2, 0.0), axis=1)
+    if isinstance(load, PartsLoad) or decomposition is not None:
+        from comove.geometry.polytopes import nearest_in_hull  # most scenes need no polytopes
+
+        hulls, rods = list[Array](), np.zeros(len(hands)) + np.inf
+        if decomposition is not None:
+            last = np.cumsum([len(polytope.vertices) for polytope in decomposition.polytopes])
+            hulls = np.split(group.corners[: last[-1]], last[:-1])
+        elif isinstance(load, PartsLoad):
+            parts = parts_of(load)
+            hulls = [group.corners[hull] for hull in parts.hulls]
+            for a, b, radius in parts.rods:
+                apart = _from_segments(hands, group.corners[[a, b]][None]) - radius
+                rods = np.minimum(rods, np.maximum(apart, 0.0))
+        feet = [nearest_in_hull(np.ascontiguousarray(hull), hands) for hull in hulls]
+        return np.min(
+            [rods, *np.linalg.norm(hands - np.array(feet).reshape(-1, *hands.shape), axis=2)], axis=0
+        )
+    return np.zeros(len(holders))  # a bar lies between its hands
+
+
+def far_grasps(
+    file: SceneFile, groups: list[RigidGroup], decomposition: ConvexDecomposition | None = None
+) -> str | None:
+    """Return what is wrong with the grasp that is farthest from the payload; None if all are near.
+
+    The allowed distance is `FINGERS` and `SHARE` of the payload's longest side.
+    """
+    apart = grasp_distances(file, groups, decomposition)
+    if not apart.size or apart.max() <= FINGERS:
+        return None
+    group = next(g for g in groups if set(file.holder_numbers) <= set(g.members))
+    points = group.corners if len(group.corners) else group.grasps
+    longest = float(np.ptp(points, axis=0).max())
+    if apart.max() <= FINGERS + SHARE * longest:
+        return None
+    # Hands at the two ends of a payload are equally far but for rounding.
+    worst = int(np.flatnonzero(apart > apart.max() - 1e-9)[0])
+    name, load = file.holders[worst], file.load
+    shape = "frame" if load is None else load.shape
+    return (
+        f"'{name}' is to hold the {shape}, and is {apart[worst]:.3g} m away from its surface: there is "
+        f"nothing between its fingers; {_advice(file)}"
+    )
+
+
+def _advice(file: SceneFile) -> str:
+    load = file.load
+    if load is not None and load.start is not None:
+        return "move its grasp onto the payload"
+    if isinstance(load, FrameLoad):
+        return "give the frame an edge that ends at this hand, or leave the hand out of held_by"
+    if isinstance(load, Gripped) and load.grasps:
+        return "give load.grasps on the payload, and hands at start and goal that are as far apart"
+    if file.dimension == 3 and len(file.holders) == 2:
+        lies = "it is centred between its two hands, and its x axis is the line through them"
+        first = (
+            "give its length along this line as the first of its sizes" if isinstance(load, BoxLoad) else ""
+        )
+        return f"{lies}: {first or 'turn the mesh'}, move the hands onto it, or give load.grasps"
+    return (
+        "it is centred between its hands, and its axes are those of the world at the start: move the hands onto it, "
+        "or give load.grasps"
+    )
+
+
+def _from_segments(points: Array, ends: Array) -> Array:
+    """Compute the distances of points (n, 3) from the nearest of segments (m, 2, 3); array, shape (n,) [m]."""
+    start, along = ends[:, 0], ends[:, 1] - ends[:, 0]
+    to = points[:, None] - start
+    share = np.clip((to * along).sum(axis=2) / (along**2).sum(axis=1), 0.0, 1.0)
+    return np.linalg.norm(to - share[..., None] * along, axis=2).min(axis=1)

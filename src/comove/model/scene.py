@@ -1,0 +1,801 @@
+"""The scene: manipulators, their load, obstacles and constraints, ready for solving."""
+
+from __future__ import annotations
+
+import hashlib
+import warnings
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import comove
+from comove.brief import brief
+from comove.errors import ComoveWarning, SceneError
+from comove.geometry import distances as sd
+from comove.geometry.solids import solids_clearance
+from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
+from comove.io.folders import scene_folder
+from comove.io.keys import scaled
+from comove.model.constraints import (
+    Constraint,
+    DistanceConstraint,
+    Hands,
+    SeparationConstraint,
+    UprightConstraint,
+    UprightKeys,
+)
+from comove.model.files.keys import DEFAULT_LIMITS, GraspChoice, GraspPart, PartsLoad, SceneFile, canonical
+from comove.model.files.reading import parsed, read_scene_file
+from comove.model.files.words import VERSION_1, Words
+from comove.model.grasp import Grasp, alternatives, chosen, far_grasps, grasp_of
+from comove.model.groups import GroupPose, RigidGroup, connected
+from comove.model.moving import ObstacleMotion
+from comove.model.resting import TOLERANCE, Rest, provable, recessions, rests_of
+from comove.model.rigid import ENDS, HEADING, LoadBodies
+from comove.model.shapes import (
+    FAR,
+    LOAD,
+    MovingBody,
+    body_of,
+    inside_polygon,
+    obstacle_table,
+    parts_of,
+    placed,
+    read_meshes,
+    spatial,
+)
+from comove.ties import first_largest
+
+if TYPE_CHECKING:
+    from comove.geometry.convex_decomposition import ConvexDecomposition
+
+Array = NDArray[np.float64]
+
+PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
+TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A scene that is ready to be solved; build it by `Scene.load` or `Scene.from_dict`.
+
+    Attributes
+    ----------
+    file : the parsed scene file
+    folder : the folder to which the file's paths are relative
+    path : path of the scene file, None where the scene was built in memory
+    start, goal : arrays, shape (n_manipulators, n_dims), [m], moved onto the constraints where the file
+        misses them by no more than their tolerance
+    lower, upper : arrays, shape (n_dims,), workspace [m]
+    groups : rigid groups in the order of their first member; every manipulator is in one
+    constraints : constraints that must hold at every instant, with the distances that load and relative poses imply
+    body : the geometry of load and hands that must keep clear of obstacles
+    obstacles : array, shape (n_rows, n_columns), the table that kernels take, for search and avoidance: one row for
+        each obstacle; of a mesh, one row for each polytope that contains a part of it
+    owners : array of int, shape (n_rows,), number in the file of the obstacle to which a row belongs
+    grasp : orientations of the hands that hold the load, None where the file does not say
+    motions : motions of the obstacles, None for those that stand still
+    begins : time on the clock of these motions at which the movement begins [s]
+    surfaces : triangles of the obstacles that are meshes, for certified distances
+    excess : upper bounds of how far the polytopes of a mesh reach beyond it [m], by the obstacle's number, or "load"
+    meshes : checksums of the meshes' files
+    words : names and lines of keys in the scene's file
+    """
+
+    __repr__ = brief
+
+    file: SceneFile
+    folder: Path
+    path: Path | None
+    start: Array
+    goal: Array
+    lower: Array
+    upper: Array
+    groups: tuple[RigidGroup, ...]
+    constraints: tuple[Constraint, ...]
+    body: MovingBody
+    obstacles: Array
+    owners: NDArray[np.int64]
+    grasp: Grasp | None = None
+    motions: tuple[ObstacleMotion | None, ...] = ()
+    begins: float = 0.0
+    surfaces: Surfaces = field(default_factory=lambda: surfaces_of([]))
+    excess: dict[int | str, float] = field(default_factory=dict)
+    meshes: tuple[str, ...] = ()
+    words: Words = VERSION_1
+
+    @classmethod
+    def load(
+        cls, path: str | Path, changes: Mapping[str, Any] | None = None, *, check_ends: bool = True
+    ) -> Scene:
+        """Read a scene file (YAML).
+
+        Parameters
+        ----------
+        changes
+            Values that replace those of the file, such as ``{"duration": 3.0, "limits": {"jerk": 5.0}}``.
+        check_ends
+            Whether to make sure that nothing is touched at start and goal, by kernels that may have to be compiled;
+            else `require_free_ends` does it later.
+
+        Raises
+        ------
+        SceneError
+            If the file cannot be read, breaks the contract or contradicts itself.
+        """
+        path = Path(path)
+        file, words = read_scene_file(path, changes)
+        scene = _worded(file, words, scene_folder(path), path)
+        return scene.require_free_ends() if check_ends else scene
+
+    @classmethod
+    def from_dict(
+        cls, data: dict[str, Any], *, folder: str | Path | None = None, check_ends: bool = True
+    ) -> Scene:
+        """Build a scene from the contents of a scene file; paths are relative to `folder`.
+
+        Raises
+        ------
+        SceneError
+            As `load`.
+        """
+        folder = None if folder is None else Path(folder)
+        scene = _worded(*parsed(data, folder=folder), folder or Path(), None)
+        return scene.require_free_ends() if check_ends else scene
+
+    def require_free_ends(self) -> Scene:
+        """Return the scene itself, if the load and the hands touch nothing at start and goal.
+
+        Of the ways to hold the payload and to put it down that a scene leaves open, one has to do.
+
+        Raises
+        ------
+        SceneError
+            If they do, or are nearer than the scene's clearance, other than where a support holds them.
+
+        Warns
+        -----
+        ComoveWarning
+            Names the supports that neither start nor goal is near.
+        """
+        if self.file.choices is not None:
+            self.in_one_way()
+            return self
+        for end in ENDS:
+            # What moves may have left the goal, or not come there yet, when the load does.
+            there = [i for i in range(len(self.file.obstacles)) if end == "start" or not self.moving[i]]
+            clearance, obstacle = self.nearest_at(self.nodes_at(end), 0.0, there)
+            nearest = self.name_of(obstacle)
+            rounding = provable(self)
+            if clearance < self.clearance + rounding:  # nothing could be proved of a motion that begins there
+                need = f"; {self.clearance:g} m of clearance are asked for" if self.clearance else ""
+                where = (
+                    f"reaches {-clearance:.3g} m into" if clearance < 0 else f"is only {clearance:.3g} m from"
+                )
+                where = "touches" if abs(clearance) < rounding else where
+                outside = " (it leaves the workspace)" if clearance < 0 and "border" in nearest else ""
+                way_out = f"move the {end}, or widen the workspace; what lies there, such as a table, is an obstacle"
+                if obstacle >= 0:
+                    way_out = f"move the {end} or the obstacle"
+                if obstacle >= 0 and clearance > -TOLERANCE and not self.moving[obstacle]:
+                    entry = self.words.key(f"obstacles[{obstacle}]")
+                    way_out += f"; if the payload rests on it, write support: true in {entry}"
+                raise SceneError(
+                    f"at the {end} {self.words.bodies} {where} {nearest}{outside}{need}",
+                    file=self.path,
+                    key=self.words.key(f"manipulators.{end}"),
+                    way_out=way_out,
+                )
+        held = {rest.obstacle for rest in self.rests}
+        idle = [i for i, obstacle in enumerate(self.file.obstacles) if obstacle.support and i not in held]
+        if idle:
+            warnings.warn(
+                f"{', '.join(map(self.name_of, idle))} supports the payload at neither start nor goal: the key has "
+                "no effect",
+                ComoveWarning,
+                stacklevel=3,
+            )
+        return self
+
+    def resumed(self, time: float, duration: float, starts: tuple[GroupPose, ...], twists: Array) -> Scene:
+        """Return the scene from a later instant on: the remainder of a movement that has begun.
+
+        Parameters
+        ----------
+        time : that instant on this scene's clock [s]
+        duration : duration of the remainder [s]
+        starts : poses of the rigid groups at that instant
+        twists : array, shape (n_groups, 6), twists of the groups: velocity of the centre [m/s], angular velocity
+            [rad/s]
+        """
+        groups = tuple(
+            replace(group, start=start, start_twist=twist * duration)
+            for group, start, twist in zip(self.groups, starts, twists, strict=True)
+        )
+        later = self.timed(duration)._changed(choices=None)  # it is held in one way by now
+        later = replace(later, groups=groups, begins=self.begins + time)
+        hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
+        return replace(later, start=hands)
+
+    def standing(self, centers: Array | None = None) -> Scene:
+        """Return the scene in which obstacles that move stand at given places, or are left out.
+
+        Parameters
+        ----------
+        centers : array, shape (n_obstacles, 3), places of all obstacles' centres [m]; None to leave out those that
+            move
+        """
+        kept = np.flatnonzero(~self.moving) if centers is None else np.arange(len(self.motions))
+        rows = np.isin(self.owners, kept)
+        table, owners = self.obstacles[rows].copy(), np.searchsorted(kept, self.owners[rows])
+        obstacles = [self.file.obstacles[i] for i in kept.tolist()]
+        if centers is not None:
+            for i in np.flatnonzero(self.moving).tolist():
+                table[owners == i, sd.CENTER : sd.CENTER + 3] += centers[i] - self.centers[i]
+                place = tuple(centers[i, : self.n_dims].tolist())
+                obstacles[i] = obstacles[i].model_copy(update={"center": place, "motion": None})
+        stands = replace(
+            self,
+            obstacles=table,
+            owners=owners,
+            surfaces=self.surfaces.among(kept, rows),
+            motions=(None,) * len(obstacles),
+        )
+        return stands._changed(obstacles=tuple(obstacles))
+
+    def scaled(self, factor: float) -> Scene:
+        """Return the scene with every length, speed, acceleration and jerk multiplied by `factor`.
+
+        The demonstration is left out, as it has lengths of its own; weights of an objective are not changed.
+        """
+        data = scaled(self.file, factor) | {"demonstration": None}
+        for manipulator, start, goal in zip(data["manipulators"], self.start, self.goal, strict=True):
+            manipulator |= {"start": (factor * start).tolist(), "goal": (factor * goal).tolist()}
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            return Scene.from_dict(data, folder=self.folder, check_ends=not self.rests)
+
+    def timed(self, duration: float | None) -> Scene:
+        """Return the scene with another duration [s]; None leaves it open."""
+        return self._changed(duration=duration)
+
+    def limited(self, **limits: float | None) -> Scene:
+        """Return the scene with other limits, by their keys in a scene file; None for no limit."""
+        return self._changed(limits=self.file.limits.model_copy(update=limits))
+
+    def with_limits(self, limits: Mapping[str, float] = DEFAULT_LIMITS) -> Scene:
+        """Return the scene with limits in place of those that it leaves out, by their keys in a scene file."""
+        given = self.file.limits
+        return self.limited(**{key: value for key, value in limits.items() if getattr(given, key) is None})
+
+    @cached_property
+    def alternatives(self) -> tuple[Scene, ...]:
+        """Return the scenes of which each has one of the grasps that this one leaves open; itself where none is."""
+        if self.file.choices is not None:
+            return self._chosen
+        parts = alternatives(self.file)
+        if len(parts) < 2 and (self.file.grasp is None or parts[0] is self.file.grasp):
+            return (self,)
+        return tuple(self.held_as(part) for part in parts)
+
+    @cached_property
+    def _chosen(self) -> tuple[Scene, ...]:
+        scenes, first = list[Scene](), None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            for choice in self.file.choices or ():
+                try:
+                    scenes.append(_worded(chosen(self.file, choice), self.words, self.folder, self.path))
+                except SceneError as error:
+                    first = first or error
+        if first is not None and not scenes:
+            raise first
+        return tuple(scenes)
+
+    def held_as(self, part: GraspPart) -> Scene:
+        """Return the scene with another grasp."""
+        choice = GraspChoice(**{key: value for key, value in part if value is not None and key != "any_of"})
+        other, groups = self._changed(grasp=choice), list(self.groups)
+        return replace(other, grasp=grasp_of(other.file, groups))
+
+    def held_as_in(self, other: Scene) -> Scene:
+        """Return the alternative of this scene in which the payload is held and put down as in another scene."""
+        file = other.file
+        same = (
+            one for one in self.alternatives if (one.file.grasp, one.file.load) == (file.grasp, file.load)
+        )
+        return next(same, self)
+
+    def in_one_way(self) -> Scene:
+        """Return the first alternative in which start and goal are free; the scene itself where it has no choices.
+
+        Raises
+        ------
+        SceneError
+            If there is none.
+        """
+        if self.file.choices is None:
+            return self
+        first: SceneError | None = None
+        for choice in self.alternatives:
+            try:
+                return choice.require_free_ends()
+            except SceneError as error:
+                first = first or error
+        assert first is not None, "a scene with choices has alternatives"
+        raise first
+
+    def _changed(self, **keys: Any) -> Scene:
+        return replace(self, file=self.file.model_copy(update=keys))
+
+    @property
+    def name(self) -> str:
+        """Return the name of the scene."""
+        return self.file.name
+
+    @property
+    def duration(self) -> float:
+        """Return the duration of the movement [s].
+
+        Raises
+        ------
+        SceneError
+            If the scene leaves it out.
+        """
+        if self.file.duration is None:
+            raise SceneError(
+                "the scene leaves its duration out",
+                file=self.path,
+                key="duration",
+                way_out="add one; comove solve finds the shortest, and says it",
+            )
+        return self.file.duration
+
+    @property
+    def is_timed(self) -> bool:
+        """Return whether the scene gives the duration of the movement."""
+        return self.file.duration is not None
+
+    @property
+    def n_dims(self) -> int:
+        """Return 2 in the plane, 3 in space."""
+        return len(self.lower)
+
+    @property
+    def manipulators(self) -> tuple[str, ...]:
+        """Return the names of the manipulators."""
+        return tuple(m.name for m in self.file.manipulators)
+
+    @property
+    def clearance(self) -> float:
+        """Return the distance that the body must keep from everything [m]."""
+        return self.file.limits.clearance or 0.0  # filled in when the file is read
+
+    @cached_property
+    def moving(self) -> NDArray[np.bool_]:
+        """Return which obstacles move; array of bool, shape (n_obstacles,)."""
+        return np.array([motion is not None for motion in self.motions], dtype=bool)
+
+    @cached_property
+    def rests(self) -> tuple[Rest, ...]:
+        """Return the contacts in which supports hold the payload at start and goal.
+
+        Raises
+        ------
+        SceneError
+            If the payload is too deep in a support, or could not leave its supports.
+        """
+        return rests_of(self)
+
+    @cached_property
+    def centers(self) -> Array:
+        """Return the centres of the obstacles at 0 s; array, shape (n_obstacles, 3) [m]."""
+        return self.obstacles[self.first_rows, sd.CENTER : sd.CENTER + 3]
+
+    @cached_property
+    def first_rows(self) -> NDArray[np.int64]:
+        """Return the first row of every obstacle in the table; array, shape (n_obstacles,)."""
+        return np.unique(self.owners, return_index=True)[1]
+
+    @cached_property
+    def convex_rows(self) -> NDArray[np.bool_]:
+        """Return which rows of the table are obstacles themselves, and not polytopes that contain a mesh."""
+        return ~np.isin(self.owners, self.surfaces.owner)
+
+    def by_row(self, of_obstacles: Array) -> Array:
+        """Return values by row of the table, (n_times, n_rows, ...), from values by obstacle, (n_times, n_obstacles,
+        ...).
+        """
+        several = len(self.owners) > len(self.first_rows)
+        return np.ascontiguousarray(of_obstacles[:, self.owners]) if several else of_obstacles
+
+    def offsets(self, time: Array) -> Array:
+        """Return the offsets of the obstacles' centres from their positions at 0 s.
+
+        Array, shape (n_times, n_obstacles, 3) [m].
+
+        Parameters
+        ----------
+        time : array, shape (n_times,) [s]
+        """
+        time = self.begins + time
+        return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
+
+    def offsets_along(self, n_steps: int) -> Array:
+        """Return the obstacles' offsets by row of the table at even times of the movement, as kernels take them.
+
+        Array, shape (n_steps, n_rows, 3) [m]; (0, n_rows, 3) where no obstacle moves.
+        """
+        return _offsets_along(self, n_steps)
+
+    def obstacle_velocities(self, time: Array) -> Array:
+        """Return the velocities of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m/s].
+
+        Where a velocity jumps, it is the one after the jump.
+        """
+        time = self.begins + time
+        return self._of_motions(lambda motion: motion.velocities(time), (len(time), 3))
+
+    def obstacle_sagittas(self, time: Array) -> Array:
+        """Return the largest distances of the obstacles' centres from their chords between the times.
+
+        Array, shape (n_times - 1, n_obstacles) [m].
+        """
+        time = self.begins + time
+        return self._of_motions(lambda motion: motion.sagittas(time), (len(time) - 1,))
+
+    @cached_property
+    def obstacle_kinks(self) -> Array:
+        """Return the times during the movement at which the velocity of an obstacle may jump [s].
+
+        Sorted array, shape (n_kinks,).
+        """
+        kinks = {t - self.begins for motion in self.motions if motion is not None for t in motion.kinks}
+        return np.array(sorted(t for t in kinks if 0.0 < t < self.duration))
+
+    def _of_motions(self, of: Callable[[ObstacleMotion], Array], shape: tuple[int, ...]) -> Array:
+        still = np.zeros(shape)
+        of_each = [still if motion is None else of(motion) for motion in self.motions]
+        return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
+
+    def obstacles_at(self, time: float) -> Array:
+        """Return the table of the obstacles with their positions at an instant [s]."""
+        if not self.moving.any():
+            return self.obstacles
+        table = self.obstacles.copy()
+        table[:, sd.CENTER : sd.CENTER + 3] += self.by_row(self.offsets(np.array([time])))[0]
+        return table
+
+    @property
+    def speed_limit(self) -> float:
+        """Return the speed limit of every manipulator [m/s], infinite where there is none."""
+        return np.inf if self.file.limits.speed is None else self.file.limits.speed
+
+    @property
+    def acceleration_limit(self) -> float:
+        """Return the acceleration limit of every manipulator [m/s^2], infinite where there is none."""
+        return np.inf if self.file.limits.acceleration is None else self.file.limits.acceleration
+
+    @property
+    def jerk_limit(self) -> float:
+        """Return the jerk limit of every manipulator [m/s^3], infinite where there is none."""
+        return np.inf if self.file.limits.jerk is None else self.file.limits.jerk
+
+    @property
+    def is_limited(self) -> bool:
+        """Return whether a limit of speed, acceleration or jerk is set."""
+        return min(self.speed_limit, self.acceleration_limit, self.jerk_limit) < np.inf
+
+    @property
+    def load_mass(self) -> float | None:
+        """Return the mass of the load [kg], None where there is no load or its mass is not given."""
+        return None if self.file.load is None else self.file.load.mass
+
+    @property
+    def turns_as_one(self) -> bool:
+        """Return whether a single body, which turns, is all that moves."""
+        return len(self.groups) == 1 and self.groups[0].orientation not in ("none", "fixed")
+
+    @cached_property
+    def sha256(self) -> str:
+        """Return the checksum of the canonical parsed scene and its meshes.
+
+        Comments, layout and order of keys do not matter.
+        """
+        return hashlib.sha256(canonical(self.file) + "".join(self.meshes).encode()).hexdigest()
+
+    @cached_property
+    def distances(self) -> tuple[DistanceConstraint, ...]:
+        """Return the distance constraints."""
+        return tuple(c for c in self.constraints if isinstance(c, DistanceConstraint))
+
+    @cached_property
+    def kept_apart(self) -> tuple[NDArray[np.int64], Array]:
+        """Return the pairs of hands of different groups that must stay apart, and their least distances.
+
+        Arrays, shapes (n, 2) and (n,) [m].
+        """
+        apart = [
+            c
+            for c in self.constraints
+            if isinstance(c, SeparationConstraint) and not self.are_one_body(*c.hands)
+        ]
+        pairs = np.array([(c.first, c.second) for c in apart], dtype=np.int64).reshape(-1, 2)
+        return pairs, np.array([c.least for c in apart])
+
+    @cached_property
+    def sampled(self) -> tuple[Constraint, ...]:
+        """Return the constraints that neither coordinates nor distances hold, which a search has to sample."""
+        return tuple(c for c in self.constraints if c.sampled)
+
+    @property
+    def ends(self) -> Array:
+        """Return the hands at start and goal; array, shape (2, n_manipulators, n_dims) [m]."""
+        return np.stack([self.start, self.goal])
+
+    def level_with(self, groups: tuple[RigidGroup, ...]) -> list[int]:
+        """Return, for every group of hands, the number of the first group that constraints keep at its height."""
+        group_of = {hand: g for g, group in enumerate(groups) for hand in group.members}
+        pairs = [pair for c in self.constraints for pair in c.level(self.ends)]
+        return connected(len(groups), [(group_of[first], group_of[second]) for first, second in pairs])
+
+    def are_one_body(self, first: int, second: int) -> bool:
+        """Return whether two hands, by number, belong to one rigid group."""
+        return any({first, second} <= set(group.members) for group in self.groups)
+
+    @cached_property
+    def workspace(self) -> tuple[Array, Array]:
+        """Return the workspace as the kernels take it: two arrays, shape (3,).
+
+        A planar workspace is extended to `FAR` along z.
+        """
+        return spatial(self.lower, -FAR), spatial(self.upper, FAR)
+
+    def clearance_at(self, nodes: Array, time: float = 0.0) -> tuple[float, str]:
+        """Return the clearance [m] of one configuration at an instant and the name of the nearest obstacle.
+
+        Supports recede from a payload that rests on them; see `comove.model.resting`.
+
+        Parameters
+        ----------
+        nodes : array, shape (n_nodes, 3), [m]
+        time : the instant, which determines the positions of moving obstacles [s]
+        """
+        clearance, nearest = self.nearest_at(nodes, time)
+        return clearance, self.name_of(nearest)
+
+    def clearances(self, nodes: Array, time: Array) -> Array:
+        """Return the clearance of many configurations [m]; array, shape (n_steps,).
+
+        Parameters
+        ----------
+        nodes : array, shape (n_steps, n_nodes, 3), [m]
+        time : array, shape (n_steps,), their instants [s]
+        """
+        states = zip(np.ascontiguousarray(nodes), time.tolist(), strict=True)
+        return np.array([self.nearest_at(state, instant)[0] for state, instant in states])
+
+    def nearest_at(
+        self, nodes: Array, time: float = 0.0, among: Collection[int] | None = None
+    ) -> tuple[float, int]:
+        """Return the clearance [m] of one configuration at an instant, of some obstacles or all, and the nearest one.
+
+        The nearest is -1 where it is the border of the workspace. Supports recede as in `clearance_at`.
+        """
+        offsets = self.offsets(np.array([time]))[0]
+        if self.rests:
+            offsets = offsets + recessions(self, nodes)
+        return self._nearest(nodes, offsets, among, *self.workspace)
+
+    def distance_from(self, obstacle: int, nodes: Array, offset: Array | float = 0.0) -> float:
+        """Return the distance of one configuration from an obstacle that is displaced by `offset` [m]."""
+        offsets = np.zeros((len(self.motions), 3)) + offset
+        return self._nearest(nodes, offsets, [obstacle], np.full(3, -np.inf), np.full(3, np.inf))[0]
+
+    def _nearest(
+        self, nodes: Array, offsets: Array, among: Collection[int] | None, lower: Array, upper: Array
+    ) -> tuple[float, int]:
+        """Return the result of `nearest_at` for obstacles displaced by `offsets`, (n_obstacles, 3) [m]."""
+        body, own = self.body, self.convex_rows
+        rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
+        table = self.obstacles[rows]
+        table[:, sd.CENTER : sd.CENTER + 3] += offsets[self.owners[rows]]
+        found = sd.configuration_distance(nodes, body.edges, body.radii, table, lower, upper)
+        if len(body.solids):
+            found = min(found, solids_clearance(nodes, body.solids, table, lower, upper))
+        if body.filled:
+            for j in np.flatnonzero(inside_polygon(nodes[body.border], table[:, 1:4])):
+                found = min(found, (-float(table[j, sd.REACH]), int(j)))
+        clearance, nearest = found[0], int(self.owners[rows][found[1]]) if found[1] >= 0 else -1
+        hulls = [(edge, radius) for edge, radius in zip(body.edges, body.radii, strict=True)]
+        hulls += [(solid, 0.0) for solid in body.solids]
+        for mesh, obstacle in enumerate(self.surfaces.owner):
+            if among is None or obstacle in among:
+                seen = nodes - offsets[obstacle]
+                for own, radius in hulls:
+                    points, cutoff = np.ascontiguousarray(seen[own]), clearance + radius
+                    distance = signed_distance(self.surfaces, mesh, points, cutoff) - radius
+                    if distance < clearance:
+                        clearance, nearest = distance, int(obstacle)
+        return clearance, nearest
+
+    def show(self) -> None:
+        """Show the scene in a notebook, or else in a browser; see `comove.show`."""
+        comove.show(self)
+
+    def _repr_html_(self) -> str:
+        """Return picture and contents for a notebook."""
+        return comove.as_html(self)
+
+    def owner_of(self, row: int) -> int:
+        """Return the obstacle to which a row of the table belongs; a negative number is returned as it is."""
+        return int(self.owners[row]) if row >= 0 else int(row)
+
+    def name_of(self, obstacle: int) -> str:
+        """Return a description of an obstacle.
+
+        -1 is the border of the workspace; numbers beyond the file's are objects that were seen.
+        """
+        if obstacle < 0:
+            return "the border of the workspace"
+        if obstacle >= len(self.file.obstacles):
+            return "something that was seen"
+        found = self.file.obstacles[obstacle]
+        return f"{found.name or f'obstacles[{obstacle}]'} ({found.shape})"
+
+    def nodes_at(self, end: str) -> Array:
+        """Return the nodes at the "start" or the "goal", array of shape (n_nodes, 3), [m]."""
+        nodes = np.zeros((self.body.n_nodes, 3))
+        for group, own in zip(self.groups, self.nodes_of_groups, strict=True):
+            nodes[own] = (group.start if end == "start" else group.goal).place(group.points)
+        return nodes
+
+    @cached_property
+    def nodes_of_groups(self) -> tuple[list[int], ...]:
+        """Return the numbers of the nodes that every rigid group moves: its members, then its corners."""
+        found, corner = [], len(self.manipulators)
+        for group in self.groups:
+            found.append([*group.members, *range(corner, corner + len(group.corners))])
+            corner += len(group.corners)
+        return tuple(found)
+
+
+@lru_cache(maxsize=8)  # a search asks for them in every generation
+def _offsets_along(scene: Scene, n_steps: int) -> Array:
+    offsets = np.zeros((0, len(scene.obstacles), 3))
+    if scene.moving.any():
+        offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, n_steps)))
+    offsets.setflags(write=False)  # in either case: kernels are compiled for what may be written, or may not
+    return offsets
+
+
+def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:
+    """Build a scene, and name keys in errors as the file does."""
+    try:
+        return replace(_build(file, folder, path, words), words=words)
+    except SceneError as error:
+        if error.key is not None:
+            error.key = words.key(error.key)
+        raise
+
+
+def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Scene:
+    meshes = read_meshes(file, folder, path, words)
+    held = {
+        whose: mesh.decomposed(part.resolution, few=whose == LOAD) for whose, (mesh, part) in meshes.items()
+    }
+    n_dims, n_hands = file.dimension, len(file.names)
+    given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
+    explicit = _resolved(file, spatial(given[0]))
+    start, goal = spatial(given)
+    bodies = LoadBodies(file, explicit, start, goal, path, held.get(LOAD))
+    rigid = bodies.sets()
+    bodies, groups, implied = bodies.levelled(rigid), [], []
+    for members in rigid:
+        group, pairs = bodies.group(members)
+        groups.append(group)
+        implied += pairs
+    table, owners = obstacle_table(file, held)
+    scene = Scene(
+        file=file,
+        folder=folder,
+        path=path,
+        start=given[0],
+        goal=given[1],
+        lower=np.array(file.workspace.lower, dtype=float),
+        upper=np.array(file.workspace.upper, dtype=float),
+        groups=tuple(groups),
+        constraints=explicit + tuple(implied),
+        body=body_of(file, groups, held.get(LOAD)),
+        obstacles=table,
+        owners=owners,
+        grasp=grasp_of(file, groups),
+        motions=tuple(obstacle.motion for obstacle in file.obstacles),
+        surfaces=surfaces_of(placed(meshes, owners)),
+        excess=_excess(file, held),
+        meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
+    )
+    moved = [scene.nodes_at(end)[:n_hands, :n_dims] for end in ENDS]
+    for end, before, after in zip(ENDS, given, moved, strict=True):
+        _say_shift(end, before, after, scene.manipulators)
+    scene = replace(scene, start=moved[0], goal=moved[1])
+    _require_heading(scene, path)
+    if (said := far_grasps(file, groups, held.get(LOAD))) is not None:
+        place = f"{path}: " if path is not None else ""
+        warnings.warn(f"{place}{words.key('load')}: {said}", ComoveWarning, stacklevel=3)
+    _require_kept_ends(scene, path)
+    return scene
+
+
+def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> dict[int | str, float]:
+    found = {whose: decomposition.excess for whose, decomposition in held.items()}
+    if isinstance(file.load, PartsLoad) and (excess := parts_of(file.load).excess):
+        found[LOAD] = excess
+    return found
+
+
+def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
+    """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
+    hands = Hands(file.names, file.holder_numbers, start)
+    constraints = [keys.resolved(hands) for keys in file.constraints]
+    tilts = file.load is not None and file.load.start is not None
+    if (
+        file.grasp is not None
+        and not tilts
+        and not any(isinstance(c, UprightConstraint) for c in constraints)
+    ):
+        # Hands that keep their tilt also keep the tilt of the load.
+        constraints.append(UprightKeys(type="upright").resolved(hands))
+    return tuple(constraints)
+
+
+def _say_shift(end: str, given: Array, moved: Array, names: tuple[str, ...]) -> None:
+    shift = np.linalg.norm(moved - given, axis=1)
+    worst = first_largest(shift)
+    if shift[worst] > TOLD_SHIFT:
+        warnings.warn(
+            f"the {end} was moved onto the constraints, '{names[worst]}' most, by {shift[worst]:.3g} m",
+            ComoveWarning,
+            stacklevel=4,
+        )
+
+
+def _require_heading(scene: Scene, path: object) -> None:
+    """Refuse a grasp that leaves the load's heading open, as its first two holders are one above the other."""
+    if scene.grasp is None or scene.grasp.keypoints or len(scene.grasp.holders) < 2:
+        return
+    first, second = scene.grasp.holders[:2]
+    if np.hypot(*(scene.start[first] - scene.start[second])[:2]) < HEADING:
+        names = scene.manipulators
+        raise SceneError(
+            f"'{names[first]}' and '{names[second]}' hold the load one above the other, so that it has no heading "
+            "that the hands could turn with",
+            file=path,
+            key="grasp",
+            way_out="move one of them aside, or name first in held_by two holders that are beside each other",
+        )
+
+
+def _require_kept_ends(scene: Scene, path: object) -> None:
+    """Refuse a start or goal that misses a constraint; warn where a separation is only just kept.
+
+    Hands of one group are not warned of, as their distance does not change.
+    """
+    names, ends = scene.manipulators, spatial(scene.ends)
+    for i, c in enumerate(scene.constraints):
+        for end, error in zip(ENDS, c.error(ends, scene.n_dims).tolist(), strict=True):
+            if error > c.allowed:
+                message, way_out = c.unmet(end, error, names)
+                raise SceneError(message, file=path, key=f"constraints[{i}]", way_out=way_out)
+            if isinstance(c, SeparationConstraint) and error > -PROVABLE and not scene.are_one_body(*c.hands):
+                warnings.warn(
+                    f"at the {end} {c.pair(names)} are just as far apart as they must be, which hardly any motion "
+                    "can be proved to keep; move them a little further apart, or give the separation a tolerance",
+                    ComoveWarning,
+                    stacklevel=4,
+                )

@@ -1,0 +1,611 @@
+"""Scenes of version 2 say where the payload is and how it is held; those of version 1 become the same scenes."""
+
+import copy
+import json
+import re
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+from scipy.spatial.transform import Rotation
+
+import comove
+from comove.control.executor import Executor
+from comove.errors import ComoveWarning, RobotError, SceneError
+from comove.io.yaml_reader import read_yaml
+from comove.model.candidates import DEPTH, OPENING
+from comove.model.files.keys import canonical
+from comove.model.files.upgrade import as_text, upgraded
+from comove.model.files.version2 import MAX_CHOICES, SceneFile2
+from comove.model.scene import Scene
+from tests.cases import examples
+
+ROOT = Path(__file__).parents[2]
+FILES = sorted(
+    [
+        *ROOT.glob("examples/*/*.yaml"),
+        *ROOT.glob("src/comove/examples/*.yaml"),
+        *ROOT.glob("src/comove/lab/sets/*/*.yaml"),
+    ]
+)
+seeds = st.integers(0, 2**32 - 1)
+
+TRAY = """\
+version: 2
+name: tray
+duration: 8.0
+workspace: {lower: [-1, -1, 0], upper: [1, 1, 2]}
+obstacles:
+  - {shape: box, center: [0.8, 0.8, 0.5], size: [0.1, 0.1, 0.1]}
+payload:
+  shape: box
+  size: [0.4, 0.2, 0.05]
+  start: {position: [0, 0.3, 1], rpy_deg: [0, 0, 90]}
+  goal: {position: [0, -0.3, 1], rpy_deg: [0, 35, 90]}
+grasps:
+  left: {position: [-0.2, 0, 0], approach: [0, 0, -1], closing: [0, 1, 0]}
+  right: {position: [0.2, 0, 0], approach: [0, 0, -1], closing: [0, 1, 0]}
+"""
+PLANAR = {
+    "version": 2,
+    "name": "narrow",
+    "duration": 10.0,
+    "workspace": {"lower": [0, 0], "upper": [1, 1]},
+    "obstacles": [{"shape": "box", "center": [0.5, 0.2], "size": [0.1, 0.4]}],
+    "payload": {
+        "shape": "bar",
+        "length": 0.2,
+        "start": {"position": [0.15, 0.5], "angle_deg": 90},
+        "goal": {"position": [0.85, 0.5], "angle_deg": 60},
+    },
+    "grasps": {"left": {"position": [-0.1, 0]}, "right": {"position": [0.1, 0]}},
+}
+
+
+def tray(tmp_path, *changes):
+    """The scene of a file in which texts are replaced."""
+    text = TRAY
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "tray.yaml").write_text(text)
+    return Scene.load(tmp_path / "tray.yaml")
+
+
+def changed(data, **keys):
+    """A copy of a scene's contents with other keys, of which None are left out."""
+    return {key: value for key, value in (copy.deepcopy(data) | keys).items() if value is not None}
+
+
+def require_same(one, other, tolerance=1e-12):
+    """Two scenes are the same: hands, payload at both ends, groups, body, obstacles, and how it may be held."""
+    assert one.manipulators == other.manipulators
+    n = len(one.nodes_at("start"))  # a robot's payload may have keypoints besides
+    for end in ("start", "goal"):
+        assert np.abs(other.nodes_at(end)[:n] - one.nodes_at(end)).max() < tolerance
+    assert [g.members for g in one.groups] == [g.members for g in other.groups]
+    assert [g.orientation for g in one.groups] == [g.orientation for g in other.groups]
+    assert np.array_equal(one.body.edges, other.body.edges)
+    assert np.array_equal(one.body.solids, other.body.solids)
+    assert np.allclose(one.body.radii, other.body.radii, rtol=0, atol=tolerance)
+    assert np.array_equal(one.obstacles, other.obstacles)
+    assert one.file.limits == other.file.limits
+    assert one.motions == other.motions
+    assert len(one.alternatives) == len(other.alternatives)
+    for this, that in zip(one.alternatives, other.alternatives, strict=True):
+        assert (this.grasp is None) == (that.grasp is None)
+        for end in ("start", "goal") if this.grasp is not None else ():
+            turned, also = (one.grasp.hand_rotations(one.nodes_at(end)) for one in (this, that))
+            assert np.abs(turned - also).max() < 10 * tolerance
+
+
+def again(scene, data, folder):
+    """The scene of version 2 that a scene of version 1 becomes, by way of its text."""
+    contents = read_text(as_text(upgraded(scene, data)), folder)
+    return Scene.from_dict(contents, folder=scene.folder, check_ends=False)
+
+
+@pytest.mark.few(12)
+@pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
+@pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_files_of_version_1_become_the_same_scenes(path, tmp_path):
+    data, _ = read_yaml(path)
+    if "manipulators" not in data:
+        pytest.skip("no scene of version 1")
+    scene = Scene.load(path, check_ends=False)
+    require_same(scene, again(scene, data, tmp_path))
+
+
+def any_scene(rng):
+    """A random scene of version 1, whose hands are where poses of its load place them."""
+    n = int(rng.integers(2, 4))
+    shape = str(rng.choice(["bar", "frame", "box", *(["polygon"] if n == 2 else [])]))
+    names = [f"hand{i}" for i in range(2 if shape == "bar" else int(rng.integers(2, 5)))]
+    held = np.zeros((len(names), 3))
+    held[:, :n] = rng.uniform(-0.3, 0.3, (len(names), n))
+    load = {"shape": shape, "mass": 1.5} | ({"radius": 0.01} if shape != "box" else {})
+    upright = n == 3 and (rng.random() < 0.5 or (shape == "box" and len(names) == 2))
+    if shape == "bar":
+        length = float(rng.uniform(0.1, 0.5))
+        load |= {"length": length, "overhang": float(rng.choice([0.0, 0.05])), "held_by": names[::-1]}
+        held = np.array([[0.5 * length, 0, 0], [-0.5 * length, 0, 0]])
+    elif shape == "frame":
+        load["edges"] = [[names[i - 1], name] for i, name in enumerate(names) if i]
+    else:
+        load["grasps"] = {name: held[i, :n].tolist() for i, name in enumerate(names)}
+        load |= {"size": [0.4] * n} if shape == "box" else {"vertices": [[-0.2, 0], [0.3, -0.1], [0.1, 0.4]]}
+    turns = Rotation.from_rotvec(rng.uniform(-3, 3, (2, 1)) * [0, 0, 1])
+    if n == 3 and not upright:
+        turns = Rotation.random(2, random_state=rng.integers(2**31))
+    elif n == 3 and shape != "box":
+        turns = turns * Rotation.random(random_state=rng.integers(2**31))
+    elif upright:
+        held[:, 2] = held[0, 2]  # level, as boxes begin
+        load["grasps"] = {name: held[i].tolist() for i, name in enumerate(names)}
+    at = np.zeros((2, 3))
+    at[:, :n] = rng.uniform(-1, 1, (2, n))
+    start, goal = ((at[k] + turns[k].apply(held))[:, :n].tolist() for k in (0, 1))
+    return {
+        "name": "any",
+        "workspace": {"lower": [-3] * n, "upper": [3] * n},
+        "load": load,
+        "manipulators": [{"name": name, "start": start[i], "goal": goal[i]} for i, name in enumerate(names)],
+        "constraints": [{"type": "upright"}] if upright else [],
+    }
+
+
+@pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
+@examples(200)
+@given(seeds)
+def test_random_scenes_of_version_1_become_the_same(seed):
+    data = any_scene(np.random.default_rng(seed))
+    scene = Scene.from_dict(data, check_ends=False)
+    with TemporaryDirectory() as folder:
+        require_same(scene, again(scene, data, Path(folder)), tolerance=1e-11)
+
+
+def test_a_planar_scene_equals_its_twin():
+    """Hands are where the pose puts their grasps, and the checksum of all else is that of version 1."""
+    scene = Scene.from_dict(PLANAR)
+    hands = [(m.start, m.goal) for m in scene.file.manipulators]
+    twin = Scene.from_dict(
+        {key: PLANAR[key] for key in ("name", "duration", "workspace", "obstacles")}
+        | {"load": {"shape": "bar", "length": 0.2}}
+        | {
+            "manipulators": [
+                {"name": name, "start": start, "goal": goal}
+                for name, (start, goal) in zip(("left", "right"), hands, strict=True)
+            ]
+        }
+    )
+    require_same(scene, twin)
+    goal = np.array([0.85, 0.5]) + 0.1 * np.array([0.5, np.sqrt(0.75)])
+    assert scene.goal[1] == pytest.approx(goal)
+    assert json.loads(canonical(scene.file)) | {"load": None} == json.loads(canonical(twin.file)) | {
+        "load": None
+    }
+
+
+@examples(50)
+@given(seeds, st.sampled_from(["rpy_deg", "quaternion_wxyz"]))
+def test_hands_are_where_poses_place_their_grasps(seed, key):
+    """At both ends, turned as the payload and their grasps are; scipy says how."""
+    rng = np.random.default_rng(seed)
+    poses = Rotation.random(2, random_state=rng.integers(2**31))
+    at = rng.uniform(-0.5, 0.5, (2, 3))
+    written = poses.as_euler("xyz", degrees=True) if key == "rpy_deg" else poses.as_quat(scalar_first=True)
+    held, frames = rng.uniform(-0.1, 0.1, (2, 3)), Rotation.random(2, random_state=rng.integers(2**31))
+    z, y = frames.as_matrix()[..., 2], frames.as_matrix()[..., 1]
+    data = {
+        "version": 2,
+        "name": "any",
+        "workspace": {"lower": [-1] * 3, "upper": [1] * 3},
+        "payload": {
+            "shape": "box",
+            "size": [0.3, 0.2, 0.2],
+            "start": {"position": at[0], key: written[0]},
+            "goal": {"position": at[1], key: written[1]},
+        },
+        "grasps": {
+            name: {
+                "position": held[i],
+                "approach": (3 * z[i]).tolist(),
+                "closing": (2 * y[i] - 0.5 * z[i]).tolist(),
+            }
+            for i, name in enumerate(("left", "right"))
+        },
+    }
+    scene = Scene.from_dict(data, check_ends=False)
+    for k, (end, hands) in enumerate(zip(("start", "goal"), scene.ends, strict=True)):
+        assert hands == pytest.approx(at[k] + poses[k].apply(held), abs=1e-12)
+        turned = scene.grasp.hand_rotations(scene.nodes_at(end))
+        assert turned == pytest.approx((poses[k] * frames).as_matrix(), abs=1e-9)
+
+
+def test_a_payload_in_one_hand_turns_only_if_its_poses_do():
+    still = changed(PLANAR, grasps={"left": {"position": [0.05, 0]}})
+    turning = Scene.from_dict(still)
+    assert turning.groups[0].orientation == "plane"
+    still["payload"]["goal"]["angle_deg"] = 90
+    scene = Scene.from_dict(still)
+    assert scene.groups[0].orientation == "none"
+    assert scene.nodes_at("goal") - scene.nodes_at("start") == pytest.approx(
+        np.tile([0.7, 0, 0], (len(scene.nodes_at("goal")), 1))
+    )
+
+
+def test_parts_hold_their_shapes(tmp_path):
+    """Points of every shape are in the hulls, which reach no farther beyond than the scene says."""
+    parts = [
+        {"shape": "cylinder", "radius": 0.05, "height": 0.3, "position": [0.1, 0, 0], "rpy_deg": [0, 90, 0]},
+        {"shape": "box", "size": [0.2, 0.1, 0.02], "position": [0, 0, 0.1], "rpy_deg": [0, 0, 30]},
+        {"shape": "bar", "length": 0.5, "radius": 0.01},
+    ]
+    data = changed(read_text(TRAY, tmp_path), payload=None, grasps={"left": {"position": [0.1, 0, 0]}})
+    data["payload"] = {"parts": parts, "start": {"position": [0, 0, 1]}, "goal": {"position": [0.1, 0, 1]}}
+    scene = Scene.from_dict(data)
+    nodes = scene.nodes_at("start") - [0, 0, 1]
+    turn = np.linspace(0, 2 * np.pi, 97)
+    rim = [[0.05 * np.cos(a), 0.05 * np.sin(a), z] for a in turn for z in (-0.15, 0.15)]
+    rim = Rotation.from_euler("xyz", [0, 90, 0], degrees=True).apply(rim) + [0.1, 0, 0]
+    corners = 0.5 * np.array([[x, y, z] for x in (-0.2, 0.2) for y in (-0.1, 0.1) for z in (-0.02, 0.02)])
+    corners = Rotation.from_euler("z", 30, degrees=True).apply(corners) + [0, 0, 0.1]
+    for points, hull in zip((rim, corners), scene.body.solids, strict=True):
+        planes = ConvexHull(nodes[np.unique(hull)]).equations
+        apart = planes[:, :3] @ np.array(points).T + planes[:, 3:]
+        assert apart.max() < 1e-12
+        assert -apart.max(axis=1).min() < scene.excess["load"] + 1e-12
+    assert scene.excess["load"] < 0.02 * 0.05
+    (rod,) = scene.body.edges[scene.body.radii > 0]
+    assert nodes[rod] == pytest.approx(np.array([[-0.25, 0, 0], [0.25, 0, 0]]))
+
+
+def read_text(text, folder):
+    """The contents of a YAML text."""
+    (folder / "read.yaml").write_text(text)
+    return read_yaml(folder / "read.yaml")[0]
+
+
+def test_a_bar_may_be_held_anywhere_and_by_any_number():
+    grasps = {name: {"position": [x, 0]} for name, x in (("a", -0.05), ("b", 0.02), ("c", 0.1))}
+    scene = Scene.from_dict(changed(PLANAR, grasps=grasps))
+    bar = scene.nodes_at("start")[scene.body.edges[0]]
+    assert np.linalg.norm(bar[0] - bar[1]) == pytest.approx(0.2)
+    assert np.linalg.norm(np.diff(scene.start, axis=0), axis=1) == pytest.approx([0.07, 0.08])
+
+
+def test_end_effectors_without_a_payload_are_manipulators():
+    ends = {
+        "left": {"start": [0.1, 0.2], "goal": [0.9, 0.2]},
+        "right": {"start": [0.1, 0.8], "goal": [0.9, 0.8]},
+    }
+    apart = [{"type": "separation", "between": ["left", "right"], "distance": 0.3}]
+    scene = Scene.from_dict(changed(PLANAR, payload=None, grasps=None, end_effectors=ends, constraints=apart))
+    assert scene.manipulators == ("left", "right")
+    assert scene.goal.tolist() == [[0.9, 0.2], [0.9, 0.8]]
+    assert len(scene.groups) == 2
+
+
+# --- Several ways to hold it, and to put it down ---
+
+
+def test_lists_of_grasps_are_combined_but_for_hands_at_one_place():
+    several = [{"position": [x, 0]} for x in (-0.1, 0.0, 0.1)]
+    scene = Scene.from_dict(changed(PLANAR, grasps={"left": several, "right": several[1:]}))
+    ways = [tuple(x.tolist() for x in one.start[:, 1].round(9)) for one in scene.alternatives]
+    assert ways == [(0.4, 0.5), (0.4, 0.6), (0.5, 0.6), (0.6, 0.5)]
+    sets = [{"left": several[0], "right": several[2]}, {"left": several[2], "right": several[0]}]
+    assert len(Scene.from_dict(changed(PLANAR, grasps=sets)).alternatives) == 2
+    many = [{"position": [x, 0]} for x in np.linspace(-0.1, 0.1, 9).tolist()]
+    with pytest.raises(SceneError, match=rf"grasps: \d+ ways.*at most {MAX_CHOICES} combinations"):
+        Scene.from_dict(changed(PLANAR, grasps={"left": many, "right": many}))
+
+
+@pytest.mark.parametrize("axis", ["yaw", "x", "z"])
+def test_a_free_axis_leaves_the_goal_open_about_it_alone(axis, tmp_path):
+    """The position stays, and so does what the axis tells; the first way is the one that turns least."""
+    goal = "goal: {position: [0, -0.3, 1], rpy_deg: [0, 35, 90]"
+    scene = tray(tmp_path, (goal, f"{goal}, free: {axis}"))
+    start, goals = scene.groups[0].start.rotation, [one.groups[0].goal for one in scene.alternatives]
+    unit = np.eye(3)["xyz".index("z" if axis == "yaw" else axis)]
+    kept = [pose.rotation[2] if axis == "yaw" else pose.rotation @ unit for pose in goals]
+    assert len(goals) == 8
+    assert np.ptp(kept, axis=0).max() < 1e-12
+    assert np.ptp([pose.center for pose in goals], axis=0).max() == 0
+    turned = [Rotation.from_matrix(start.T @ pose.rotation).magnitude() for pose in goals]
+    assert turned[0] == pytest.approx(min(turned))
+
+
+@pytest.mark.slow
+def test_another_turn_of_the_goal_is_taken_where_the_first_has_contact():
+    free = copy.deepcopy(PLANAR)
+    free["obstacles"] = [{"shape": "box", "center": [0.85, 0.62], "size": [0.1, 0.05]}]
+    free["payload"]["goal"] |= {"angle_deg": 90}
+    with pytest.raises(SceneError, match=r"payload\.goal: at the goal .* touches|reaches"):
+        Scene.from_dict(free)
+    free["payload"]["goal"] |= {"free": "yaw"}
+    scene = Scene.from_dict(free)
+    result = comove.solve(scene, budget=2.0)
+    assert result.verified
+    assert result.scene.sha256 in {one.sha256 for one in scene.alternatives[1:]}
+    along = result.scene.goal[1] - result.scene.goal[0]
+    assert abs(np.rad2deg(np.arctan2(along[1], along[0])) - 90) == pytest.approx(45)
+    assert Executor(scene).scene.sha256 in {one.sha256 for one in scene.alternatives[1:]}
+    assert Executor(scene, plan=result.motion).scene.sha256 == result.scene.sha256
+
+
+SHAPES = {
+    "box": {"shape": "box", "size": [0.4, 0.2, 0.05]},
+    "bar": {"shape": "bar", "length": 0.5, "radius": 0.01},
+    "cylinder": {"shape": "cylinder", "radius": 0.03, "height": 0.4},
+    "mesh": {"shape": "mesh", "file": "profile.obj"},
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_proposed_grasps_are_antipodal(shape, tmp_path):
+    """Fingers close on two sides that face each other, near enough, and the palm stays outside."""
+    data = read_text(TRAY, tmp_path) | {"grasps": {"left": "auto", "right": "auto"}}
+    data["payload"] = SHAPES[shape] | {key: data["payload"][key] for key in ("start", "goal")}
+    scene = Scene.from_dict(data, folder=ROOT / "examples" / "meshes", check_ends=False)
+    assert len(scene.alternatives) > 1
+    for way in scene.file.choices:
+        for name, position in way.grasps.items():
+            turn = Rotation.from_quat(way.frames[name], scalar_first=True).as_matrix()
+            p, inside = np.array(position), SURFACES[shape]
+            assert inside(p), "the fingers' middle is in the payload"
+            for side in (-1, 1):
+                out = p + side * (OPENING / 2 + 1e-6) * turn[:, 1]
+                assert not inside(out), "fingers that are open are outside"
+            depth = 0.03 if shape == "cylinder" else DEPTH  # its radius: fingers reach its axis
+            assert not inside(p - (depth + 1e-6) * turn[:, 2]), "the palm is outside"
+
+
+def _in_profile(p):
+    from comove.geometry.meshes import read_mesh
+
+    mesh = read_mesh(ROOT / "examples" / "meshes" / "profile.obj", 1.0, file=None, key="file")
+    a, b, c = np.moveaxis(mesh.triangles - p, 1, 0)
+    la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+    top = (a * np.cross(b, c)).sum(axis=1)
+    low = la * lb * lc + (a * b).sum(axis=1) * lc + (b * c).sum(axis=1) * la + (c * a).sum(axis=1) * lb
+    return abs(2 * np.arctan2(top, low).sum()) > 2 * np.pi  # the solid angle (Van Oosterom and Strackee)
+
+
+SURFACES = {
+    "box": lambda p: bool((np.abs(p) <= np.array([0.2, 0.1, 0.025]) + 1e-9).all()),
+    "bar": lambda p: abs(p[0]) <= 0.25 + 1e-9 and np.hypot(p[1], p[2]) <= 0.01 + 1e-9,
+    "cylinder": lambda p: abs(p[2]) <= 0.2 + 1e-9 and np.hypot(p[0], p[1]) <= 0.03 + 1e-9,
+    "mesh": _in_profile,
+}
+
+
+# --- What is wrong, in the words of the file ---
+
+ROBOT = ("duration: 8.0", "duration: 8.0\nrobot: two_pandas")
+APPROACH = ", approach: [0, 0, -1], closing: [0, 1, 0]"
+WRONG = [
+    # change, key and line, message, advice
+    (("version: 2", "version: 1"), "payload (line 7)", "belongs to version 2", "write version: 2"),
+    (("payload:", "load:"), "load (line 7)", "'load' belongs to version 1", "say it by payload"),
+    (
+        ("grasps:", "manipulators:"),
+        "manipulators (line 12)",
+        "'manipulators' belongs to version 1",
+        "payload, grasps, end_effectors",
+    ),
+    (
+        ("position: [0, 0.3, 1]", "position: [0, 3, 1]"),
+        "payload.start (line 10)",
+        "workspace",
+        "move the start",
+    ),
+    (("[-0.2, 0, 0]", "[0.2, 0, 0]"), "grasps (line 12)", "hold the payload at the same place", "move one"),
+    (
+        ("rpy_deg: [0, 35, 90]", "rpy_deg: [0, 35, 90], quaternion_wxyz: [1, 0, 0, 0]"),
+        "payload.goal (line 11)",
+        "given by rpy_deg and quaternion_wxyz",
+        "give one of them",
+    ),
+    (
+        ("rpy_deg: [0, 35, 90]", "quaternion_wxyz: [1, 1, 0, 0]"),
+        "payload.goal.quaternion_wxyz (line 11)",
+        "has the norm 1.41421",
+        "unit quaternion",
+    ),
+    (("rpy_deg: [0, 35, 90]", "angle_deg: 35"), "payload.goal.angle_deg (line 11)", "spatial", "use rpy_deg"),
+    (
+        ("grasps:", "constraints: [{type: upright}]\ngrasps:"),
+        "payload.goal (line 11)",
+        "is tilted by 35 deg at the goal",
+        "tolerance",
+    ),
+    (
+        ("closing: [0, 1, 0]", "closing: [0, 0, 2]"),
+        "grasps.left (line 13)",
+        "close along",
+        "across the approach",
+    ),
+    (
+        (", closing: [0, 1, 0]", ""),
+        "grasps.left (line 13)",
+        "approach is given without closing",
+        "give closing",
+    ),
+    (
+        ("shape: box\n  size: [0.4, 0.2, 0.05]", "shape: frame\n  edges: [[left, rigth]]"),
+        "payload.edges[0][1] (line 9)",
+        "no manipulator 'rigth'",
+        "'right'",
+    ),
+    (
+        ("left: {position: [-0.2, 0, 0], approach: [0, 0, -1], closing: [0, 1, 0]}", "left: auto2"),
+        "grasps.left (line 13)",
+        "'auto2' is not known",
+        "write 'auto'",
+    ),
+    (
+        ("grasps:", "grasps: auto\nconstraints:"),
+        "grasps (line 12)",
+        "does not say which arms",
+        "write {left: auto, right: auto}",
+    ),
+    (
+        ("shape: box\n  size: [0.4, 0.2, 0.05]", "parts: [{shape: ball}]"),
+        "payload.parts[0] (line 8)",
+        "the shape 'ball' is not known",
+        "known: bar, box, cylinder",
+    ),
+    (("  size:", "  sise:"), "payload.sise (line 9)", "unknown key", "'size'"),
+    (("  left: {position", "  left: {positon"), "grasps.left.positon (line 13)", "unknown key", "'position'"),
+    (
+        ("grasps:", "end_effectors: {left: {start: [0, 0, 1], goal: [0, 0, 1]}}\ngrasps:"),
+        "end_effectors.left (line 12)",
+        "holds the payload",
+        "leave it out",
+    ),
+    (("size: [0.4, 0.2, 0.05]", "size: [0.4, 0.2]"), "payload.size (line 9)", "has 2 numbers", "3 numbers"),
+    (
+        ("- {shape: box, center", "- {shape: moveit, file: a.scene}\n  - {shape: box, center"),
+        "obstacles[0].file (line 6)",
+        "no file 'a.scene'",
+        "",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "key", "message", "advice"), WRONG)
+def test_a_fault_names_keys_of_the_file_and_their_lines(change, key, message, advice, tmp_path):
+    with pytest.raises(SceneError) as told:
+        tray(tmp_path, change)
+    assert all(part in str(told.value) for part in (key, message, advice)), told.value
+    if "belongs to version" not in message:
+        assert not re.search(r"\b(load|manipulators?\[|held_by)\b", str(told.value))
+
+
+VALUES = (
+    None,
+    0,
+    -1,
+    "x",
+    "auto",
+    [],
+    {},
+    [1, 2],
+    [1, 2, 3],
+    [0, 0, 0],
+    {"a": 1},
+    True,
+    "left",
+    [{}],
+    np.nan,
+)
+
+
+def places(data, path=()):
+    """The paths of all values in plain data."""
+    items = data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ()
+    for key, value in items:
+        yield (*path, key)
+        yield from places(value, (*path, key))
+
+
+@pytest.mark.filterwarnings("ignore::comove.errors.ComoveWarning")
+@examples(300)
+@given(seeds)
+def test_a_file_with_any_change_is_read_or_its_fault_is_told(seed):
+    """In the words of version 2, whichever value is another one, is missing, or has another key."""
+    rng = np.random.default_rng(seed)
+    with TemporaryDirectory() as folder:
+        data = read_text(TRAY, Path(folder))
+    if rng.random() < 0.5:
+        parts = [{"shape": "bar", "length": 0.2, "rpy_deg": [0, 0, 1]}, {"shape": "box", "size": [0.1] * 3}]
+        ends = {key: data["payload"][key] for key in ("start", "goal")}
+        data["payload"] = {"parts": parts, **ends}
+        data["grasps"]["right"] = [data["grasps"]["left"], data["grasps"]["right"]]
+    every = [*places(data)]
+    *path, last = every[rng.integers(len(every))]
+    holder = data
+    for key in path:
+        holder = holder[key]
+    if (what := rng.integers(4)) == 0:
+        del holder[last]
+    elif what == 1 and isinstance(holder, dict):
+        holder[f"{last}x"] = holder.pop(last)
+    else:
+        holder[last] = VALUES[rng.integers(len(VALUES))]
+    try:
+        _ = Scene.from_dict(data, check_ends=False).alternatives
+    except SceneError as error:
+        assert not re.search(r"\b(load|manipulators?\[|held_by)\b", str(error).partition(";")[0])
+
+
+def test_a_robot_needs_to_know_how_to_hold_it(tmp_path):
+    with pytest.raises(SceneError, match=r"grasps\.left.* cannot know how .* add approach and closing"):
+        tray(tmp_path, ROBOT, (APPROACH, ""))
+    tray(tmp_path, ROBOT)
+
+
+def test_a_grasp_in_the_air_is_warned_of_in_the_files_words(tmp_path):
+    with pytest.warns(ComoveWarning, match=r"payload .line 7.: 'left' .* 0\.1 m away .* move its grasp"):
+        tray(tmp_path, ("[-0.2, 0, 0]", "[-0.3, 0, 0]"))
+
+
+# --- The schema for editors ---
+
+
+def test_the_schema_knows_all_keys_of_a_file(tmp_path):
+    """Keys of a scene are properties of the schema, and a key that it lacks is refused by it and by the reader."""
+    schema = SceneFile2.model_json_schema()
+
+    def known(part, data):
+        while "$ref" in part:
+            part = schema["$defs"][part["$ref"].rsplit("/", 1)[1]]
+        options = part.get("anyOf") or part.get("oneOf")
+        if options is not None:
+            return any(known(option, data) for option in options)
+        if isinstance(data, dict):
+            if part.get("type") != "object":
+                return False
+            inner, others = part.get("properties", {}), part.get("additionalProperties", True)
+            if others is False and not set(part.get("required", ())) <= set(data) <= set(inner):
+                return False
+            return all(known(inner.get(key, others), value) for key, value in data.items())
+        if isinstance(data, list):
+            return part.get("type") == "array" and all(known(part["items"], one) for one in data)
+        return part.get("const", data) == data and data in part.get("enum", [data])
+
+    data = read_text(TRAY, tmp_path)
+    assert known(schema, data)
+    data["payload"]["sise"] = data["payload"].pop("size")
+    assert not known(schema, data)
+
+
+def test_a_mesh_without_a_volume_is_no_payload(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv .2 0 .1\nv .2 .2 .1\nv 0 .2 0\nf 1 2 3\nf 1 3 4\n")
+    flat = ("shape: box\n  size: [0.4, 0.2, 0.05]", "shape: mesh\n  file: flat.obj")
+    with (
+        pytest.warns(ComoveWarning, match=r"payload\.file \(line 9\): 'flat.obj' is not closed"),
+        pytest.raises(SceneError, match=r"payload\.file \(line 9\): 'flat.obj' has no volume"),
+    ):
+        tray(tmp_path, flat)
+
+
+def test_arms_that_a_robot_lacks_or_that_reach_no_grasp_are_told(tmp_path):
+    """By the keys of the file, and how far the grasp is away."""
+    from comove.robots import Robot
+    from comove.robots.carrying import RobotCarrier
+
+    robot, limits = Robot.load("two_pandas"), ("payload:", "limits: {speed: 1}\npayload:")
+    third = ("  right:", "  third:")
+    with pytest.raises(RobotError, match=r"grasps \(line 14\): .* has no arm 'third'; known: left, right"):
+        _ = RobotCarrier(robot, tray(tmp_path, ROBOT, limits, third)).holders
+    far = ("goal: {position: [0, -0.3, 1]", "goal: {position: [0, -0.3, 1.7]")
+    with pytest.raises(
+        SceneError, match=r"payload\.goal \(line 13\): the arm .* cannot reach .* [0-9.]+ m and"
+    ):
+        _ = RobotCarrier(robot, tray(tmp_path, ROBOT, limits, far)).goals

@@ -1,0 +1,231 @@
+"""Obstacles go where their motion says."""
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from comove.errors import ComoveWarning, SceneError
+from comove.model import Scene
+
+DISC = {"shape": "circle", "center": [0.5, 0.9], "radius": 0.05}
+POINTS, TIMES = [[0.5, 0.9], [0.5, 0.1], [0.4, 0.1]], [0.5, 1.5, 2.0]
+MOTIONS = {
+    "velocity": {"velocity": [0.3, -0.2]},
+    "waypoints": {"waypoints": POINTS, "times": TIMES},
+    "circle": {"circle": {"radius": 0.2, "period_s": 3.0}},
+}
+
+
+def scene(motion=None, **more):
+    obstacle = DISC if motion is None else {**DISC, "motion": motion}
+    hands = [{"name": n, "start": [0.1, y], "goal": [0.9, y]} for n, y in (("left", 0.4), ("right", 0.6))]
+    return Scene.from_dict(
+        {
+            "name": "moving",
+            "duration": 4.0,
+            "workspace": {"lower": [0, 0], "upper": [1, 1]},
+            "obstacles": [obstacle, {"shape": "box", "center": [0.5, 0.5], "size": [0.1, 0.1]}],
+            "load": {"shape": "bar", "length": 0.2},
+            "manipulators": hands,
+            **more,
+        }
+    )
+
+
+def path(motion, time):
+    return scene(motion).offsets(np.atleast_1d(time))[:, 0, :2] + DISC["center"]
+
+
+def test_a_constant_velocity():
+    np.testing.assert_allclose(path(MOTIONS["velocity"], [0.0, 2.0]), [[0.5, 0.9], [1.1, 0.5]])
+
+
+def test_waypoints_are_met_at_their_times_and_the_last_is_kept():
+    at = path(MOTIONS["waypoints"], [0.0, 0.5, 1.0, 1.5, 2.0, 9.0])
+    np.testing.assert_allclose(at, [POINTS[0], POINTS[0], [0.5, 0.5], POINTS[1], POINTS[2], POINTS[2]])
+
+
+def test_a_circle_begins_at_the_centre_and_runs_counter_clockwise():
+    at = path(MOTIONS["circle"], [0.0, 0.75, 1.5, 3.0])
+    np.testing.assert_allclose(at, [[0.5, 0.9], [0.3, 1.1], [0.1, 0.9], [0.5, 0.9]], atol=1e-12)
+
+
+@pytest.mark.parametrize("how", MOTIONS)
+def test_velocities_are_the_derivatives(how):
+    moving, time, h = scene(MOTIONS[how]), np.array([0.2, 0.7, 1.2, 1.8, 2.5]), 1e-6
+    difference = (moving.offsets(time + h) - moving.offsets(time - h)) / (2 * h)
+    np.testing.assert_allclose(moving.obstacle_velocities(time), difference, atol=1e-8)
+
+
+@pytest.mark.parametrize("how", MOTIONS)
+@given(n_intervals=st.integers(1, 40), end=st.floats(0.1, 5.0))
+def test_centres_stray_from_their_chords_by_their_sags_at_most(how, n_intervals, end):
+    moving, time = scene(MOTIONS[how]), np.linspace(0.0, end, n_intervals + 1)
+    finely = np.linspace(0.0, end, 50 * n_intervals + 1)
+    at, finer = moving.offsets(time)[:, 0], moving.offsets(finely)[:, 0]
+    chords = np.stack([np.interp(finely, time, column) for column in at.T], axis=1)
+    strays = np.linalg.norm(finer - chords, axis=1)[:-1].reshape(n_intervals, 50).max(axis=1)
+    sagittas = moving.obstacle_sagittas(time)[:, 0]
+    assert (strays <= sagittas + 1e-12).all()
+    if end / n_intervals < 0.2:
+        assert (sagittas <= 1.2 * strays + 1e-3).all(), "and hardly less"
+
+
+def test_obstacles_that_stand_have_no_motion():
+    moving = scene(MOTIONS["velocity"])
+    assert moving.moving.tolist() == [True, False]
+    assert not moving.offsets(np.array([3.0]))[0, 1].any()
+    assert scene().offsets_along(11).shape == (0, 2, 3)
+    assert moving.offsets_along(11).shape == (11, 2, 3)
+
+
+def test_scenes_without_motion_keep_their_checksum():
+    assert scene().sha256 == scene(None).sha256 != scene(MOTIONS["velocity"]).sha256
+    assert b"motion" not in scene().file.model_dump_json().encode()
+
+
+def test_what_moves_may_pass_the_goal_but_not_begin_on_the_load():
+    visitor = {**DISC, "center": [0.9, 0.5], "motion": {"velocity": [0.0, 0.3]}}
+    assert scene(obstacles=[visitor]).moving.all()
+    with pytest.raises(SceneError, match="at the start the load or a hand reaches"):
+        scene(obstacles=[{**visitor, "center": [0.1, 0.5]}])
+    with pytest.raises(SceneError, match="at the goal the load or a hand reaches"):
+        scene(obstacles=[{**DISC, "center": [0.9, 0.5]}])
+
+
+@pytest.mark.parametrize(
+    ("motion", "key", "words"),
+    [
+        ({}, "motion", "it does not say how"),
+        (
+            {"velocity": [1, 1], "circle": {"radius": 1, "period_s": 1}},
+            "motion",
+            "velocity and circle are given",
+        ),
+        ({"velocity": [1, 1, 1]}, "motion.velocity", "has 3 numbers"),
+        ({"velocity": 1}, "motion.velocity", "is not a list"),
+        ({"velocity": [float("nan"), 1]}, "motion.velocity[0]", "nan"),
+        ({"velocty": [1, 1]}, "motion.velocty", "'velocity'?"),
+        ({"waypoints": POINTS}, "motion", "waypoints are given without times"),
+        ({"times": TIMES}, "motion", "it does not say how"),
+        ({"waypoints": POINTS, "times": [0, 1]}, "motion", "3 waypoints and 2 times"),
+        (
+            {"waypoints": POINTS, "times": [0, 2, 2]},
+            "motion",
+            "times[2] = 2.0 does not come after times[1] = 2.0",
+        ),
+        ({"waypoints": POINTS, "times": [-1, 1, 2]}, "motion.times[0]", "out of range"),
+        ({"waypoints": [], "times": []}, "motion", "there are no waypoints"),
+        (
+            {"waypoints": POINTS[1:], "times": [0, 1]},
+            "motion.waypoints[0]",
+            "the motion begins at [0.5, 0.1]",
+        ),
+        ({"circle": {"radius": 0, "period_s": 1}}, "motion.circle.radius", "0 is out of range"),
+        ({"circle": {"radius": 1, "period_s": 1e-300}}, "motion.circle.period_s", "1e-300 is out of range"),
+        ({"circle": {"radius": 1e300, "period_s": 1}}, "motion.circle.radius", "1e+300 is out of range"),
+        ({"circle": {"radius": 1, "period_s": 1e-3}}, "motion", "the obstacle moves at 6283.19 m/s; let it"),
+        ({"velocity": [1e4, 0]}, "motion", "the obstacle moves at 10000 m/s"),
+        ({"velocity": [1e300, 1]}, "motion.velocity[0]", "1e+300 is out of range"),
+        (
+            {"waypoints": [[0.5, 0.9], [0.5, 0.5]], "times": [0, 1e-300]},
+            "motion",
+            "the obstacle moves at 4e+299 m/s",
+        ),
+        ({"circle": {"radius": 1}}, "motion.circle", "required here: radius, period_s"),
+    ],
+)
+def test_what_is_wrong_with_a_motion(motion, key, words):
+    with pytest.raises(SceneError) as caught:
+        scene(motion)
+    assert str(caught.value).startswith(f"obstacles[0].{key}: ")
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("motion", "speed"),
+    [
+        ({"velocity": [0.3, 0.4]}, "0.5"),
+        ({"waypoints": [[0.5, 0.9], [0.5, 0.5]], "times": [1.0, 1.5]}, "0.8"),
+        ({"circle": {"radius": 0.1, "period_s": 1.0}}, "0.628"),
+    ],
+)
+def test_what_no_hand_gets_away_from_is_warned_of(motion, speed):
+    hands = [{"name": "a", "start": [0.1, 0.1], "goal": [0.9, 0.1]}]
+    data = {
+        "name": "chased",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "obstacles": [{"shape": "circle", "center": [0.5, 0.9], "radius": 0.05, "motion": motion}],
+        "manipulators": hands,
+        "limits": {"speed": 0.45},
+    }
+    words = rf"obstacles\[0\]\.motion: up to {speed} m/s, faster than the hands may move \(0\.45 m/s\)"
+    with pytest.warns(ComoveWarning, match=words):
+        Scene.from_dict(data)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Scene.from_dict({**data, "limits": {"speed": 0.85}})
+
+
+def test_what_moves_can_be_made_to_stand_or_left_out():
+    data = {
+        "name": "two",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+        "obstacles": [
+            {
+                "shape": "sphere",
+                "center": [0.2, 0.9, 0.5],
+                "radius": 0.05,
+                "motion": {"velocity": [0.1, 0, 0]},
+            },
+            {"shape": "box", "center": [0.5, 0.5, 0.9], "size": [0.1, 0.2, 0.1]},
+        ],
+        "load": {"shape": "bar", "length": 0.2},
+        "manipulators": [
+            {"name": "a", "start": [0.2, 0.2, 0.2], "goal": [0.7, 0.2, 0.2]},
+            {"name": "b", "start": [0.4, 0.2, 0.2], "goal": [0.9, 0.2, 0.2]},
+        ],
+    }
+    scene = Scene.from_dict(data)
+    centers = scene.centers + scene.offsets(np.array([3.0]))[0]
+    stands = scene.standing(centers)
+    assert not stands.moving.any()
+    np.testing.assert_array_equal(stands.obstacles, scene.obstacles_at(3.0))
+    np.testing.assert_allclose(stands.file.obstacles[0].center, [0.5, 0.9, 0.5])
+    nodes = scene.nodes_at("start")
+    assert stands.clearance_at(nodes)[0] == scene.clearance_at(nodes, 3.0)[0]
+    without = scene.standing()
+    assert [obstacle.shape for obstacle in without.file.obstacles] == ["box"]
+    np.testing.assert_array_equal(without.obstacles, scene.obstacles[1:])
+    assert without.owners.tolist() == [0]
+    assert without.name_of(0) == scene.name_of(1).replace("1", "0")
+
+
+def test_meshes_stay_what_they_are_where_others_are_left_out():
+    """Where what moves is left out, the scene is the one in which it never was."""
+    file = Path(__file__).parents[2] / "examples" / "meshes" / "gate.yaml"
+    data = yaml.safe_load(file.read_text(encoding="utf-8"))
+    ball = {
+        "shape": "sphere",
+        "center": [0.1, 0.1, 0.1],
+        "radius": 0.02,
+        "motion": {"velocity": [0.01, 0, 0]},
+    }
+    alone = Scene.from_dict(data, folder=file.parent)
+    left = Scene.from_dict(data | {"obstacles": [ball, *data["obstacles"]]}, folder=file.parent).standing()
+    np.testing.assert_array_equal(left.obstacles, alone.obstacles)
+    np.testing.assert_array_equal(left.owners, alone.owners)
+    for name in ("owner", "row", "center", "root"):
+        np.testing.assert_array_equal(getattr(left.surfaces, name), getattr(alone.surfaces, name))
+    rng = np.random.default_rng(0)
+    nodes = alone.nodes_at("start")
+    for _ in range(20):
+        moved = nodes + rng.uniform(-0.4, 0.8, 3)
+        assert left.clearance_at(moved)[0] == alone.clearance_at(moved)[0]
