@@ -15,7 +15,7 @@ from scipy.spatial import ConvexHull
 
 from comove.compiled import kernel
 from comove.control.observers import Observer
-from comove.control.safety.twist_qp import Sighting
+from comove.control.safety.cbf_qp import Sighting
 from comove.control.tracks import Memory, Scanner, blank, margins, moved, updated
 from comove.dmp.arguments import is_number, numbers
 from comove.errors import OptionError

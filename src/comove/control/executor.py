@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.control.observers import Known, Observer, going_on
-from comove.control.safety.twist_qp import MAX_PERIOD, NOTHING, Allowed, ProgrammeSettings, TwistProgramme
+from comove.control.safety.cbf_qp import MAX_PERIOD, NOTHING, Allowed, FilterSettings, SafetyFilter
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.dmp.arguments import require_positive
 from comove.dmp.demonstrations import Demonstration
@@ -243,7 +243,7 @@ class Executor:
         self.plan: Plan | None = None
         self._last: Plan | None = None  # that was followed
         self._interruption = Interruption()
-        self._programme = TwistProgramme(scene, self.pace.period, ProgrammeSettings(spare=SETTINGS.spare))
+        self._programme = SafetyFilter(scene, self.pace.period, FilterSettings(spare=SETTINGS.spare))
         self._watched = self._planned = -np.inf
         self._patience = self.pace.patience
         self.observer.carried(self.time, nodes_of(self.scene, self.poses))

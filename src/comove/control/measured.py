@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.control.filters import Belief, Expectations, informed, later, unknown
 from comove.control.observers import Observer, sighting
-from comove.control.safety.twist_qp import Sighting
+from comove.control.safety.cbf_qp import Sighting
 from comove.dmp.arguments import is_number, numbers, require_positive
 from comove.errors import OptionError
 from comove.model.scene import Scene

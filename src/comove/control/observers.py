@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from comove.control.safety.twist_qp import Sighting
+from comove.control.safety.cbf_qp import Sighting
 from comove.errors import OptionError
 from comove.geometry.distances import CENTER
 from comove.model.moving import ObstacleMotion

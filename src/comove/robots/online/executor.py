@@ -1,7 +1,7 @@
 """Online execution of a carry: measured joints in, commanded joints out, among obstacles that move.
 
 A carry is planned and verified among what stands, and followed until something that moves would meet it: then a pilot
-chooses another course in time (`comove.robots.online.pilot`). Every control step the joint programme changes the
+chooses another course in time (`comove.robots.online.pilot`). Every control step the safety filter changes the
 wanted rates of all joints so that links and load keep clear of what is seen now, and the hands keep hold of the load.
 Where the arms fall behind, the reference waits for them.
 
@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 from comove.control.clouds import Clouds
 from comove.control.executor import Event, StepLog
 from comove.control.observers import Functions, Observer
+from comove.control.safety.cbf_qp import FilterSettings, JointState, SafetyFilter
 from comove.control.safety.qp_workspace import Sighting
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.dmp.arguments import require_positive
@@ -37,7 +38,7 @@ from comove.planning.clock import Budget
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.motion import approach_shares
-from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
+from comove.robots.online.arm_rows import ArmRows, JointSettings
 from comove.robots.online.pilot import Pilot, PilotSettings
 from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
 from comove.robots.online.reference import MotionReference
@@ -68,8 +69,8 @@ class OnlineSettings:
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
-    programme, pilot, recovery : settings of the joint programme, of what chooses the reference, and of what a robot
-        does that was driven off
+    filter, joints, pilot, recovery : settings of the safety filter, of the rows that arms add to it, of what chooses
+        the reference, and of what a robot does that was driven off
     """
 
     period: float = 0.004
@@ -81,13 +82,14 @@ class OnlineSettings:
     lost: float = 0.5
     at_goal: float = 1e-3
     at_rest: float = 2e-3
-    programme: JointSettings = field(default_factory=JointSettings)
+    filter: FilterSettings = field(default_factory=lambda: FilterSettings(spare=5e-4))
+    joints: JointSettings = field(default_factory=JointSettings)
     pilot: PilotSettings = field(default_factory=PilotSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name not in ("programme", "pilot", "recovery"):
+            if name not in ("filter", "joints", "pilot", "recovery"):
                 require_positive(name, value)
         if not 1e-3 <= self.period <= 0.02:
             raise OptionError(
@@ -154,7 +156,8 @@ class JointExecutor:
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
         self.arms, grasp = self.carrier.arms, self.carrier.grasp
-        self.programme = JointProgramme(scene, self.arms, grasp, settings.period, settings.programme)
+        self.rows = ArmRows(scene, self.arms, grasp, settings.period, settings.joints)
+        self.filter = SafetyFilter(scene, settings.period, settings.filter, self.rows)
         self._follow_plan()
         self.goal = poses_of(scene, "goal")
         self._coordinates = self.plan.motion.motion.coordinates
@@ -164,7 +167,7 @@ class JointExecutor:
             self.arms,
             self._coordinates,
             MotionReference.of_plan(self.plan, self.columns, settings.pilot.reference),
-            self.programme.needs._replace(obstacle=self.programme.needs.obstacle[stands]),
+            self.rows.needs._replace(obstacle=self.rows.needs.obstacle[stands]),
             goals=np.array([np.concatenate(q) for q in product(*self.carrier.goals)]),
             seed=seed,
             settings=settings.pilot,
@@ -341,10 +344,11 @@ class JointExecutor:
         joints = self.position[self.columns]
         drawn = pace * wanted_rates + (there - joints) / how.catch_up
         state = JointState(joints, self.rates, drawn, self._bend)
-        self.programme.expect(passes=self.pilot.is_clear and behind <= how.near_by)
-        allowed = self.programme.allowed_rates(self.poses, state, self._before, wanted, seen)
+        passes = self.pilot.is_clear and behind <= how.near_by
+        self.filter.passing(how.joints.passing if passes else 1.0)
+        allowed = self.filter.allowed(self.poses, self._before, wanted, seen, state)
         self.log.note(allowed, self.scene)
-        self._move(allowed.twists, self.programme.rates)
+        self._move(allowed.twists, allowed.rates)
         pilot = self.pilot
         pilot.clock = min(pilot.clock + pace * period, pilot.reference.duration)
         waits = pace < 0.5 or pilot.clock >= pilot.reference.duration
@@ -442,7 +446,7 @@ class JointExecutor:
         s = np.linspace(0.0, 1.0, n_steps)
         along = np.ascontiguousarray(joints.at(s * joints.duration)[0][:, self.columns])
         nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
-        self.programme.follow(along, nodes)
+        self.rows.follow(along, nodes)
 
     def _tell(self, what: str) -> None:
         self.log.events.append(Event(self.time, what))

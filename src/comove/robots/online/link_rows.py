@@ -1,6 +1,6 @@
-"""Rows of the joint programme, in numba kernels: how fast links may approach obstacles, the load and each other.
+"""Rows of links in the safety filter, in numba kernels: how fast they may approach obstacles, payload and each other.
 
-The variables are those of the twist programme, x, which move the load, and the rates of the joints. A row
+The variables are those of the twists, x, which move the load, and the rates of the joints. A row
 
     n . (velocity of a link's nearest point - velocity of the other's) >= -rate(h)
 
@@ -82,10 +82,15 @@ class LinkRows(NamedTuple):
     filled: NDArray[np.int64]
 
 
+def most_rows(arms: Arms, n_obstacles: int) -> int:
+    """Return the largest number of rows among that many obstacles."""
+    links = arms.links
+    return len(links.moving) * n_obstacles + len(links.radius) * len(arms.around.edges) + len(links.pairs)
+
+
 def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
     """Return work arrays for that many obstacles, and variables of the load."""
-    links, n_joints = arms.links, len(arms.chains.lower)
-    count = len(links.moving) * n_obstacles + len(links.radius) * len(arms.around.edges) + len(links.pairs)
+    links, n_joints, count = arms.links, len(arms.chains.lower), most_rows(arms, n_obstacles)
     return LinkRows(
         links.start.copy(),
         links.end.copy(),
