@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.dmp import DMP
 from comove.lab.bench.store import Figures
 from comove.lab.examples import scene_contents
@@ -25,8 +25,6 @@ from comove.planning.objectives.paper import PaperCost
 from comove.planning.solution import Progress
 from comove.planning.solver import solve
 from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
-
-Array = NDArray[np.float64]
 
 N_SAMPLES = 8001  # of an offer, even in time
 WEIGHTS = PaperCost()

@@ -34,6 +34,7 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.cmaes import (
     CMAES,
     Covariance,
@@ -45,8 +46,6 @@ from comove.optim.cmaes import (
     check_whole,
 )
 from comove.optim.method import OptimiserRun, Reason, Request, Start
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.cmaes import CMAES, Covariance, FullCovariance, Parameters
-
-Array = NDArray[np.float64]
 
 VALUELESS = 10  # generations in a row without any value, after which a run ends
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.method import AskAndTell, Request, Start
 from comove.optim.models import UNKNOWN, bound_rows, nearest_feasible
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

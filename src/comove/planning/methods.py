@@ -10,8 +10,8 @@ from itertools import count
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
@@ -55,9 +55,6 @@ from comove.planning.spacetime import (
 )
 from comove.ties import first_least
 from comove.verification.verify import Report
-
-Array = NDArray[np.float64]
-
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
 UNPOLISHED = replace(POLISHING, generations=0)

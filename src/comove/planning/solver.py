@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.dmp import DMP
 from comove.dmp.operations import scale
@@ -54,9 +54,6 @@ from comove.planning.search import Interruption, Journal, OutOfTime, Search, Sea
 from comove.planning.solution import ProgressCallback, Solution
 from comove.processes import one_blas_thread
 from comove.verification.verify import Check, Verdict, verify
-
-Array = NDArray[np.float64]
-
 
 Demonstrated = DMP | PoseDMP | ProMP | Demonstration | Mapping | tuple[DMP, ...]
 """What is followed: a movement of one end effector, or one for each; of poses; a distribution of movements."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 import comove
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
@@ -40,8 +40,6 @@ from comove.ties import first_largest
 from comove.trajectory import Trajectory
 from comove.verification.measures import WEIGHTS, smoothness, unit_terms
 from comove.verification.verify import Report, Verdict, verify
-
-Array = NDArray[np.float64]
 
 RESULT = Contents(
     what="result",

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comove.dmp.demonstrations import Demonstration
@@ -21,8 +20,6 @@ from comove.dmp.demonstrations.samples import fault
 from comove.errors import ComoveWarning, listed
 from comove.robots.model import Arm, Robot
 from comove.robots.urdf import OF_JOINT
-
-Array = NDArray[np.float64]
 
 BEYOND = 0.05
 """How far a joint may be recorded beyond its limits without a warning [rad, m for prismatic joints]."""

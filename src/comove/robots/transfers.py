@@ -14,9 +14,9 @@ from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError, RobotError
 from comove.model.scene import Scene
@@ -32,8 +32,6 @@ from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.verification.verify import Sealed
-
-Array = NDArray[np.float64]
 
 STRAIGHT = Iteration(gain=0.1, keep=2e-3, tolerance=1e-9, steady=1e-3, most=50)
 OPTIONS = {"start": "--approach", "goal": "--release"}

@@ -25,6 +25,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.model.scene import Scene
 from comove.robots.model import Robot
@@ -35,8 +36,6 @@ from comove.sim.settings import PLAN, Perturbation, Settings
 
 if TYPE_CHECKING:
     from comove.sim.grasps import GraspModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.arrays import Array
 from comove.errors import ResultError, shortened
 from comove.model.files.keys import canonical
 from comove.model.scene import Scene
@@ -42,8 +42,6 @@ from comove.sim.loads import carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
     from comove.robots.online.executor import OnlineLog
-
-Array = NDArray[np.float64]
 
 FITS = 1e-9  # m and s, to which what a run says twice agrees
 SAME = 1e-6  # relative, by which measures may differ from those of the summary

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.dmp.basis import MotionBasis
 from comove.dmp.system import N_INTERVALS
 from comove.model.blocks import Blocks
@@ -26,8 +26,6 @@ from comove.planning.convex.contacts import (
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
 from comove.planning.convex.quadratic import QuadraticSettings
-
-Array = NDArray[np.float64]
 
 FOLLOWED = 2  # samples of which one is looked at by what follows
 GAUGE_EVERY = 4  # samples between those at which the lengths of directions and quaternions are evaluated
@@ -343,7 +341,7 @@ class ConvexProgramme:
         _, distances = self.follower.follow(self.hands(self.fine.q(z))[0][::FOLLOWED])
         return bool((distances.min(axis=0) >= self.follower.required(0.0)).all())
 
-    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, Integers]:
         """Return rows A and bounds b of the linearised clearances, ``A dz >= b``, and the owner of each row; kinds of
         distances of what follows count as owners after all others.
         """

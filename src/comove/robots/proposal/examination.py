@@ -8,9 +8,9 @@ from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
@@ -20,8 +20,6 @@ from comove.robots.proposal.bodies import link_of, pairs_of, placed_bodies, touc
 from comove.robots.proposal.homes import base_of, tilt_of
 from comove.robots.proposal.rules import near_limits, near_links
 from comove.robots.proposal.surroundings import among, buried, names_of
-
-Array = NDArray[np.float64]
 
 FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comove.arrays import Array
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
@@ -35,7 +35,6 @@ from comove.robots.supplements import in_radians_or_metres
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.kinematics import joint_axes
 
-Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 SIDES = ("left", "right")

@@ -12,15 +12,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_of_rotation, quaternion_product
 from comove.methods import OWN
 from comove.model.scene import Scene
 from comove.planning.objectives import OBJECTIVES as AIMS
 
-Array = NDArray[np.float64]
 Contents = dict[str, Any]
 
 DIGITS = 6  # of metres that are written: a micrometre

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveError
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.model.scene import Scene
@@ -44,8 +44,6 @@ from comove.view.workbench.shelf import Item, Shelf, read_scene
 from comove.view.workbench.stage import ROBOT, Stage, clear, demonstrated
 from comove.view.workbench.teaching import Stroke, keep
 from comove.view.workbench.words import measures_words, named_in, plain_text, verdict_words
-
-Array = NDArray[np.float64]
 
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 VERIFIED = ("stored", "kept", "found", "solved", "ran")
