@@ -150,7 +150,7 @@ def test_the_judge_of_robots_knows_no_search(modules):
 def test_optimisers_know_no_robot(modules):
     for inside, room, nodes in modules.values():
         if room == "optim":
-            assert rooms_entered(nodes) <= {"errors", "brief", "compiled", "optim"}, inside
+            assert rooms_entered(nodes) <= {"errors", "arrays", "brief", "compiled", "optim"}, inside
 
 
 def test_only_the_judges_make_verified_motions(modules):

@@ -149,7 +149,6 @@ class OwnSystem(System):
 
 @lru_cache(maxsize=32)
 def _first_look(system: OwnSystem, n_dims: int) -> None:
-    """Start a method on a bar beside a ball, so that it is compiled."""
     ends = [np.array([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)]) for x in (0.2, 0.8)]
     ball = {"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}
     bar = {"shape": "bar", "length": 0.2}

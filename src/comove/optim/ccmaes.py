@@ -354,7 +354,6 @@ class CCMAESRun(OptimiserRun):
             self.bands = np.where(self._start.equality, narrower, 0.0)
 
     def _begin_anew(self) -> None:
-        """Begin at the present mean with an isotropic distribution and empty records."""
         start, es = self._start, self._es
         form = self._first_form()
         self._es = CMAES(es.mean, start.sigma, start.rng, parameters=es.parameters, covariance=form)

@@ -108,7 +108,6 @@ class AskAndTell:
         return self._request
 
     def _sample(self) -> None:
-        """Begin with the next samples, by a request for their values."""
         raise NotImplementedError
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
@@ -120,7 +119,6 @@ class AskAndTell:
         self._request, self._then = request, then
 
     def _next(self) -> None:
-        """Draw the next samples as soon as somebody asks."""
         self._request = None
 
 
@@ -154,7 +152,6 @@ class OptimiserRun(AskAndTell):
 
     @property
     def _shape(self) -> FullCovariance:
-        """Return the covariance of a run that was started with none of its own."""
         assert isinstance(self._es.covariance, FullCovariance)
         return self._es.covariance
 

@@ -605,7 +605,6 @@ def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:
 
 
 def _no_constraints(x: Array) -> Array:
-    """Return an empty row of constraints for every point."""
     return np.zeros((len(x), 0))
 
 

@@ -51,7 +51,6 @@ class Restoration(AskAndTell):
         self._wait(Request(start.x[None], constraints=True), self._here_told)
 
     def _end(self) -> None:
-        """Request the objective at the point found, so that the best point has one."""
         self._wait(Request(self.x[None], objective=True, known=self._values[None]), self._objective_told)
 
     def _objective_told(self, objective: Array, _: Array | None) -> None:

@@ -142,7 +142,6 @@ class _Variations:
 
 
 def _with_free_weights(search: Search, start: CoordinatedMotion, n_basis: int) -> CoordinatedMotion:
-    """Return the motion in the basis that is searched, fitted to it."""
     basis = motion_basis(n_basis, "jerk")
     s = np.linspace(0.0, 1.0, len(basis.shape[0]))
     coordinates = load_coordinates(search.scene)

@@ -70,7 +70,6 @@ SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
 
 
 def _require_entries(summary: Summary, file: Path) -> None:
-    """Refuse a summary with missing entries, or entries of another type."""
     require_types(summary, _TYPES, file)
     require_types(summary["cost_terms"], dict.fromkeys(WEIGHTS, NUMBER), file, "cost_terms.")
     require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
@@ -244,7 +243,6 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
 
 
 def _near(name: str, value: float) -> float:
-    """Return by how much a measure may differ from the one in the summary."""
     return SAME * max(1e-3, abs(value))
 
 

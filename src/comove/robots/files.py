@@ -349,7 +349,6 @@ def verify_stored(
 
 
 def _near(name: str, value: float) -> float:
-    """Return by how much a measure may differ from the one in the summary."""
     return SAME_CLEARANCE if name.startswith("clearance") else SAME * max(1e-3, abs(value))
 
 
@@ -433,7 +432,6 @@ def _edited_samples(joints: JointMotion, arrays: Arrays) -> list[str]:
 
 
 def _shared(broken: Integers, n_intervals: int) -> int:
-    """Return the sample that broken intervals have in common."""
     if len(broken) > 1:
         return int(broken[0]) + 1
     return n_intervals if broken[0] == n_intervals - 1 else int(broken[0])

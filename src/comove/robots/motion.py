@@ -244,7 +244,6 @@ def places(curve: PPoly) -> tuple[Array, Array]:
 
 
 def _over(numerator: Array, denominator: Array) -> Array:
-    """Divide, with 0 where the quotient is not finite."""
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         quotient = numerator / denominator
     return np.where(np.isfinite(quotient), quotient, 0.0)

@@ -130,7 +130,6 @@ def _columns_of(axes: Sequence[str], joints: Sequence[str]) -> list[int | None]:
 
 
 def _words(name: str) -> list[str]:
-    """Return the words of a joint's name, without those that name no joint."""
     words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name)]
     words = words[1:] if words[:1] == ["k"] and len(words) > 1 else words  # as kLeftElbow
     while len(words) > 1 and words[-1] in _IDLE_WORDS:

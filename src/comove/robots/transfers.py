@@ -321,7 +321,6 @@ class Retreat:
 
 
 def _anew(end: str) -> str:
-    """Return how joints are found at an end that leave room for approach or release, in words."""
     return f"solve the scene with {OPTIONS[end]}, which looks for other joints at the {end}"
 
 
@@ -436,7 +435,6 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array, how: 
 
 
 def _joined(robot: Robot, wait: float, parts: list[Array]) -> JointMotion:
-    """Join several parts into one motion, after a time at rest."""
     still = np.repeat(parts[0][:1], round(wait * SAMPLE_RATE), axis=0)
     position = np.concatenate([still, parts[0], *(part[1:] for part in parts[1:])])
     return _unchanging(JointMotion(np.arange(len(position)) / SAMPLE_RATE, robot.joint_names, position))
@@ -448,7 +446,6 @@ def _reversed(motion: JointMotion) -> JointMotion:
 
 
 def _unchanging(motion: JointMotion) -> JointMotion:
-    """Make the motion's arrays read-only, so that nobody can change what was judged, and return the motion."""
     for array in (motion.time, motion.position):
         array.setflags(write=False)
     return motion

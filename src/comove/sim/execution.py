@@ -383,6 +383,5 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
 
 
 def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
-    """Return the joints whose links move with a hand that holds the load."""
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
     return beyond_wrists(robot, arms)

@@ -129,7 +129,6 @@ def _command(executor: JointExecutor, measured: Array) -> Array:
 
 
 def _move_obstacles(world: World, data: Any, executor: JointExecutor) -> None:
-    """Put the obstacles that move to where they truly are."""
     centers = executor.observer.ground_truth(np.array([executor.time]))[0]
     for i in np.flatnonzero(executor.scene.moving):
         mocap = world.model.body(moving_body(int(i))).mocapid[0]

@@ -105,7 +105,6 @@ class ModelSurroundings:
                 yield body
 
     def _geoms(self, body: int) -> Iterator[int]:
-        """Yield the geoms of a body that collide with something."""
         model, first = self.model, int(self.model.body_geomadr[body])
         for geom in range(first, first + int(model.body_geomnum[body])):
             if model.geom_contype[geom] or model.geom_conaffinity[geom]:

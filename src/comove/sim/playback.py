@@ -85,7 +85,6 @@ def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Arr
 
 
 def _loaded(robot: Robot, scene: Scene, load: Load | None) -> Any:
-    """Return the robot's model with the load shared out among its holders."""
     if load is None:
         return robot.model
     arms = tuple(robot.arm(scene.manipulators[i]) for i in load.holders)

@@ -228,7 +228,6 @@ def _require_shapes(stored: StoredRobotRun, scene: Scene, robot: Robot) -> None:
 
 
 def _has_arrived(scene: Scene, arrays: Arrays) -> bool:
-    """Return whether the commanded hands end at their goals, at rest."""
     hands = arrays["nodes"][-2:, : len(scene.manipulators), : scene.n_dims]
     speed = np.linalg.norm(np.diff(hands, axis=0)[0], axis=1).max() / np.diff(arrays["time"])[-1]
     off = np.linalg.norm(hands[-1] - scene.goal, axis=1).max()

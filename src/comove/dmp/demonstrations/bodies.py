@@ -273,7 +273,6 @@ def sides_of(columns: Sequence[Column]) -> dict[int, str]:
 
 
 def _without_side(name: str, side: str) -> str:
-    """Return the name of a joint without the side that it begins or ends with."""
     if not side:
         return name
     mark = f"(?:{side}|{side[0]})"

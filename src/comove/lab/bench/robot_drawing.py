@@ -139,7 +139,6 @@ class RobotDraft:
         return witness if self._clear(witness, scene) else None
 
     def _clear(self, witness: JointWitness, scene: Scene) -> bool:
-        """Return whether a witness is verified, with the clearance to spare."""
         return witness.judged(scene.limited(clearance=self.difficulty.spare), slack=1.0).verified is not None
 
     def obstructed(self, witness: JointWitness) -> bool:

@@ -155,7 +155,6 @@ class SpeedScaled(Method):
             yield skill, cycle
 
     def _first(self, scene: Scene, taught: CoordinatedMotion) -> Skill:
-        """Return the skill before the first cycle."""
         return Skill.taught(middles(scene, taught.hands(np.linspace(0.0, 1.0, N_SAMPLES))), self.laws)
 
     def _intentions(self, search: Search, path: Array) -> Callable[[], Intention]:

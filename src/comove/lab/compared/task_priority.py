@@ -171,7 +171,6 @@ class TaskPriority(Method):
         judge_execution(search, s, hands, self.fitting, controller.carried_out)
 
     def _controller(self, search: Search, period: float, taught: CoordinatedMotion) -> Controller:
-        """Return the controller of free hands, or of the joints where a robot carries."""
         if not search.kinematics.has_limits:
             return Controller(self, search.scene, period)
         from comove.lab.compared.task_priority_joints import JointController  # which needs robots

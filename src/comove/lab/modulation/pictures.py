@@ -197,7 +197,6 @@ def _shown(compared: Sequence[Compared]) -> float:
 
 
 def _tone(one: Compared, step: int) -> str:
-    """Return the colour of the load at a step."""
     return TOUCHES if one.touching[step] else OFF if one.off[step] else FINE
 
 

@@ -238,7 +238,6 @@ def _end_of_gripper(robot: Robot, arm: Arm) -> float:
 
 
 def _leave_out(robot: Robot, a: str, b: str) -> str:
-    """Return how two links are left out of the pairs that are kept apart, in words."""
     for arm in robot.arms:
         for hand, other in ((a, b), (b, a)):
             if hand in gripper_links(robot, arm) and robot.model.existFrame(other):
@@ -299,7 +298,6 @@ def _without_bodies(robot: Robot) -> list[str]:
 def _contacts(
     robot: Robot, rng: np.random.Generator, settings: ExaminationSettings
 ) -> tuple[float, dict[tuple[str, str], float]]:
-    """Return the share of random configurations without contact, and pairs that often touch with their share."""
     drawn = rng.uniform(robot.lower, robot.upper, (settings.n_tested, len(robot.lower)))
     touched = touching(robot, drawn)
     shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)

@@ -274,7 +274,6 @@ def _srdf_beside(urdf: Path, named: str) -> str | None:
 
 
 def _begins(name: str, stem: str) -> bool:
-    """Return whether a name begins with a stem, of which it leaves no word or number cut."""
     return re.match(rf"{re.escape(stem)}(?![^\W_])", name) is not None
 
 
@@ -484,7 +483,6 @@ def _tool(turn: Array, along: float) -> dict[str, Any]:
 
 
 def _axis_name(axis: Array) -> str:
-    """Return the name of a signed axis."""
     return f"{'-' if axis.sum() < 0 else ''}{'xyz'[int(np.abs(axis).argmax())]}"
 
 
@@ -680,7 +678,6 @@ def _left_out(
 
 
 def _named(part: _Part, left_out: dict[str, dict[Pair, str]]) -> list[tuple[Pair, str]]:
-    """Return a model's pairs that are left out, as the robot names their links, and the reasons."""
     pairs = left_out[part.entry["urdf"]].items()
     return [((part.prefix + a, part.prefix + b), reason) for (a, b), reason in pairs]
 

@@ -88,7 +88,6 @@ def draw_motion(
 
 
 def _draw_arms(axes: Axes, arms: Sequence[Array], view: tuple[int, int]) -> None:
-    """Draw the arms of a robot as lines behind all else, and widen the axes to show them."""
     for i, arm in enumerate(arms):
         for k, state in enumerate(arm):
             label = "arms at equal times" if i == k == 0 else None

@@ -129,7 +129,6 @@ def simplified(surface: Surface, cell: float) -> Surface:
 
 
 def _keys(rows: Integers) -> Integers:
-    """Return a number for every row of three, which only equal rows share."""
     if not len(rows):
         return np.zeros(0, dtype=np.int64)
     rows = rows - rows.min(axis=0)

@@ -353,7 +353,6 @@ class EpisodeReader:
         return samples if self.unit is None else samples.stating(self.unit)
 
     def _unit(self, key: str) -> str | None:
-        """Return the unit that a dataset's attribute states."""
         said = self.file.attribute(key, ("unit", "units"))
         text = said[1].decode(errors="replace") if said and isinstance(said[1], bytes) else said and said[1]
         return unit_named(text) if isinstance(text, str) else None

@@ -218,7 +218,6 @@ class TransformTree:
 
 
 def _around(stamps: Integers, first: int, last: int) -> slice:
-    """Return the stamps between two instants, and the neighbours before and after."""
     start = max(int(np.searchsorted(stamps, first, side="right")) - 1, 0)
     return slice(start, int(np.searchsorted(stamps, last)) + 1)
 
