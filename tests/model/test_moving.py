@@ -136,6 +136,29 @@ def test_the_distance_to_a_turned_obstacle_is_that_to_the_turned_shape(shape, n_
     assert point_distance(table, 0, *point) == pytest.approx(truth, abs=1e-6)
 
 
+@examples(10)
+@given(seed=st.integers(0, 2**32 - 1), time=st.floats(0.0, 9.0))
+def test_displacements_take_points_of_obstacles_to_where_they_are(seed, time):
+    """A corner of every box, by the displacement and by the table at that instant."""
+    rng = np.random.default_rng(seed)
+    boxes = [
+        random_obstacle(rng, "box", 2),
+        {**SHAPES["box"], "shape": "box", "center": [5, 5], "size": [1, 1]},
+    ]
+    hands = [{"name": "a", "start": [-8, -8], "goal": [8, 8]}]
+    around = {"workspace": {"lower": [-9, -9], "upper": [9, 9]}, "manipulators": hands, "load": None}
+    both = scene(obstacles=boxes, **around)
+    (offsets,), (angles,), axes, centers = both.displacements(np.array([time]))
+    for before, after, row in zip(both.obstacles, both.obstacles_at(time), range(2), strict=True):
+        corner, there = (
+            line[sd.CENTER : sd.CENTER + 3]
+            + line[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3) @ [0.1, 0.2, 0.0]
+            for line in (before, after)
+        )
+        turned = Rotation.from_rotvec(angles[row] * axes[row]).apply(corner - centers[row])
+        np.testing.assert_allclose(centers[row] + offsets[row] + turned, there, atol=1e-9)
+
+
 def test_a_mesh_turns_as_its_triangles_do():
     """A gate that turns by a quarter about a vertical hinge is the gate that stands there, turned."""
     file = Path(__file__).parents[2] / "examples" / "meshes" / "gate.yaml"
@@ -181,8 +204,8 @@ def test_obstacles_that_stand_have_no_motion():
     assert moving.moving.tolist() == [True, False]
     assert not moving.offsets(np.array([3.0]))[0, 1].any() and not moving.turning.any()
     assert scene(MOTIONS["turn"]).turning.tolist() == [True, False]
-    assert scene().offsets_along(11).shape == (0, 2, 3)
-    assert moving.offsets_along(11).shape == (11, 2, 3)
+    assert scene().displacements_along(11).offsets.shape == (0, 2, 3)
+    assert moving.displacements_along(11).offsets.shape == (11, 2, 3)
 
 
 def test_scenes_without_motion_keep_their_checksum():
