@@ -1,5 +1,7 @@
 """The certificate of clearance among obstacles that move."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,8 +10,8 @@ from hypothesis import strategies as st
 from comove.dmp.basis import motion_basis
 from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification import verify
-from comove.verification.certificate import certify
-from comove.verification.clearance_kernels import Around, CurveArrays, Need, Paths, certified_clearance
+from comove.verification.certificate import Paths, certify, certify_curve
+from comove.verification.clearance_kernels import CurveArrays
 from tests.cases import examples
 
 ROUNDING = 1e-9  # m
@@ -94,17 +96,16 @@ def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     )
     motion = random_motion(scene, rng)
     nodes = motion.coordinates.nodes(np.ascontiguousarray(motion.knots[0].T[None]))[0]
-    n_knots, body, wide = len(nodes), scene.body, (np.full(3, -9.0), np.full(3, 9.0))
-    straight, still = np.zeros((n_knots - 1, nodes.shape[1])), Paths(np.zeros((0, 1, 3)), np.zeros((0, 0)))
+    n_knots = len(nodes)
+    straight, time = np.zeros((n_knots - 1, nodes.shape[1])), np.linspace(0.0, DURATION, n_knots)
     shift = np.linspace(0.0, 1.0, n_knots)[:, None] * np.array(velocity)
-    along = Paths(shift[:, None], np.zeros((n_knots - 1, 1)))
-    need, shape = Need(0.0, 1e-4, 1e-7, 1e-12, 2_000_000, 300_000), (body.edges, body.radii)
-    around = Around(scene.obstacles, still, *wide, need)
-    at_rest = certified_clearance(CurveArrays(nodes, straight), *shape, around)
+    still = Paths.of(scene, time)
+    wide = replace(scene, lower=np.full(3, -9.0), upper=np.full(3, 9.0))
+    at_rest = certify_curve(wide, CurveArrays(nodes, straight), time, still)
     moved = CurveArrays(nodes + shift[:, None], straight)
-    together = certified_clearance(moved, *shape, around._replace(paths=along))
-    assert together[0] == pytest.approx(at_rest[0], abs=2e-4)
-    assert together[1] == pytest.approx(at_rest[1], abs=2e-4)
+    together = certify_curve(wide, moved, time, still._replace(offset=shift[:, None]))
+    assert together.lower == pytest.approx(at_rest.lower, abs=2e-4)
+    assert together.upper == pytest.approx(at_rest.upper, abs=2e-4)
 
 
 def test_what_comes_between_the_samples_is_met():
