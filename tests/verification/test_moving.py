@@ -12,7 +12,9 @@ from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification import verify
 from comove.verification.certificate import Paths, certify, certify_curve
 from comove.verification.clearance_kernels import CurveArrays
+from tests import brute_force
 from tests.cases import examples
+from tests.verification.random_motions import random_obstacle
 
 ROUNDING = 1e-9  # m
 DURATION = 4.0  # s
@@ -85,6 +87,28 @@ def test_nothing_is_certified_above_the_truth_and_hardly_below(n_dims, load, see
     if truth > 0.0:  # deep inside, where distances have kinks, samples say less
         assert clearance.lower >= truth - 3e-3
         assert clearance.upper >= clearance.lower
+
+
+@pytest.mark.parametrize("n_dims", [2, 3])
+@examples(40)
+@given(seed=st.integers(0, 2**32 - 1), n_knots=st.integers(2, 30))
+def test_what_turns_between_knots_far_apart_is_met(n_dims, seed, n_knots):
+    """A bar that goes straight, known at few instants, among obstacles that turn up to three times a second."""
+    rng = np.random.default_rng(seed)
+    obstacles = [random_obstacle(rng, n_dims, 1.0) for _ in range(3)]
+    for obstacle in obstacles:
+        obstacle["center"] = rng.uniform(0.3, 0.7, n_dims).tolist()
+    scene = carrying(n_dims, {"shape": "bar", "length": 0.2, "radius": 0.01}, obstacles)
+    ends, share = np.stack([scene.nodes_at(end) for end in ("start", "goal")]), np.linspace(0.0, 1.0, n_knots)
+    nodes = ends[0] + share[:, None, None] * (ends[1] - ends[0])
+    straight = CurveArrays(nodes, np.zeros((n_knots - 1, nodes.shape[1])))
+    time, dense = DURATION * share, np.linspace(0.0, DURATION, 3001)
+    found = certify_curve(scene, straight, time, Paths.of(scene, time))
+    hands = scene.start + dense[:, None, None] / DURATION * (scene.goal - scene.start)
+    a, b, radii = brute_force.body_of(scene, hands)
+    points = a[:, :1] + np.linspace(0.0, 1.0, 41)[:, None] * (b - a)[:, :1]
+    truth = brute_force.point_clearance(scene, points, dense).min() - radii[0]
+    assert found.lower <= truth + ROUNDING
 
 
 @given(velocity=st.tuples(*[st.floats(-1.0, 1.0)] * 3), seed=st.integers(0, 1000))

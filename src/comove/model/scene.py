@@ -507,21 +507,19 @@ class Scene:
         of_each = [still if motion is None else of(motion) for motion in self.motions]
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
 
-    def obstacles_at(self, time: float) -> Array:
-        """Return the table of the obstacles with their positions at an instant [s]."""
-        if not self.moving.any():
+    def obstacles_at(self, time: float, centers: Array | None = None) -> Array:
+        """Return the table of the obstacles with their poses at an instant [s].
+
+        Parameters
+        ----------
+        centers : array, shape (n_obstacles, 3), where their centres are, if not where the scene says [m]
+        """
+        if not self.moving.any() and centers is None:
             return self.obstacles
         now = np.array([time])
-        return self._displaced(self.obstacles, self.owners, self.offsets(now)[0], self.turns(now)[0])
-
-    def _displaced(self, table: Array, owners: NDArray[np.int64], offsets: Array, turns: Array) -> Array:
-        """Return rows of the table displaced by offsets [m] and turns [rad] of all obstacles, (n_obstacles, 3)."""
-        table = table.copy()
-        table[:, sd.CENTER : sd.CENTER + 3] += offsets[owners]
-        own = np.flatnonzero(turns[owners].any(axis=1))
-        axes = table[own, sd.ROTATION : sd.ROTATION + 9].reshape(-1, 3, 3)
-        table[own, sd.ROTATION : sd.ROTATION + 9] = (rotations(turns[owners[own]]) @ axes).reshape(-1, 9)
-        return table
+        if centers is None:
+            centers = self.centers + self.offsets(now)[0]
+        return _placed(self.obstacles, self.owners, centers, self.turns(now)[0])
 
     @property
     def speed_limit(self) -> float:
@@ -664,7 +662,7 @@ class Scene:
         """
         body, own, (offsets, turns) = self.body, self.convex_rows, displaced
         rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
-        table = self._displaced(self.obstacles[rows], self.owners[rows], offsets, turns)
+        table = _placed(self.obstacles[rows], self.owners[rows], self.centers + offsets, turns)
         found = sd.configuration_distance(nodes, body.edges, body.radii, table, lower, upper)
         if len(body.solids):
             found = min(found, solids_clearance(nodes, body.solids, table, lower, upper))
@@ -723,6 +721,15 @@ class Scene:
             found.append([*group.members, *range(corner, corner + len(group.corners))])
             corner += len(group.corners)
         return tuple(found)
+
+
+def _placed(table: Array, owners: NDArray[np.int64], centers: Array, turns: Array) -> Array:
+    """Return rows of the table at centres [m] and turned [rad], by obstacle; arrays, shape (n_obstacles, 3)."""
+    table, own = table.copy(), np.flatnonzero(turns[owners].any(axis=1))
+    table[:, sd.CENTER : sd.CENTER + 3] = centers[owners]
+    axes = table[own, sd.ROTATION : sd.ROTATION + 9].reshape(-1, 3, 3)
+    table[own, sd.ROTATION : sd.ROTATION + 9] = (rotations(turns[owners[own]]) @ axes).reshape(-1, 9)
+    return table
 
 
 @lru_cache(maxsize=8)  # a search asks for them in every generation
