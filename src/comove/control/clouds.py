@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.control.observers import Observer
 from comove.control.safety.cbf_qp import Sighting
@@ -25,8 +26,6 @@ from comove.geometry.solids import N_CORNERS
 from comove.model.scene import FAR, MovingBody, Scene
 from comove.model.shapes import inside_polygon
 from comove.verification.bounds import lengths
-
-Array = NDArray[np.float64]
 
 AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # diagonal of a rotation matrix
 
@@ -187,12 +186,12 @@ class Scanned(Clouds):
 
     def cloud(self, time: float) -> Array:
         """Return the points of the cloud at an instant [s]; array, shape (n_points, n_dims) [m]."""
-        n, table = self.scene.n_dims, self.scene.obstacles.copy()
+        n = self.scene.n_dims
+        table = self.scene.obstacles_at(time, self._truth.ground_truth(np.array([time]))[0])
         if (table[:, sd.KIND] == sd.POLYTOPE).any():
             raise OptionError(
                 "clouds of meshes are not made up", way_out="give boxes or spheres in their place"
             )
-        table[:, sd.CENTER : sd.CENTER + 3] = self._truth.ground_truth(np.array([time]))[0]
         spacing, nodes = self.scanner.spacing, self._nodes(time)
         parts = [surface(row, n, spacing, self._rng) for row in table]
         if nodes is not None:

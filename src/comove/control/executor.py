@@ -11,8 +11,8 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.control.loop import ControlLoop
 from comove.control.observers import Known, Observer, going_on
 from comove.control.replanning import SETTINGS, Pace, Plan, PlanReplanner
@@ -31,8 +31,6 @@ from comove.planning.search import Interruption
 from comove.processes import one_blas_thread
 from comove.verification.record import Record
 from comove.verification.verify import VerifiedMotion
-
-Array = NDArray[np.float64]
 
 
 class Executor(ControlLoop):

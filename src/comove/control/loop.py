@@ -15,15 +15,13 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.control.observers import Observer
 from comove.control.safety.cbf_qp import NO_JOINTS, NOTHING, Allowed, JointState, SafetyFilter
 from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

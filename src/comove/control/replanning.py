@@ -12,7 +12,6 @@ import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.control.loop import ControlLoop, Reference, Replanner
 from comove.control.safety.cbf_qp import MAX_PERIOD
@@ -31,8 +30,6 @@ from comove.planning.clock import Budget
 from comove.planning.methods import Guide, Quick
 from comove.planning.solver import solve
 from comove.verification.certificate import certify
-
-Array = NDArray[np.float64]
 
 NO_PLAN = "no plan yet"
 

@@ -22,8 +22,8 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.control.safety.control_points import moved_obstacles
 from comove.control.safety.limits import bent_limits, broken_limits, length_of, limit_rows
@@ -40,7 +40,6 @@ from comove.geometry.distances import CENTER, REACH, TINY, distance_and_gradient
 from comove.geometry.solids import empty_solid, solid_at
 from comove.model.coordinates import HandPoses
 
-Array = NDArray[np.float64]
 Direction = tuple[float, float, float]
 
 BEND = 0.05  # of a distance: allowance of a step for second-order terms

@@ -33,8 +33,8 @@ from typing import NamedTuple, Protocol
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.control.safety.cbf_constraints import RESERVE, first_rows, missing_rows, rate
 from comove.control.safety.control_points import load_points
 from comove.control.safety.qp_workspace import (
@@ -52,8 +52,6 @@ from comove.control.safety.twists import group_nodes
 from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
 from comove.ties import first_largest
-
-Array = NDArray[np.float64]
 
 NOTHING = -2
 """What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
@@ -130,7 +128,7 @@ class JointRows(Protocol):
         poses: HandPoses,
         joints: JointState,
         sighting: Sighting,
-        same: NDArray[np.int64],
+        same: Integers,
     ) -> int:
         """Write the fixed rows first, and others from row `m` on; return the number of rows.
 

@@ -8,12 +8,10 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.control.safety.qp_workspace import LIMIT, QP
-
-Array = NDArray[np.float64]
 
 INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
 ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: rounding error, and factor for far outside

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.control.safety.control_points import LoadPoints
 from comove.geometry.closest_points import N_PARTS
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 BORDER, HANDS, LIMIT = -1, -2, -3
 """Who asks for a row, where it is no obstacle: the border, a hand of another body, a limit of the hands."""
@@ -35,12 +33,12 @@ class Freedom(NamedTuple):
     """
 
     basis: Array
-    axis: NDArray[np.int64]
+    axis: Integers
     scale: Array
     idle: Array
     spread: Array
     lever: Array
-    pairs: NDArray[np.int64]
+    pairs: Integers
     apart: Array
     lower: Array
     upper: Array
@@ -117,8 +115,8 @@ class QPWorkspace(NamedTuple):
     linear: Array
     rows: Array
     low: Array
-    owner: NDArray[np.int64]
-    body: NDArray[np.int64]
+    owner: Integers
+    body: Integers
     hands: Array
     rotation: Array
     nodes: Array

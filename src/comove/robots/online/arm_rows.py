@@ -12,8 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.control.safety.cbf_qp import JointState
 from comove.control.safety.qp_workspace import LIMIT, QP, Sighting
 from comove.control.safety.twists import nodes_of
@@ -30,8 +30,6 @@ from comove.robots.online.link_rows import (
     most_rows,
 )
 from comove.robots.search.following import Arms
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,7 @@ class ArmRows:
         poses: HandPoses,
         joints: JointState,
         sighting: Sighting,
-        same: NDArray[np.int64],
+        same: Integers,
     ) -> int:
         """Write the fixed rows first, and those of links from row `m` on; return the number of rows."""
         work, basis, n_obstacles = qp.work, qp.freedom.basis[0], len(same)

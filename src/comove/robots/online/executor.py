@@ -17,9 +17,9 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comove.arrays import Array
 from comove.control.clouds import Clouds
 from comove.control.loop import ControlLoop, ExecutionLog, Reference
 from comove.control.observers import Functions, Observer
@@ -43,8 +43,6 @@ from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
 from comove.robots.solving import solve_joints
 from comove.robots.verification.verify import VerifiedJointMotion
-
-Array = NDArray[np.float64]
 
 SHARES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)  # of a twist, tried in turn
 HOLDING = Iteration(gain=0.0, keep=0.0, tolerance=1e-10, steady=np.inf, most=30)

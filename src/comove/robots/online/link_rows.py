@@ -16,8 +16,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.control.safety.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
 from comove.control.safety.limits import length_of
@@ -34,8 +34,6 @@ from comove.robots.search.links import (
     nearest_shares,
     place_links,
 )
-
-Array = NDArray[np.float64]
 
 
 class LinkNeeds(NamedTuple):
@@ -78,8 +76,8 @@ class LinkRows(NamedTuple):
     speed: Array
     rows: Array
     low: Array
-    owner: NDArray[np.int64]
-    filled: NDArray[np.int64]
+    owner: Integers
+    filled: Integers
 
 
 def most_rows(arms: Arms, n_obstacles: int) -> int:

@@ -15,8 +15,8 @@ from itertools import pairwise
 from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.control.loop import ControlLoop, Reference, Replanner
 from comove.control.safety.qp_workspace import Sighting
 from comove.dmp.arguments import require_positive
@@ -35,8 +35,6 @@ from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import Arms
 from comove.robots.search.planner import plan_with_arms
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
