@@ -15,7 +15,7 @@ import numpy as np
 from comove.arrays import Array
 from comove.control.loop import ControlLoop
 from comove.control.observers import Known, Observer, going_on
-from comove.control.replanning import SETTINGS, Pace, Plan, PlanReplanner
+from comove.control.replanning import Pace, Plan, PlanReplanner
 from comove.control.safety.cbf_qp import NOTHING, FilterSettings, SafetyFilter
 from comove.control.safety.twists import nodes_of
 from comove.dmp.arguments import require_positive
@@ -31,6 +31,10 @@ from comove.planning.search import Interruption
 from comove.processes import one_blas_thread
 from comove.verification.record import Record
 from comove.verification.verify import VerifiedMotion
+
+CATCH_UP = 0.1  # s, time constant of the return to a plan
+SPARE = 5e-4  # m on top of the scene's clearance, as an execution is verified between its steps as well
+AT_GOAL, AT_REST = 5e-4, 5e-4  # m and m/s, at which an execution ends
 
 
 class Executor(ControlLoop):
@@ -88,11 +92,11 @@ class Executor(ControlLoop):
             scene,
             Known(scene) if observer is None else observer,
             pace.period,
-            catch_up=SETTINGS.catch_up,
-            at_goal=SETTINGS.at_goal,
-            at_rest=SETTINGS.at_rest,
+            catch_up=CATCH_UP,
+            at_goal=AT_GOAL,
+            at_rest=AT_REST,
         )
-        self.filter = SafetyFilter(scene, pace.period, FilterSettings(spare=SETTINGS.spare))
+        self.filter = SafetyFilter(scene, pace.period, FilterSettings(spare=SPARE))
         self.replanner: PlanReplanner = PlanReplanner(movements, seed, pace)
         self._interruption = Interruption()
         self.observer.carried(self.time, nodes_of(scene, self.poses))
