@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from comove.geometry.distances import ROTATION
 from comove.geometry.polytopes import vertices_in
-from comove.geometry.rotations import quaternion_of_rotation
+from comove.geometry.rotations import exponential, quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.sim.engine import STIFF, THE_LOAD, engine
@@ -148,6 +148,14 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
         geom.quat = quaternion_of_rotation(row[ROTATION : ROTATION + 9].reshape(3, 3))
         geoms.append(geom)
     return geoms
+
+
+def move_obstacles(world: World, data: Any, scene: Scene, time: float, centers: Array) -> None:
+    """Put the obstacles that move at centres, array of shape (n_obstacles, 3) [m], turned as at an instant [s]."""
+    turned = exponential(scene.turns(np.array([time]))[0])
+    for i in np.flatnonzero(scene.moving).tolist():
+        mocap = world.model.body(moving_body(i)).mocapid[0]
+        data.mocap_pos[mocap], data.mocap_quat[mocap] = centers[i], turned[i]
 
 
 def moving_body(obstacle: int) -> str:

@@ -231,7 +231,8 @@ def _views(
     scene: Scene, curve: CurveArrays, paths: Paths
 ) -> Iterator[tuple[CurveArrays, Rows, list[MeshAround]]]:
     """Yield the curve as obstacles see it, and these obstacles: first all that stand, then each one that moves."""
-    moves = paths.offset.any(axis=(0, 2)) | paths.turn.any(axis=(0, 2)) | paths.sagitta.any(axis=0)
+    displaced = np.concatenate([paths.offset, paths.turn], axis=2).any(axis=(0, 2))
+    moves = np.asarray(displaced | paths.sagitta.any(axis=0))
     for own in (np.flatnonzero(~moves), *np.flatnonzero(moves)[:, None]):
         rows = scene.convex_rows & np.isin(scene.owners, own)
         meshes = np.flatnonzero(np.isin(scene.surfaces.owner, own))

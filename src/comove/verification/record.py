@@ -41,7 +41,8 @@ class Record:
     time : array, shape (n_steps,), evenly spaced, from 0 [s]
     center : array, shape (n_steps, n_groups, 3), origins of the rigid groups' frames [m]
     quaternion : array, shape (n_steps, n_groups, 4), orientations of the rigid groups, w x y z
-    obstacles : array, shape (n_steps, n_obstacles, 3), true positions of the obstacles' centres [m]
+    obstacles : array, shape (n_steps, n_obstacles, 3), true positions of the obstacles' centres [m]; they turn as the
+        scene says
     sagitta : array, shape (n_steps - 1, n_obstacles), largest distance of these from their chords [m]
     """
 
@@ -53,6 +54,10 @@ class Record:
     quaternion: Array
     obstacles: Array
     sagitta: Array
+
+    def table(self, step: int) -> Array:
+        """Return the table of the obstacles with their true poses at a step."""
+        return self.scene.obstacles_at(float(self.time[step]), self.obstacles[step])
 
     @cached_property
     def nodes(self) -> Array:
