@@ -103,11 +103,11 @@ class CertificateSettings:
         most = self.most_cells, self.most_halves
         return Need(scene.clearance, self.loose * unit, self.tight * unit, rounding, *most)
 
-    def turned(self, scene: Scene) -> Array:
-        """Return normalised times between which points of turning obstacles stray from their chords by little."""
+    def turned(self, scene: Scene, duration: float) -> Array:
+        """Return times between which points of turning obstacles stray from their chords by little [s]."""
         bend = np.linalg.norm(scene.spins, axis=1) * scene.obstacle_speeds
-        finest = scene.duration * np.sqrt(bend.max(initial=0.0) / (8 * self.strays))
-        return np.linspace(0.0, 1.0, int(min(np.ceil(finest), self.most_knots)) + 1)
+        finest = duration * np.sqrt(bend.max(initial=0.0) / (8 * self.strays))
+        return np.linspace(0.0, duration, int(min(np.ceil(finest), self.most_knots)) + 1)
 
 
 SETTINGS = CertificateSettings()
@@ -168,8 +168,8 @@ def certify(
     deviation = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
     if len(scene.obstacle_kinks) or since > 0 or scene.turning.any():
         # Between kinks obstacles go straight, or on circles; those that turn fast are looked at more often.
-        s = np.concatenate([s, scene.obstacle_kinks / scene.duration, [since], settings.turned(scene)])
-        s = np.unique(s)
+        times = np.concatenate([scene.obstacle_kinks, settings.turned(scene, scene.duration)])
+        s = np.unique(np.concatenate([s, [since], times / scene.duration]))
         s = s[s >= since]
         q = motion.at(s)[0]
         k = np.minimum((0.5 * (s[1:] + s[:-1]) / INTERVAL).astype(int), N_INTERVALS - 1)
