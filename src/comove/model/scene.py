@@ -17,15 +17,16 @@ import comove
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
-from comove.geometry.rotations import exponential, quaternion_product
+from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
-from comove.io.keys import scaled
+from comove.io.keys import Wrong, scaled
 from comove.model.constraints import (
     Constraint,
     DistanceConstraint,
     Hands,
+    PlaneConstraint,
     SeparationConstraint,
     UprightConstraint,
     UprightKeys,
@@ -762,7 +763,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
     }
     n_dims, n_hands = file.dimension, len(file.names)
     given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
-    explicit = _resolved(file, spatial(given[0]))
+    explicit = _resolved(file, spatial(given[0]), path)
     start, goal = spatial(given)
     bodies = LoadBodies(file, explicit, start, goal, path, held.get(LOAD))
     rigid = bodies.sets()
@@ -811,16 +812,21 @@ def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> d
     return found
 
 
-def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
+def _resolved(file: SceneFile, start: Array, path: object) -> tuple[Constraint, ...]:
     """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
-    hands = Hands(file.names, file.holder_numbers, start)
-    constraints = [keys.resolved(hands) for keys in file.constraints]
-    tilts = file.load is not None and file.load.start is not None
-    if (
-        file.grasp is not None
-        and not tilts
-        and not any(isinstance(c, UprightConstraint) for c in constraints)
-    ):
+    pose = None if file.load is None else file.load.start
+    turned = None if pose is None else matrices(np.array(pose.quaternion_wxyz))
+    hands = Hands(file.names, file.holder_numbers, start, turned, file.dimension)
+    constraints = list[Constraint]()
+    for i, keys in enumerate(file.constraints):
+        try:
+            constraints.append(keys.resolved(hands))
+        except Wrong as error:
+            message, way_out = error.args
+            raise SceneError(message, file=path, key=f"constraints[{i}]", way_out=way_out) from None
+    constraints += [c.turn for c in constraints if isinstance(c, PlaneConstraint)]
+    kept = any(isinstance(c, UprightConstraint) for c in constraints)
+    if file.grasp is not None and turned is None and not kept:
         # Hands that keep their tilt also keep the tilt of the load.
         constraints.append(UprightKeys(type="upright").resolved(hands))
     return tuple(constraints)

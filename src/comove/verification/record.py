@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from comove.brief import brief
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
-from comove.model.constraints import Course, RelativePoseConstraint, UprightConstraint
+from comove.model.constraints import Course
 from comove.model.scene import Scene
 from comove.verification.certificate import SETTINGS, Clearance, Paths, certify_curve
 from comove.verification.clearance_kernels import CurveArrays
@@ -108,6 +108,13 @@ class Record:
         axes = slice(0, 2) if self.scene.n_dims == 3 else slice(2, 3)
         return 0.5 * np.linalg.norm(self.spins[:, g, axes], axis=1) * np.diff(self.time)
 
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return a direction fixed in a hand's body at every step, and how far it leaves its chords within one."""
+        (g,) = {g for g, nodes in enumerate(self.scene.nodes_of_groups) if hand in nodes}
+        turns = matrices(self.quaternion[:, g])
+        stray = (self.spins[:, g] ** 2).sum(axis=1) * np.diff(self.time) ** 2 / 8
+        return turns @ (self.scene.groups[g].start.rotation.T @ own), stray
+
 
 @dataclass(frozen=True, eq=False)
 class RecordSamples:
@@ -139,7 +146,7 @@ class RecordSamples:
                 key="position",
                 way_out=f"give {shape[1]} hands in {shape[2]} dimensions at every time, 3 or more",
             )
-        unknown = [c for c in scene.constraints if isinstance(c, (UprightConstraint, RelativePoseConstraint))]
+        unknown = [c for c in scene.constraints if c.turning]
         if scene.body.n_nodes > len(scene.manipulators) or (unknown and scene.n_dims == 3):
             raise OptionError(
                 "hands do not tell how this load is turned", key="scene", way_out="take a bar or a frame"
@@ -174,6 +181,10 @@ class RecordSamples:
     def tilting(self, hands: Sequence[int]) -> Array:
         """Return zeros: the direction between two hands that go straight turns one way in a step."""
         return np.zeros(len(self.time) - 1)
+
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return infinite deviations, as nothing is known of how bodies are turned."""
+        return np.tile(own, (len(self.time), 1)), np.full(len(self.time) - 1, np.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -290,3 +301,7 @@ class _RecordCourse(Course):
     def tilting(self, hands: Sequence[int]) -> Array:
         """Return by how much lines between hands may tilt more within a step than at its ends."""
         return self.record.tilting(hands)
+
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return a direction of a body that a record knows."""
+        return self.record.direction(hand, own)
