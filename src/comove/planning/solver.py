@@ -181,11 +181,6 @@ def check_method(
     scene : scene that the method solves (`Method.scene_of`)
     functions : functions of the user
     hard : whether obstacles are constraints, not only costs
-
-    Raises
-    ------
-    OptionError
-        If the method is not made for it.
     """
     method.check(scene)
     smooth = isinstance(method, Comove) and method.smooths and planner and hard
@@ -459,13 +454,7 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
 
 
 def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> Procedure:
-    """Solve a problem of open duration with moving obstacles, by trying durations one after the other.
-
-    Raises
-    ------
-    OptionError
-        If there are functions of the user, or constraints that are sampled, which need a given duration here.
-    """
+    """Solve a problem of open duration with moving obstacles, by trying durations one after the other."""
     if problem.own is not None:
         raise OptionError(
             "functions of one's own, and constraints that are sampled, need a duration where obstacles move",

@@ -52,13 +52,7 @@ class Criterion:
         raise NotImplementedError
 
     def check_untaught(self) -> None:
-        """Refuse an objective that needs a demonstration, where there is none.
-
-        Raises
-        ------
-        OptionError
-            If it does.
-        """
+        """Refuse an objective that needs a demonstration, where there is none."""
 
     def pull(self, taught: bool) -> float:
         """Return the weight of the deviation from a demonstration; 0 if there is none or it is not used."""
