@@ -424,9 +424,9 @@ class Executor:
                     budget=budget,
                     progress=False,
                 )
-            left -= found.work
-            self.log.evaluations += found.evaluations
-            self.log.generations += found.generations
+            left -= found.effort.work
+            self.log.evaluations += found.effort.evaluations
+            self.log.generations += found.effort.generations
             if found.motion is not None or (
                 isinstance(method, Guide) and method.will_do(found.report, later)
             ):

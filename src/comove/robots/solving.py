@@ -189,7 +189,7 @@ def _with_transfers(
     before: Solution | None = None
     while True:
         found = yield from search(carrier, budget)
-        budget = budget.after(found.solve_time_s, found.work)
+        budget = budget.after(found.effort.seconds, found.effort.work)
         if before is not None:
             found = found.after(before)
         before = found
@@ -233,7 +233,7 @@ def _in_time(
     if timed:
         share = budget.within(timed_share * whole)
         first = yield from _searched(scene, carrier.on(scene), robot_method(), share, wanted)
-        budget = budget.after(first.solve_time_s, first.work)
+        budget = budget.after(first.effort.seconds, first.effort.work)
         if first.joints.verified or first.interrupted or budget.is_spent:
             return first
     method = replace(robot_method(), n_ways=1)
@@ -288,7 +288,7 @@ def _by_some_grasp(
             break
         part = left if k == len(ranked) - 1 else left.within(0.5 * left.size)
         solution = yield from _carried(choice, robot, part, dict(wanted), method, carriers)
-        work += solution.work
+        work += solution.effort.work
         if (solution.joints.verified and not solution.joints.without) or solution.interrupted:
             return solution
         if best is None or (solution.joints.verified and not best.joints.verified):

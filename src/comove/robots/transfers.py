@@ -249,13 +249,7 @@ class Retreat:
         return replace(bodies, names=tuple(names))
 
     def require_apart(self) -> None:
-        """Refuse other joints at which bodies of the robot and obstacles meet.
-
-        Raises
-        ------
-        RobotError
-            If they do, by the exact bodies.
-        """
+        """Refuse other joints at which bodies of the robot and obstacles meet."""
         bodies = self.bodies.some(self.bodies.kind != LOAD)
         room = Room(bodies, self.robot.arms, -bodies.required[bodies.kind] - bodies.taken)
         if near := room.contact(self.other):
@@ -266,13 +260,7 @@ class Retreat:
             )
 
     def require_free_rest(self) -> None:
-        """Refuse other joints that are not free.
-
-        Raises
-        ------
-        RobotError
-            If bodies come too near to each other there.
-        """
+        """Refuse other joints that are not free."""
         room = self._room(self.other)
         if near := room.contact(self.other):
             what, mend = "release", "give another home in the robot's description"
@@ -373,13 +361,7 @@ def _withdrawal(
 def _drawn_back(
     robot: Robot, scene: Scene, grasp: Array, height: float, end: str, how: TransferSettings
 ) -> Array:
-    """Compute the joints while the hands draw back straight from the load; array, shape (straight_steps, n_joints).
-
-    Raises
-    ------
-    RobotError
-        If an arm does not reach so far.
-    """
+    """Return the joints while the hands draw back straight from the load, shape (straight_steps, n_joints)."""
     rows, straight = np.repeat(grasp[None], how.straight_steps, axis=0), how.straight
     for name in scene.file.holders:
         arm = robot.arm(name)

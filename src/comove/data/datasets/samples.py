@@ -210,11 +210,6 @@ def chosen_rate(rate: int | None, cameras: Mapping[str, Any] | None) -> int:
     Parameters
     ----------
     cameras : what a study says of its cameras; None without them
-
-    Raises
-    ------
-    OptionError
-        If the rate is out of range, or not that of the cameras.
     """
     taken = None if cameras is None else cameras["rate"]
     if rate is None:
@@ -300,13 +295,7 @@ def _figures(verified: VerifiedMotion) -> dict[str, Any]:
 
 
 def require_alike(episode: EpisodeSamples, first: EpisodeSamples) -> None:
-    """Refuse an episode whose columns are not those of the first, which one dataset could not hold.
-
-    Raises
-    ------
-    ResultError
-        If hands or obstacles differ.
-    """
+    """Refuse an episode whose columns are not those of the first, which one dataset could not hold."""
     for one, other in (
         (episode.state_names, first.state_names),
         (episode.environment_names, first.environment_names),
