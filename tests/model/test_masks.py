@@ -1,4 +1,4 @@
-"""What constraints keep of a payload's pose is kept by construction and certified; the oracle is scipy's Rotation."""
+"""What constraints keep of a pose is kept by construction, and certified; the oracle is scipy's Rotation."""
 
 import warnings
 from copy import deepcopy

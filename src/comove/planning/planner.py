@@ -11,8 +11,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.geometry.distances import CENTER, REACH, ROTATION, point_distance
 from comove.model.blocks import keep_mask
@@ -29,8 +29,6 @@ from comove.planning.configurations import (
     span,
 )
 from comove.planning.trees import copy_to, rrt_connect, shortened
-
-Array = NDArray[np.float64]
 
 
 class ForestSettings(NamedTuple):

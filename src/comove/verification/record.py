@@ -20,8 +20,8 @@ from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
 from comove.model.constraints import Course
 from comove.model.scene import Scene
-from comove.verification.certificate import Clearance, certify_curve
-from comove.verification.clearance_kernels import CurveArrays, Paths
+from comove.verification.certificate import Clearance, Paths, certify_curve
+from comove.verification.clearance_kernels import CurveArrays
 from comove.verification.verify import Report, broken_limits, examine, measures, support_measures
 
 Array = NDArray[np.float64]
@@ -250,8 +250,7 @@ def clearance_of(record: Record | RecordSamples) -> Clearance:
         share = ((cut - time[k]) / (time[k + 1] - time[k]))[:, None, None]
         nodes, chord_deviations = (1 - share) * nodes[k] + share * nodes[k + 1], chord_deviations[k[:-1]]
         obstacles, sagitta, time = scene.centers + scene.offsets(cut), scene.obstacle_sagittas(cut), cut
-    offsets = scene.by_row(obstacles - scene.centers)
-    paths = Paths(offsets if offsets.any() else offsets[:0], scene.by_row(sagitta))
+    paths = Paths(obstacles - scene.centers, scene.turns(time), sagitta)
     return certify_curve(scene, CurveArrays(nodes, chord_deviations), time, paths)
 
 

@@ -14,8 +14,8 @@ from math import sqrt
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.lab.peers.common import Best, Peer, independent_distances, needed, timed
 from comove.lab.systems import Offers, SystemProblem
@@ -25,8 +25,6 @@ from comove.model.scene import Scene
 from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
 from comove.planning.planner import along
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 MODULES = ("ompl.base", "ompl.geometric", "ompl.util")
 
@@ -345,7 +343,7 @@ def motion_is_free(space: Space, p: Array, q: Array, step: float, margin: float)
 
 @kernel
 def distance_errors(
-    x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, errors: Array, slopes: Array
+    x: Array, pairs: Integers, wanted: Array, n_dims: int, errors: Array, slopes: Array
 ) -> None:
     """Compute the errors of distances [m] and their derivatives, in place.
 
@@ -368,9 +366,7 @@ def distance_errors(
 
 
 @kernel
-def _project(
-    x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, tolerance: float, most: int
-) -> bool:
+def _project(x: Array, pairs: Integers, wanted: Array, n_dims: int, tolerance: float, most: int) -> bool:
     n = pairs.shape[0]
     errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))
     for _ in range(most):

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.dmp.basis import MotionBasis
 from comove.dmp.system import N_INTERVALS
 from comove.model.blocks import Blocks
@@ -27,8 +27,6 @@ from comove.planning.convex.leaning import Leaning
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
 from comove.planning.convex.quadratic import QuadraticSettings
-
-Array = NDArray[np.float64]
 
 FOLLOWED = 2  # samples of which one is looked at by what follows
 GAUGE_EVERY = 4  # samples between those at which the lengths of directions and quaternions are evaluated
@@ -233,7 +231,7 @@ class ConvexProgramme:
         self.free, self.leaning = coordinates.free, Leaning.of(coordinates, boundary)
         self.fine, self.coarse = (grid(basis, boundary, n, free=self.free) for n in (n_fine, n_coarse))
         self.fine_rate = grid(basis, boundary, n_fine, order=1, free=self.free)
-        self.offsets = scene.offsets_along(n_fine)
+        self.offsets = scene.displacements_along(n_fine).offsets
         self.limits = limits or Limits.of(scene, scene.duration)
         self.normed = [
             (
@@ -361,7 +359,7 @@ class ConvexProgramme:
         _, distances = self.follower.follow(self.hands(self.fine.q(z))[0][::FOLLOWED])
         return bool((distances.min(axis=0) >= self.follower.required(0.0)).all())
 
-    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, Integers]:
         """Return rows A and bounds b of the linearised clearances, ``A dz >= b``, and the owner of each row; kinds of
         distances of what follows count as owners after all others.
         """
