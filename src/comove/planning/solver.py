@@ -20,6 +20,7 @@ from comove.dmp.operations import scale
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError, SceneError
+from comove.model.free_goals import FreeGoal
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.arguments import (
@@ -331,10 +332,11 @@ def _by_some_choice(problem: Problem) -> Procedure:
 
     Those with contacts at an end are left out. Each of the others has half of the work that is left, the last all.
     """
-    free = list[Scene]()
-    for choice in problem.scene.alternatives:
-        with suppress(SceneError):
-            free.append(choice.require_free_ends())
+    free, scene = list[Scene](), problem.scene
+    for option in scene.file.choices or ():
+        for turn in [0.0] if option.free is None else FreeGoal(scene, option).turns():
+            with suppress(SceneError):
+                free.append(scene.put_down(option, turn).require_free_ends())
     if not free:
         problem.scene.require_free_ends()  # which says what is touched
     best: Solution | None = None

@@ -340,17 +340,8 @@ class EndJoints:
         joints : array, shape (n_solutions, n_joints), of all arms
         missing : array, shape (n_solutions,), residuals [m]
         """
-        chains = self.arms.chains
-        *_, forms = of_robot(self.robot, self.holders)
-        if (form := forms[i]) is not None:
-            seeds = closed_seeds(form, chains, i, rotation, point, posture, self.settings.n_angles)
-            if len(seeds):
-                joints, missing = solutions(chains, i, rotation, point, posture, seeds)
-                if missing.min() <= MET:
-                    return joints, missing
-        rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
-        return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
+        how = self.settings
+        return solved_for(self.robot, self.holders, i, rotation, point, posture, n_seeds, how.n_angles)
 
     def _homely(self, joints: Array, posture: Array) -> Array:
         """Return the distinct solutions of one arm, nearest to a posture first; `joints` has the shape (n, n_joints
@@ -447,6 +438,29 @@ def of_robot(
     chains = chains_of(robot, holders)
     forms = tuple(closed_form(chains, i) for i in range(len(holders)))
     return chains, links_of(robot, holders), ranges_of(chains), forms
+
+
+def solved_for(
+    robot: Robot,
+    holders: tuple[Arm, ...],
+    i: int,
+    rotation: Array,
+    point: Array,
+    posture: Array,
+    n_seeds: int,
+    n_angles: int = EndSettings.n_angles,
+) -> tuple[Array, Array]:
+    """Solve the pose of one hand as `EndJoints` does; arguments and results are those of its method `_solutions`."""
+    chains, _, _, forms = of_robot(robot, holders)
+    if (form := forms[i]) is not None:
+        seeds = closed_seeds(form, chains, i, rotation, point, posture, n_angles)
+        if len(seeds):
+            joints, missing = solutions(chains, i, rotation, point, posture, seeds)
+            if missing.min() <= MET:
+                return joints, missing
+    rng = np.random.default_rng(0)
+    draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
+    return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
 
 
 def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

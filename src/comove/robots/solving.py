@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -27,6 +27,7 @@ from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
 from comove.robots.carrying import RobotCarrier
+from comove.robots.choosing import EXACT, Reach
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
@@ -158,7 +159,7 @@ def _carried(
 ) -> Procedure:
     """Carry; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`."""
     at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
-    if len(scene.alternatives) > 1:
+    if scene.file.choices is not None or len(scene.alternatives) > 1:
         return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None}))
     (scene,) = scene.alternatives
     begun = now()
@@ -267,34 +268,66 @@ def _by_some_grasp(
     Grasps that are out of reach, or by which bodies are too near at an end, are left out. Each of the others has half
     of the work that is left, the last all of it.
     """
-    ranked, first = list[tuple[float, Scene]](), None
     begun, work = now(), 0.0
-    for choice in scene.alternatives:
-        try:
-            carrier = RobotCarrier(robot, choice.timed(1.0), **carriers)
-            carrier.require_reach()
-            carrier.require_clear_ends()
-            ranked.append((round(carrier.turning, 6), choice))
-        except (SceneError, RobotError) as error:
-            first = first or error
-    if not ranked:
-        assert first is not None, "scenes that leave the grasp open have alternatives"
-        raise first
-    ranked.sort(key=lambda pair: pair[0])
+    with compiling() as compiled:
+        ways = _clear_ways(scene, robot, carriers)
+        choice: Scene | None = next(ways)
+    begun += compiled.seconds
     best: Solution | None = None
-    for k, (_, choice) in enumerate(ranked):
-        left = budget.after(now() - begun, work)
+    while choice is not None:
+        left, following = budget.after(now() - begun, work), next(ways, None)
         if best is not None and left.is_spent:
             break
-        part = left if k == len(ranked) - 1 else left.within(0.5 * left.size)
+        part = left if following is None else left.within(0.5 * left.size)
         solution = yield from _carried(choice, robot, part, dict(wanted), method, carriers)
         work += solution.effort.work
         if (solution.joints.verified and not solution.joints.without) or solution.interrupted:
             return solution
         if best is None or (solution.joints.verified and not best.joints.verified):
             best = solution
+        choice = following
     assert best is not None, "one was tried"
     return best
+
+
+def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterator[Scene]:
+    """Yield the ways to hold and put down the payload by which nothing is too near at the ends, likely ones first.
+
+    Where a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how
+    far joints turn.
+
+    Raises
+    ------
+    SceneError, RobotError
+        If there is none.
+    """
+    reach, n_found, first = Reach(robot, scene), 0, None
+    choices = scene.file.choices or ()
+    if len(choices) > EXACT or any(choice.free is not None for choice in choices):
+        ways = iter(partial(scene.put_down, *way) for way in reach.ranked())
+    else:
+        ways = iter(partial(replace, alternative) for alternative in scene.alternatives)
+    while True:
+        clear = list[tuple[float, Scene]]()
+        for way in ways:
+            try:
+                choice = way()
+                carrier = RobotCarrier(robot, choice.timed(1.0), **carriers)
+                carrier.require_reach()
+                carrier.require_clear_ends()
+                clear.append((round(carrier.turning, 6), choice))
+            except (SceneError, RobotError) as error:
+                first = first or error
+            if choices and len(clear) == EXACT:
+                break
+        if not clear:
+            break
+        n_found += len(clear)
+        yield from (choice for _, choice in sorted(clear, key=lambda one: one[0]))
+    if not n_found:
+        if first is None:  # which says what is missing
+            RobotCarrier(robot, scene.put_down(reach.nearest()).timed(1.0), **carriers).require_reach()
+        raise first or RobotError("no arms reach the grasps", key="grasps")
 
 
 def robot_method() -> Comove:

@@ -278,7 +278,8 @@ def _solved_on(drawn: Scene, motion: CoordinatedMotion) -> Iterator[Scene]:
     hasty = drawn.file.objective is not None and drawn.file.objective.type == "least_time"
     if hasty or not drawn.is_timed:
         drawn = drawn.with_limits().timed(motion.scene.duration)
-    yield from (drawn, *drawn.alternatives)
+    load = motion.scene.file.load
+    yield from (drawn, *drawn.ways_to(None if load is None else load.goal))
 
 
 def _figures(verified: VerifiedMotion) -> dict[str, Any]:

@@ -589,12 +589,16 @@ class SceneKeys(Sparse):
 
 
 class GraspOption(Sparse):
-    """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal."""
+    """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal.
 
-    LATER = ("frames",)
+    The goal may be `free` to turn about the vertical (`yaw`), or about an axis of the payload.
+    """
+
+    LATER = ("frames", "free")
     grasps: dict[str, Vector]
     frames: dict[str, Quaternion] | None = None
     goal: PayloadPose
+    free: Literal["yaw", "x", "y", "z"] | None = None
 
 
 class SceneFile(SceneKeys):

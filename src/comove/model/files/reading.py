@@ -440,8 +440,10 @@ def _of_version_2(
         SceneFile2,
         converted,
         flaws_of,
+        with_arms,
     )
 
+    data = with_arms(data, folder)
     payload = data.get("payload")
     if isinstance(payload, dict) and "parts" in payload and "shape" not in payload:
         data = {**data, "payload": {"shape": "parts", **payload}}
