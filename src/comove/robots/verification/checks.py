@@ -50,8 +50,6 @@ def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
     if scene.n_dims != 3:
         return ["the scene is planar, and a robot moves in space; give the scene three coordinates"]
     reasons = []
-    if scene.moving.any():
-        reasons.append("obstacles of the scene move, and links are checked among obstacles that stand only")
     for name in scene.manipulators:
         try:
             robot.arm(name)
