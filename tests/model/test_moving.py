@@ -80,8 +80,8 @@ def test_obstacles_that_stand_have_no_motion():
     moving = scene(MOTIONS["velocity"])
     assert moving.moving.tolist() == [True, False]
     assert not moving.offsets(np.array([3.0]))[0, 1].any()
-    assert scene().offsets_along(11).shape == (0, 2, 3)
-    assert moving.offsets_along(11).shape == (11, 2, 3)
+    assert scene().displacements_along(11).offsets.shape == (0, 2, 3)
+    assert moving.displacements_along(11).offsets.shape == (11, 2, 3)
 
 
 def test_scenes_without_motion_keep_their_checksum():

@@ -29,6 +29,7 @@ from comove.model.constraints import (
     UprightConstraint,
     UprightKeys,
 )
+from comove.model.displacements import Displacements
 from comove.model.files.keys import DEFAULT_LIMITS, GraspChoice, GraspPart, PartsLoad, SceneFile, canonical
 from comove.model.files.reading import parsed, read_scene_file
 from comove.model.files.words import VERSION_1, Words
@@ -426,12 +427,18 @@ class Scene:
         time = self.begins + time
         return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
 
-    def offsets_along(self, n_steps: int) -> Array:
-        """Return the obstacles' offsets by row of the table at even times of the movement, as kernels take them.
+    def displacements(self, time: Array) -> Displacements:
+        """Return the displacements of the obstacles by row of the table, as kernels take them.
 
-        Array, shape (n_steps, n_rows, 3) [m]; (0, n_rows, 3) where no obstacle moves.
+        Parameters
+        ----------
+        time : array, shape (n_times,) [s]
         """
-        return _offsets_along(self, n_steps)
+        return Displacements.of(self.by_row(self.offsets(time)), self.obstacles[:, sd.CENTER : sd.CENTER + 3])
+
+    def displacements_along(self, n_steps: int) -> Displacements:
+        """Return the displacements at even times of the movement, without samples where no obstacle moves."""
+        return _displacements_along(self, n_steps)
 
     def obstacle_velocities(self, time: Array) -> Array:
         """Return the velocities of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m/s].
@@ -666,12 +673,9 @@ class Scene:
 
 
 @lru_cache(maxsize=8)  # a search asks for them in every generation
-def _offsets_along(scene: Scene, n_steps: int) -> Array:
-    offsets = np.zeros((0, len(scene.obstacles), 3))
-    if scene.moving.any():
-        offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, n_steps)))
-    offsets.setflags(write=False)  # in either case: kernels are compiled for what may be written, or may not
-    return offsets
+def _displacements_along(scene: Scene, n_steps: int) -> Displacements:
+    n_samples = n_steps if scene.moving.any() else 0
+    return scene.displacements(np.linspace(0.0, scene.duration, n_samples))
 
 
 def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:

@@ -225,7 +225,7 @@ class ConvexProgramme:
         self.load = moved_load(scene, coordinates)
         self.fine, self.coarse = grid(basis, boundary, n_fine), grid(basis, boundary, n_coarse)
         self.fine_rate = grid(basis, boundary, n_fine, order=1)
-        self.offsets = scene.offsets_along(n_fine)
+        self.offsets = scene.displacements_along(n_fine).offsets
         self.limits = limits or Limits.of(scene, scene.duration)
         self.normed = [
             (
