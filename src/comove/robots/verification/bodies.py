@@ -32,6 +32,7 @@ from comove.errors import ComoveWarning
 from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.model.files.keys import ROBOT_CLEARANCE
+from comove.model.moving import rotations
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
@@ -111,11 +112,20 @@ class Bodies:
             exact=number[self.exact[which]],
         )
 
-    def with_load_at(self, place: Array) -> Bodies:
-        """Place the load's bodies, in this geometry; array, shape (n_nodes, 3), its nodes [m]."""
+    def placed_at(self, place: Array, time: float = 0.0) -> Bodies:
+        """Place the load's bodies, in this geometry, and moving obstacles as they are at an instant.
+
+        Parameters
+        ----------
+        place : array, shape (n_nodes, 3), nodes of the load [m]
+        time : the instant [s]
+        """
         for rod, *spanned in self.rods:
             (turn,), (middle,) = placements(place[None], tuple(spanned))
             self.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
+        (turns,), (places,) = self.moving.placements(np.array([time]))
+        for body, turn, middle in zip(self.moving.body.tolist(), turns, places, strict=True):
+            self.geometry.geometryObjects[body].placement = pin.SE3(turn, middle)
         return self
 
     @cached_property
@@ -291,16 +301,19 @@ def _with_hulls(
     return pairs, np.array(exact, dtype=np.int64), convex | rough
 
 
-def obstacle_object(scene: Scene, i: int, name: str) -> Any:
-    """Return obstacle i of a scene as a pinocchio.GeometryObject: a mesh as its triangles, turned as in the scene."""
-    obstacle = scene.file.obstacles[i]
+def obstacle_object(scene: Scene, i: int, name: str, time: float = 0.0) -> Any:
+    """Return obstacle i of a scene, as it is at an instant [s], as a pinocchio.GeometryObject.
+
+    A mesh is one of triangles.
+    """
+    obstacle, now = scene.file.obstacles[i], np.array([time])
+    turned, center = rotations(scene.turns(now)[0, i]), np.array(obstacle.center) + scene.offsets(now)[0, i]
     if obstacle.shape == "mesh":
-        mesh, center = int(np.argmax(scene.surfaces.owner == i)), np.array(obstacle.center)
-        triangles = _triangles(scene.surfaces.of(mesh) - center)
-        return pin.GeometryObject(name, 0, pin.SE3(np.eye(3), center), triangles)
-    turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
-    placement = pin.SE3(turn, np.array(obstacle.center))
-    return pin.GeometryObject(name, 0, placement, OBSTACLE_SHAPES[obstacle.shape](obstacle))
+        mesh = int(np.argmax(scene.surfaces.owner == i))
+        triangles = _triangles(scene.surfaces.of(mesh) - scene.surfaces.center[mesh])
+        return pin.GeometryObject(name, 0, pin.SE3(turned, center), triangles)
+    turn = turned @ matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
+    return pin.GeometryObject(name, 0, pin.SE3(turn, center), OBSTACLE_SHAPES[obstacle.shape](obstacle))
 
 
 def _triangles(corners: Array) -> Any:

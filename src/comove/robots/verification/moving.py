@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.model.moving import rotations
 from comove.model.scene import Scene
 from comove.robots.motion import Ranges
 
@@ -74,13 +75,17 @@ class MovingObstacles:
         -------
         arrays, shape (n_steps, n_bodies, 3, 3) and (n_steps, n_bodies, 3) [m]
         """
-        offsets = self.scene.offsets(time)[:, self.obstacle[self.of]]
-        return np.broadcast_to(self.turn, (len(time), *self.turn.shape)), self.place + offsets
+        own = self.obstacle[self.of]
+        turns = rotations(self.scene.turns(time)[:, own]) @ self.turn
+        return turns, self.place + self.scene.offsets(time)[:, own]
 
     @cached_property
     def speed(self) -> Ranges:
-        """Return upper bounds of the speed of each moving obstacle [m/s]."""
-        scene = self.scene
+        """Return upper bounds of the speed of a point of each moving obstacle [m/s].
+
+        Between kinks the speed of what does not turn is constant.
+        """
+        scene, own = self.scene, self.obstacle
         knots = np.unique([0.0, *scene.obstacle_kinks, scene.duration])
-        velocities = scene.obstacle_velocities(knots[:-1])[:, self.obstacle]
-        return Ranges(knots, np.linalg.norm(velocities, axis=2))
+        speeds = np.linalg.norm(scene.obstacle_velocities(knots[:-1])[:, own], axis=2)
+        return Ranges(knots, np.where(scene.turning[own], scene.obstacle_speeds[own], speeds))
