@@ -17,14 +17,16 @@ import comove
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
+from comove.geometry.rotations import matrices
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
-from comove.io.keys import scaled
+from comove.io.keys import Wrong, scaled
 from comove.model.constraints import (
     Constraint,
     DistanceConstraint,
     Hands,
+    PlaneConstraint,
     SeparationConstraint,
     UprightConstraint,
     UprightKeys,
@@ -507,21 +509,19 @@ class Scene:
         of_each = [still if motion is None else of(motion) for motion in self.motions]
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
 
-    def obstacles_at(self, time: float) -> Array:
-        """Return the table of the obstacles with their positions at an instant [s]."""
-        if not self.moving.any():
+    def obstacles_at(self, time: float, centers: Array | None = None) -> Array:
+        """Return the table of the obstacles with their poses at an instant [s].
+
+        Parameters
+        ----------
+        centers : array, shape (n_obstacles, 3), where their centres are, if not where the scene says [m]
+        """
+        if not self.moving.any() and centers is None:
             return self.obstacles
         now = np.array([time])
-        return self._displaced(self.obstacles, self.owners, self.offsets(now)[0], self.turns(now)[0])
-
-    def _displaced(self, table: Array, owners: NDArray[np.int64], offsets: Array, turns: Array) -> Array:
-        """Return rows of the table displaced by offsets [m] and turns [rad] of all obstacles, (n_obstacles, 3)."""
-        table = table.copy()
-        table[:, sd.CENTER : sd.CENTER + 3] += offsets[owners]
-        own = np.flatnonzero(turns[owners].any(axis=1))
-        axes = table[own, sd.ROTATION : sd.ROTATION + 9].reshape(-1, 3, 3)
-        table[own, sd.ROTATION : sd.ROTATION + 9] = (rotations(turns[owners[own]]) @ axes).reshape(-1, 9)
-        return table
+        if centers is None:
+            centers = self.centers + self.offsets(now)[0]
+        return _placed(self.obstacles, self.owners, centers, self.turns(now)[0])
 
     @property
     def speed_limit(self) -> float:
@@ -664,7 +664,7 @@ class Scene:
         """
         body, own, (offsets, turns) = self.body, self.convex_rows, displaced
         rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
-        table = self._displaced(self.obstacles[rows], self.owners[rows], offsets, turns)
+        table = _placed(self.obstacles[rows], self.owners[rows], self.centers + offsets, turns)
         found = sd.configuration_distance(nodes, body.edges, body.radii, table, lower, upper)
         if len(body.solids):
             found = min(found, solids_clearance(nodes, body.solids, table, lower, upper))
@@ -725,6 +725,15 @@ class Scene:
         return tuple(found)
 
 
+def _placed(table: Array, owners: NDArray[np.int64], centers: Array, turns: Array) -> Array:
+    """Return rows of the table at centres [m] and turned [rad], by obstacle; arrays, shape (n_obstacles, 3)."""
+    table, own = table.copy(), np.flatnonzero(turns[owners].any(axis=1))
+    table[:, sd.CENTER : sd.CENTER + 3] = centers[owners]
+    axes = table[own, sd.ROTATION : sd.ROTATION + 9].reshape(-1, 3, 3)
+    table[own, sd.ROTATION : sd.ROTATION + 9] = (rotations(turns[owners[own]]) @ axes).reshape(-1, 9)
+    return table
+
+
 @lru_cache(maxsize=8)  # a search asks for them in every generation
 def _displacements_along(scene: Scene, n_steps: int) -> Displacements:
     n_samples = n_steps if scene.moving.any() else 0
@@ -748,7 +757,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
     }
     n_dims, n_hands = file.dimension, len(file.names)
     given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
-    explicit = _resolved(file, spatial(given[0]))
+    explicit = _resolved(file, spatial(given[0]), path)
     start, goal = spatial(given)
     bodies = LoadBodies(file, explicit, start, goal, path, held.get(LOAD))
     rigid = bodies.sets()
@@ -797,16 +806,21 @@ def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> d
     return found
 
 
-def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
+def _resolved(file: SceneFile, start: Array, path: object) -> tuple[Constraint, ...]:
     """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
-    hands = Hands(file.names, file.holder_numbers, start)
-    constraints = [keys.resolved(hands) for keys in file.constraints]
-    tilts = file.load is not None and file.load.start is not None
-    if (
-        file.grasp is not None
-        and not tilts
-        and not any(isinstance(c, UprightConstraint) for c in constraints)
-    ):
+    pose = None if file.load is None else file.load.start
+    turned = None if pose is None else matrices(np.array(pose.quaternion_wxyz))
+    hands = Hands(file.names, file.holder_numbers, start, turned, file.dimension)
+    constraints = list[Constraint]()
+    for i, keys in enumerate(file.constraints):
+        try:
+            constraints.append(keys.resolved(hands))
+        except Wrong as error:
+            message, way_out = error.args
+            raise SceneError(message, file=path, key=f"constraints[{i}]", way_out=way_out) from None
+    constraints += [c.turn for c in constraints if isinstance(c, PlaneConstraint)]
+    kept = any(isinstance(c, UprightConstraint) for c in constraints)
+    if file.grasp is not None and turned is None and not kept:
         # Hands that keep their tilt also keep the tilt of the load.
         constraints.append(UprightKeys(type="upright").resolved(hands))
     return tuple(constraints)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.planning.planner import PlannerSettings, plan
 from comove.planning.spacetime import plan_in_time
 from comove.verification.verify import Check
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from comove.planning.convex.programme import Follower
     from comove.planning.objective import Evaluation, Objective
     from comove.planning.world import World
-
-Array = NDArray[np.float64]
 
 # Work, as computed distances that take about as long.
 FOLLOWED = 5e4  # of a rollout that arms follow
