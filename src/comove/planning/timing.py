@@ -6,13 +6,11 @@ from math import cos, sin
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.geometry.distances import CENTER, REACH, ROTATION
 from comove.model.displacements import Displacements
-
-Array = NDArray[np.float64]
 
 
 class Timing(NamedTuple):

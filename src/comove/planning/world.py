@@ -16,8 +16,8 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.planning import trees
 from comove.planning.configurations import (
@@ -30,8 +30,6 @@ from comove.planning.configurations import (
 )
 from comove.planning.timing import Timing, share_of_step, write_time
 from comove.planning.trees import copy_to
-
-Array = NDArray[np.float64]
 
 SHORTER = 1e-6  # m, that a straight edge saves of a way, to be worth taking
 

@@ -148,7 +148,7 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
     return geoms
 
 
-def moving_poses(model: Any, scene: Scene, time: Array) -> tuple[Ints, Array, Array]:
+def moving_poses(model: Any, scene: Scene, time: Array) -> tuple[Integers, Array, Array]:
     """Return where obstacles that move are at some instants, array of shape (n_steps,) [s].
 
     Returns

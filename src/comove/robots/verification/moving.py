@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.model.moving import rotations
 from comove.model.scene import Scene
 from comove.robots.motion import Ranges
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,9 +30,9 @@ class MovingObstacles:
     """
 
     scene: Scene
-    obstacle: NDArray[np.int64]
-    body: NDArray[np.int64]
-    of: NDArray[np.int64]
+    obstacle: Integers
+    body: Integers
+    of: Integers
     turn: Array
     place: Array
 
@@ -61,7 +60,7 @@ class MovingObstacles:
             np.array([place.translation for place in placed]).reshape(-1, 3),
         )
 
-    def owns(self, body: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def owns(self, body: Integers) -> NDArray[np.bool_]:
         """Return which moving obstacle each of some bodies is part of; arrays, shape (n,) -> (n, n_moving)."""
         part = np.zeros((len(body), len(self.obstacle)), dtype=bool)
         for number, k in zip(self.body, self.of, strict=True):
