@@ -158,7 +158,7 @@ def problem_of(
         aim,
         functions,
         hard,
-        (*checks, *kinematics.checks),
+        tuple(checks),
         kinematics,
         progress,
         smooth,
@@ -206,6 +206,7 @@ class Problem:
     taught : demonstrated movement of every manipulator; None without any
     own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     hard : whether obstacles are constraints, not only costs
+    given_checks : checks of the caller, besides those of the kinematics
     smooth : whether motions are made smooth, by comove's own method
     precision : precision of a demonstrated distribution, as in `Objective`; None for single movements
     """
@@ -219,12 +220,17 @@ class Problem:
     objective: Criterion
     own: OwnFunctions | None
     hard: bool
-    checks: tuple[Check, ...]
+    given_checks: tuple[Check, ...]
     kinematics: Kinematics
     progress: ProgressCallback | None
     smooth: bool
     stop: Callable[[], bool] | None = None
     precision: Array | None = None
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Return the checks that a motion must pass, besides those of the scene."""
+        return (*self.given_checks, *self.kinematics.checks)
 
     @property
     def is_timed(self) -> bool:
@@ -478,7 +484,9 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> P
 
     def attempt(duration: float, method: Method, share: float = 1.0) -> Procedure:
         budget = left().within(share * whole.size)
-        one = replace(problem, scene=asked.timed(duration), method=method, budget=budget)
+        scene = asked.timed(duration)
+        kinematics = problem.kinematics.on(scene)
+        one = replace(problem, scene=scene, method=method, budget=budget, kinematics=kinematics)
         done.append((yield from _solved(one)))
         return done[-1]
 

@@ -22,6 +22,7 @@ from comove.model.coordinates import Coordinates
 from comove.model.scene import Scene
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
+from comove.planning.world import World
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import MotionReference, ReferenceSettings, Stop
@@ -270,7 +271,7 @@ class Pilot:
         )
         for k in np.argsort(np.abs(goals - joints).max(axis=1), kind="stable")[: how.most_goals]:
             found = plan_with_arms(
-                ground.space,
+                World.of(ground.space),
                 self.arms._replace(around=around),
                 (configuration, joints),
                 (end, goals[k].copy()),
@@ -281,7 +282,7 @@ class Pilot:
                 densely=True,
             )
             if found is not None:
-                return self._paced(Way(*found))
+                return self._paced(Way(*found[:2]))
         return None
 
     def _paced(self, path: Way) -> Way:
