@@ -274,7 +274,18 @@ class CylinderPart(_Part):
     height: PositiveLength
 
 
-PartShape = Annotated[BarPart | BoxPart | CylinderPart, Field(discriminator="shape")]
+class HullPart(_Part):
+    """The convex hull of `vertices` [m]; spatial scenes only.
+
+    It reaches up to `excess` beyond the shape that it stands for.
+    """
+
+    shape: Literal["hull"]
+    vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(4, "vertices")]
+    excess: Length = 0.0
+
+
+PartShape = Annotated[BarPart | BoxPart | CylinderPart | HullPart, Field(discriminator="shape")]
 
 
 class PayloadPose(Part):

@@ -44,12 +44,15 @@ from comove.model.files.imported import ImportedObstacles
 from comove.model.files.keys import (
     CONTRACT,
     ROUNDING,
+    BarPart,
     BoxObstacle,
+    BoxPart,
     CapsuleObstacle,
     CylinderObstacle,
+    CylinderPart,
     EllipsoidObstacle,
+    HullPart,
     MeshObstacle,
-    PartShape,
     PayloadPose,
     SceneKeys,
     SphereObstacle,
@@ -151,11 +154,24 @@ class MeshPayload(_Payload):
     resolution: PositiveLength | None = None
 
 
+class MeshPart(Turned):
+    """A triangle mesh from `file` in a payload's frame; its lengths times `scale` are metres."""
+
+    shape: Literal["mesh"]
+    position: Vector | None = None
+    file: str
+    scale: PositiveLength = 1.0
+    resolution: PositiveLength | None = None
+
+
+AnyPart = Annotated[BarPart | BoxPart | CylinderPart | HullPart | MeshPart, Field(discriminator="shape")]
+
+
 class PartsPayload(_Payload):
     """Several shapes that are one rigid body; spatial scenes only."""
 
     shape: Literal["parts"] = "parts"
-    parts: Annotated[tuple[PartShape, ...], BeforeValidator(as_tuple), at_least(1, "part")]
+    parts: Annotated[tuple[AnyPart, ...], BeforeValidator(as_tuple), at_least(1, "part")]
 
 
 Payload = Annotated[
@@ -298,7 +314,7 @@ CONTRACT_2 = Contract(
         **CONTRACT.families,
         "obstacles": Family("shape", by_name(AnyObstacle, "shape"), 2),
         "payload": Family("shape", by_name(Payload, "shape"), 1),
-        "payload.parts": Family("shape", by_name(PartShape, "shape"), 3),
+        "payload.parts": Family("shape", by_name(AnyPart, "shape"), 3),
     },
 )
 """What messages know of the keys of version 2."""
@@ -415,7 +431,12 @@ def converted(
         way_out = f"write fewer grasps: at most {MAX_CHOICES} combinations"
         raise SceneError(message, file=file, key=words.key("load.grasps"), way_out=way_out)
     first, start = choices[0], _written(scene.payload.start.position, scene.payload.start.rotation)
-    contents["load"] = _load(scene.payload, held) | {"start": start, "goal": first["goal"]}
+    parts = [*_hulls(scene.payload, folder, file, lines)]
+    contents["load"] = (
+        _load(scene.payload, held)
+        | ({"parts": parts} if parts else {})
+        | {"start": start, "goal": first["goal"]}
+    )
     contents["manipulators"] = [*hands_of(start, first["goal"], first["grasps"]), *others]
     if "frames" in first:
         contents["grasp"] = {"frames": first["frames"]}
@@ -532,6 +553,34 @@ def _piece(shape: Any) -> GraspableShape | None:
         along_x = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
         return GraspableShape((2 * shape.radius, 2 * shape.radius, shape.length), True, np.zeros(3), along_x)
     return None
+
+
+def _hulls(payload: _Payload, folder: Path | None, file: object, lines: Lines) -> Iterator[Part]:
+    """Yield the parts of a payload, meshes among them as the convex hulls that contain them.
+
+    Raises
+    ------
+    InputError
+        If a mesh cannot be read, or has no volume.
+    """
+    for i, part in enumerate(payload.parts if isinstance(payload, PartsPayload) else ()):
+        if not isinstance(part, MeshPart):
+            yield part
+            continue
+        from comove.geometry.meshes import read_mesh  # most scenes need no reader of meshes
+
+        key = place(("payload", "parts", i, "file"), lines) or ""
+        mesh = read_mesh((folder or Path()) / part.file, part.scale, file=file, key=key)
+        if mesh.is_flat:
+            told = f"'{part.file}' has no volume: all its points are in one plane"
+            raise SceneError(
+                told, file=file, key=key, way_out="give it a thickness, or write a box in its place"
+            )
+        found = mesh.decomposed(part.resolution, few=True)
+        turned = {key: getattr(part, key) for key in ("position", *part.orientation_keys())}
+        for polytope in found.polytopes:
+            corners = tuple(map(tuple, polytope.vertices.tolist()))
+            yield HullPart(shape="hull", vertices=corners, excess=found.excess, **turned)
 
 
 def _load(payload: _Payload, held: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
