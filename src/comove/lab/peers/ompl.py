@@ -19,6 +19,7 @@ from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.lab.peers.common import Best, Peer, independent_distances, needed, timed
 from comove.lab.systems import Offers, SystemProblem
+from comove.model.blocks import Unmasked, width_of
 from comove.model.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
 from comove.model.scene import Scene
 from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
@@ -259,6 +260,7 @@ class OmplLoad:
             np.array(scene.nodes_of_groups[0], dtype=np.int64),
             np.ascontiguousarray(group.points),
             self.n_dims,
+            *Unmasked.of(self.n_dims + width_of(kind, self.n_dims), 1),
         )
         self.space: Space = configuration_space(scene, load_coordinates(scene))._replace(blocks=blocks)
         self.start, self.goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
@@ -466,6 +468,7 @@ def _free_hands(scene: Scene, step: float) -> Callable[[Array], bool]:
         np.arange(n),
         np.zeros((n, 3)),
         n_dims,
+        *Unmasked.of(n * n_dims, n),
     )
     space = space._replace(blocks=blocks, reach=np.zeros(n))
     ends = min(clearance_of(space, q.ravel(), nodes, -1.0) for q in (scene.start, scene.goal))
