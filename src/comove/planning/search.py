@@ -27,7 +27,7 @@ from comove.planning.kinematics import CERTIFIED, FREE, Kinematics
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import Criterion, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
-from comove.planning.solution import Effort, Progress, ProgressCallback
+from comove.planning.solution import Progress, ProgressCallback, SearchEffort
 from comove.verification.verify import Check, Verdict, verify
 
 # Work, as computed distances that take about as long.
@@ -246,10 +246,10 @@ class Search:
         return ROLLOUT + N_STEPS * bodies * (1.0 + obstacles)
 
     @property
-    def effort(self) -> Effort:
+    def effort(self) -> SearchEffort:
         """Return the effort so far."""
         journal, clock = self.journal, self.clock
-        return Effort(
+        return SearchEffort(
             journal.evaluations, journal.generations, clock.elapsed(), clock.work, self.found.first_verified
         )
 

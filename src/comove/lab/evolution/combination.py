@@ -37,7 +37,7 @@ from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.objectives.criteria import PaperCost
 from comove.planning.search import Journal, OutOfTime, Schedule, Search, SearchClock, stricter
-from comove.planning.solution import Effort, ProgressCallback
+from comove.planning.solution import ProgressCallback, SearchEffort
 from comove.processes import one_blas_thread
 from comove.ties import first_largest
 from comove.verification.verify import Check, VerifiedMotion, verify
@@ -100,7 +100,7 @@ class Combination:
     motion: VerifiedMotion | None
     reasons: tuple[str, ...]
     cost: float
-    effort: Effort
+    effort: SearchEffort
     restarts: int
     seed: int
     interrupted: bool = False
