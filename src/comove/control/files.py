@@ -38,6 +38,8 @@ def write_run(
         "center": record.center,
         "quaternion": record.quaternion,
     }
+    if record.scene.turning.any():
+        arrays["obstacle_quaternion"] = record.scene.orientations(record.time)
     measured = {**vars(report), "clearance_min": finite(report.clearance_min)}
     del measured["reasons"]
     summary = {

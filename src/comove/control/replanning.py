@@ -179,9 +179,9 @@ class PlanReplanner(Replanner):
                     budget=budget,
                     progress=False,
                 )
-            left -= found.work
-            log.evaluations += found.evaluations
-            log.generations += found.generations
+            left -= found.effort.work
+            log.evaluations += found.effort.evaluations
+            log.generations += found.effort.generations
             if found.motion is not None or (
                 isinstance(method, Guide) and method.will_do(found.report, later)
             ):

@@ -27,6 +27,7 @@ from comove.model.groups import GroupPose
 from comove.model.scene import Scene
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
+from comove.planning.world import World
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import MotionReference, ReferenceSettings, Stop
@@ -317,7 +318,7 @@ class Pilot(Replanner):
         )
         for k in np.argsort(np.abs(goals - joints).max(axis=1), kind="stable")[: how.most_goals]:
             found = plan_with_arms(
-                ground.space,
+                World.of(ground.space),
                 self.arms._replace(around=around),
                 (configuration, joints),
                 (end, goals[k].copy()),
@@ -328,7 +329,7 @@ class Pilot(Replanner):
                 densely=True,
             )
             if found is not None:
-                return self._paced(Way(*found))
+                return self._paced(Way(*found[:2]))
         return None
 
     def _paced(self, path: Way) -> Way:

@@ -17,9 +17,9 @@ from comove.errors import ComoveWarning, RobotError
 from comove.model import Scene
 from comove.robots import JointMotion, Robot, plan_transfers
 from comove.robots.effort import shortest_duration
+from comove.robots.further_limits import FurtherLimits
 from comove.robots.motion import approach_shares, largest_approach, largest_jerk
 from comove.robots.online.executor import JointExecutor
-from comove.robots.supplements import FurtherLimits
 from comove.robots.verification import checks
 from tests.robots.known_carry import baxter, known_carry
 from tests.robots.online.test_arm_rows import ready
