@@ -1,5 +1,7 @@
-"""Replanning of free end effectors: a plan in space and time from the present state on, where the last one fails.
+"""Replanning: the reference of an execution, and its replacement where it does not hold any more.
 
+Free end effectors plan in space and time, from the present state on; arms choose courses on a roadmap in time
+(`comove.robots.online.pilot`).
 A plan that is certified for exactly known motions is exact. Otherwise it is a guide: what is left of it is certified
 ten times a second against the obstacles as they are predicted, and a plan that seems not to hold any more is replaced
 by one from the present state on.
@@ -9,11 +11,13 @@ from __future__ import annotations
 
 import time as clock
 import warnings
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from comove.control.loop import ControlLoop, Reference, Replanner
+from comove.arrays import Array
 from comove.control.safety.cbf_qp import MAX_PERIOD
 from comove.control.safety.twists import advanced, hand_velocities, twists_between
 from comove.dmp.arguments import require_positive
@@ -31,6 +35,9 @@ from comove.planning.methods import Guide, Quick
 from comove.planning.solver import solve
 from comove.verification.certificate import certify
 
+if TYPE_CHECKING:
+    from comove.control.executor import ControlLoop
+
 NO_PLAN = "no plan yet"
 LONGER = (1.0, 1.3, 1.7, 2.3)  # factors on the shortest duration worth trying, tried in turn
 HURRY = 1.5  # duration of the shortest plan, times the way at the speed limit
@@ -41,6 +48,38 @@ N_REMEMBERED = 20  # configurations of the last plan that the next one may use
 AT_LEISURE = Quick(n_failures=24)  # method of the first plan, while nothing moves yet
 MOST_PATIENT = 2.0  # s between two attempts to plan, after some have failed
 NEARLY_DONE = 0.8  # share of a demonstration after which it counts no more
+
+
+class Reference(NamedTuple):
+    """The reference of one control step.
+
+    Attributes
+    ----------
+    here, ahead : its poses now and a period later
+    exact : whether it is certified, and followed exactly
+    joints, rates : arrays, shape (n_joints,), its joints and their rates [rad, rad/s]
+    """
+
+    here: HandPoses
+    ahead: HandPoses
+    exact: bool = False
+    joints: Array = np.zeros(0)
+    rates: Array = np.zeros(0)
+
+
+class Replanner(ABC):
+    """The base of what keeps the reference of a control loop."""
+
+    @abstractmethod
+    def update(self, run: ControlLoop) -> None:
+        """Look ahead along the reference, and replace it where it fails or a better one is found."""
+
+    @abstractmethod
+    def current(self, run: ControlLoop) -> Reference:
+        """Return the reference of the present control step."""
+
+    def advance(self, run: ControlLoop, pace: float) -> None:  # noqa: B027  a reference in time needs none
+        """Go on by a control period, at a share of the reference's pace."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ to go at the end of the time that is foreseen counts as if nothing moved any mor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import ceil, sqrt
 from typing import NamedTuple
 
@@ -32,22 +32,19 @@ from comove.robots.search.links import ROUGH, Links, near_enough, nearest_shares
 WAIT = -1
 
 
-@dataclass(frozen=True)
-class CourseSettings:
-    """Settings of the choice of a course.
+class SlotCosts(NamedTuple):
+    """Costs of a clearance in a slot, beside 1 for every slot.
+
+    They rise with the square of what is lacking from 0 at `near` to `nearness` at `met`, and evenly from `meeting`
+    there to `hitting` at `depth` below.
 
     Attributes
     ----------
-    n_slots : slots that are foreseen
-    thicker : by how much links may be taken to be thicker, so that there are fewer [m]
-    met, near : clearances beyond the scene's, below which something counts as met, and as near [m]
+    met, near : clearances below which something counts as met, and as near; in settings beyond the scene's [m]
     depth : how far below `met` a graze is a hit [m]
-    hitting, meeting, nearness : cost of a slot in which something is hit, is met, and is almost met, beside 1 for
-        every slot
+    hitting, meeting, nearness : costs of a slot in which something is hit, is met, and is almost met
     """
 
-    n_slots: int = 80
-    thicker: float = 0.015
     met: float = 0.01
     near: float = 0.08
     depth: float = 0.04
@@ -56,19 +53,20 @@ class CourseSettings:
     nearness: float = 10.0
 
 
-class SlotCosts(NamedTuple):
-    """Costs of a clearance in a slot; fields as in `CourseSettings`, but clearances are absolute.
+@dataclass(frozen=True)
+class CourseSettings:
+    """Settings of the choice of a course.
 
-    Costs rise with the square of what is lacking from 0 at `near` to `nearness` at `met`, and evenly from `meeting`
-    there to `hitting` at `depth` below.
+    Attributes
+    ----------
+    n_slots : slots that are predicted
+    thicker : by how much links may be taken to be thicker, so that there are fewer [m]
+    costs : costs of a slot
     """
 
-    met: float
-    near: float
-    depth: float
-    hitting: float
-    meeting: float
-    nearness: float
+    n_slots: int = 80
+    thicker: float = 0.015
+    costs: SlotCosts = field(default_factory=SlotCosts)
 
 
 class Places(NamedTuple):
@@ -407,14 +405,8 @@ class Foresight:
 
     def __init__(self, space: Space, arms: Arms, clearance: float, settings: CourseSettings):
         self.space, self.arms, self.settings = space, arms, settings
-        self._costs = SlotCosts(
-            clearance + settings.met,
-            clearance + settings.near,
-            settings.depth,
-            settings.hitting,
-            settings.meeting,
-            settings.nearness,
-        )
+        costs = settings.costs
+        self._costs = costs._replace(met=clearance + costs.met, near=clearance + costs.near)
         self._which = fewer(arms.links, settings.thicker)
         self._known: tuple[Roadmap, Places] | None = None
 
@@ -471,7 +463,7 @@ class Foresight:
         n = len(net.nodes)
         graph = coo_array((weight, (net.target, net.source)), shape=(n, n)).tocsr()
         left = dijkstra(graph, indices=net.goal)
-        return np.minimum(left, how.meeting * how.n_slots)
+        return np.minimum(left, how.costs.meeting * how.n_slots)
 
 
 def _samples(net: Roadmap, choice: Integers) -> tuple[list[int], int]:
