@@ -24,6 +24,7 @@ from comove.model.files.keys import (
     BoxLoad,
     BoxPart,
     FrameLoad,
+    HullPart,
     Load,
     MeshLoad,
     MeshObstacle,
@@ -164,7 +165,9 @@ def body_of(
         parts = parts_of(load)
         edges = [(corners[a], corners[b]) for a, b, _ in parts.rods]
         radii = [thick for _, _, thick in parts.rods]
-        solids = _padded([[corners[i] for i in hull] for hull in parts.hulls])
+        boxes = not any(isinstance(part, HullPart) for part in load.parts)
+        hulls = [[corners[i] for i in hull] for hull in parts.hulls]
+        solids = _padded(hulls, at_least=0 if boxes else N_CORNERS + 1) if hulls else []
     elif decomposition is not None:
         solids = _hulls(decomposition, len(names))
     elif load is not None:
@@ -220,6 +223,8 @@ def parts_of(load: PartsLoad) -> CompoundParts:
             rods.append((first, first + 1, part.radius))
         elif isinstance(part, BoxPart):
             own = box_corners(part.size)
+        elif isinstance(part, HullPart):
+            own, excess = np.array(part.vertices), max(excess, part.excess)
         else:
             turn, wide = 2 * np.pi * np.arange(N_SIDES) / N_SIDES, part.radius / np.cos(np.pi / N_SIDES)
             ring = np.stack([wide * np.cos(turn), wide * np.sin(turn), 0.0 * turn], axis=1)

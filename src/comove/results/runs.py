@@ -21,13 +21,11 @@ import numpy as np
 from comove.errors import ResultError, shortened
 from comove.model.scene import Scene
 from comove.results.reference import SCENE, own_scene
-from comove.results.sealed import NUMBER, TEXT, TEXTS, TRUTH, Arrays, ResultKind, Summary, require_types
+from comove.results.sealed import FITS, NUMBER, TEXT, TEXTS, TRUTH, Arrays, ResultKind, Summary, require_types
 from comove.ties import first_largest
 from comove.verification.measures import WEIGHTS, unit_terms_of
 from comove.verification.record import ExecutionReport, Record, verify_execution
 
-FITS = 1e-9  # m, s and of a quaternion's length, to which what a run says twice agrees
-SAME = 1e-6  # relative, by which measures may differ from those of the summary
 FEWEST = 3  # steps
 
 _TYPES = (
@@ -92,20 +90,15 @@ class StoredRun:
         }
         if "obstacle_quaternion" in arrays:
             shapes["obstacle_quaternion"] = (n, len(scene.motions), 4)
-        for name, shape in shapes.items():
-            found = arrays[name]
-            if found.shape != shape or n < FEWEST or found.dtype != np.float64:
-                self._refuse(name, f"it holds {found.dtype.name} of shape {found.shape}")
-            if name != "obstacle_center" and not np.isfinite(found).all():  # nobody may know where one was
-                self._refuse(name, "it holds what is no number")
+        loose = ("obstacle_center",)  # nobody may know where one was
+        RUN.require_shapes(arrays, shapes, self.folder, fewest=FEWEST, loose=loose)
         if not (np.diff(arrays["time"]) > 0).all():
-            self._refuse("time", "the times do not increase")
+            raise ResultError(
+                "the times do not increase", file=self.folder / RUN.arrays, key="time", way_out=RUN.hint
+            )
         obstacles = np.pad(arrays["obstacle_center"], ((0, 0), (0, 0), (0, 3 - scene.n_dims)))
         sagitta = scene.obstacle_sagittas(arrays["time"])
         return Record(scene, arrays["time"], arrays["center"], arrays["quaternion"], obstacles, sagitta)
-
-    def _refuse(self, key: str, why: str) -> None:
-        raise ResultError(why, file=self.folder / RUN.arrays, key=key, way_out=RUN.hint)
 
 
 def read_run(folder: str | Path, scene: Scene | None = None) -> StoredRun:
@@ -207,13 +200,9 @@ def _misstated(summary: Summary, report: ExecutionReport, record: Record) -> lis
     terms = {name: weight * units.get(name, 0.0) for name, weight in WEIGHTS.items()}
     right["cost"] = sum(terms.values())
     stated = summary.get("cost_terms")
-    reasons = RUN.differences(summary, right, _near)
-    reasons += RUN.differences(stated if isinstance(stated, dict) else {}, terms, _near, "cost_terms.")
+    reasons = RUN.differences(summary, right)
+    reasons += RUN.differences(stated if isinstance(stated, dict) else {}, terms, prefix="cost_terms.")
     if summary.get("scene") != record.scene.name:
         told = shortened(str(summary.get("scene")))
         reasons.append(f"{RUN.summary} names another scene: {told}")
     return reasons
-
-
-def _near(name: str, value: float) -> float:
-    return SAME * max(1e-3, abs(value))

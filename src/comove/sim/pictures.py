@@ -170,11 +170,6 @@ def draw_film(execution: Filmed, path: str | Path, *, rate: float = 20.0, width:
     Returns
     -------
     Path of the file that was written
-
-    Raises
-    ------
-    OptionError, ResultError
-        As `draw_sheet`.
     """
     path = Path(path).with_suffix(".mp4" if encodes() else ".gif")
     width, height = width // 2 * 2, round(width * 3 / 8) * 2  # encoders want even numbers

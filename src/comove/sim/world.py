@@ -156,6 +156,19 @@ def move_obstacles(world: World, data: Any, scene: Scene, time: float, centers: 
         data.mocap_pos[mocap], data.mocap_quat[mocap] = centers[i], turned[i]
 
 
+def moving_poses(model: Any, scene: Scene, time: Array) -> tuple[Integers, Array, Array]:
+    """Return where obstacles that move are at some instants, array of shape (n_steps,) [s].
+
+    Returns
+    -------
+    mocap : array, shape (n_moving,), numbers of their bodies among those that MuJoCo moves as it is told
+    position, quaternion : arrays, shape (n_steps, n_moving, 3) [m] and (n_steps, n_moving, 4), w x y z
+    """
+    own = np.flatnonzero(scene.moving)
+    mocap = np.array([model.body(moving_body(i)).mocapid[0] for i in own.tolist()], dtype=np.int64)
+    return mocap, (scene.centers + scene.offsets(time))[:, own], exponential(scene.turns(time)[:, own])
+
+
 def moving_body(obstacle: int) -> str:
     """Return the name of the body of an obstacle that moves, with a blank as that of the load."""
     return f"moving {obstacle}"

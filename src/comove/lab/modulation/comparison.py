@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.arrays import Array
-from comove.control.executor import Executor, Pace
+from comove.control.executor import Executor
 from comove.control.observers import Functions, Known
+from comove.control.replanning import Pace
 from comove.control.safety.twists import poses_of
 from comove.geometry.distances import CENTER
 from comove.lab.modulation.matrices import Sharing, modulated

@@ -144,13 +144,7 @@ class MovingObstacle:
         return row
 
     def moved(self, dt: float) -> MovingObstacle:
-        """Return the obstacle `dt` [s] later, at constant velocities.
-
-        Raises
-        ------
-        OptionError
-            If `dt` is not finite.
-        """
+        """Return the obstacle `dt` [s] later, at constant velocities."""
         if not is_number(dt):
             raise OptionError(f"dt = {dt!r}", key="dt", way_out="give a finite number of seconds")
         center, rotation = self.center + self.velocity * dt, self.rotation
@@ -318,13 +312,7 @@ def _common(table: Array, members: list[int]) -> Array | None:
 
 
 def points_of(name: str, value: ArrayLike, n_dims: int | None = None) -> Array:
-    """Return a new array of finite vectors, shape (..., n_dims), of numbers up to `FARTHEST`.
-
-    Raises
-    ------
-    OptionError
-        If `value` is not such an array.
-    """
+    """Return a new array of finite vectors, shape (..., n_dims), of numbers up to `FARTHEST`."""
     array = numbers(value)
     allowed = (2, 3) if n_dims is None else (n_dims,)
     if array.ndim < 1 or array.shape[-1] not in allowed or not (np.abs(array) <= FARTHEST).all():
