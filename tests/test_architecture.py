@@ -77,7 +77,7 @@ def test_the_order_is_that_of_the_design():
     """Data flows down; what a room may know lies above it."""
     order = [
         *("errors", "brief", "ties", "methods", "compiled", "trajectory", "io", "processes", "geometry"),
-        *("dmp", "model", "verification", "optim", "planning", "results"),
+        *("dmp", "model", "verification", "contacts", "optim", "planning", "results"),
         *("control", "robots", "sim", "stored", "solving", "ros", "data", "view", "lab", "cli"),
     ]
     assert [room for room in order if room in rooms()] == rooms()

@@ -2,9 +2,8 @@
 
 Two trees grow in configurations and normalised time, forward from the start at 0 and backward from the goal at 1,
 until they meet; samples are such as both ends can reach in time (Grothe et al., 2022). A node is a configuration and
-its time. An edge is free if it is slow enough and the body keeps its margin along it while the obstacles move. It is
-checked by conservative advancement, as the displacement of the body relative to the obstacles is bounded by the sum
-of its span and theirs.
+its time. An edge is free if it is slow enough and the body keeps its margin along it while the obstacles move and
+turn: its displacement relative to any point of them is bounded by the sum of its span and theirs.
 """
 
 from __future__ import annotations
@@ -17,13 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove.compiled import kernel
-from comove.geometry.distances import CENTER
+from comove.contacts.displaced import instant_at
+from comove.geometry.distances import REACH
 from comove.model.scene import Scene
 from comove.planning import trees
 from comove.planning.configurations import (
     Space,
-    clearance_of,
+    clearance_at,
     interpolate,
+    is_free_between,
+    may_be_within,
     random_configuration,
     span,
 )
@@ -79,19 +81,13 @@ class SpaceTime(NamedTuple):
 
     Attributes
     ----------
-    space : space with a table of obstacles that `set_time` moves
-    origin : array, shape (n_rows, 3), centres of the obstacles at time 0 [m]
-    offsets : array, shape (n_intervals + 1, n_rows, 3), displacements of the obstacles at even times [m]
-    fastest : largest speed of the obstacles [m a duration]
+    space : space with the displacements of the obstacles
     speed : limit of the speed of a node [m a duration]
     time_step, waiting : as in `SpaceTimeSettings`
     clock : that of the space
     """
 
     space: Space
-    origin: Array
-    offsets: Array
-    fastest: float
     speed: float
     time_step: float
     waiting: float
@@ -100,14 +96,11 @@ class SpaceTime(NamedTuple):
 
 def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> SpaceTime:
     """Return the space of a scene together with the motion of its obstacles."""
-    offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, settings.n_intervals + 1)))
-    fastest = np.linalg.norm(np.diff(offsets, axis=0), axis=2).max(initial=0.0) * settings.n_intervals
-    table = space.around.obstacles.copy()
-    origin = table[:, CENTER : CENTER + 3].copy()
-    space = space._replace(around=space.around._replace(obstacles=table))
-    return SpaceTime(
-        space, origin, offsets, float(fastest), np.inf, settings.time_step, settings.waiting, space.clock
-    )
+    moved = scene.displacements(np.linspace(0.0, scene.duration, settings.n_intervals + 1))
+    steps = np.linalg.norm(np.diff(moved.offsets, axis=0), axis=2)
+    steps += np.abs(np.diff(moved.angles, axis=0)) * space.around.obstacles[:, REACH]
+    space = space._replace(moved=moved, fastest=float(steps.max(initial=0.0)) * settings.n_intervals)
+    return SpaceTime(space, np.inf, settings.time_step, settings.waiting, space.clock)
 
 
 def plan_in_time(
@@ -139,10 +132,10 @@ def plan_in_time(
     times : array, shape (n_configurations,), from 0 to 1
     """
     space, scratch = world.space, np.empty((world.space.blocks.node.shape[0], 3))
-    at_ends = []
-    for q, t in ((start, 0.0), (goal, 1.0)):
-        set_time(world, t)
-        at_ends.append(clearance_of(space, q, scratch, 0.0))
+    at_ends = [
+        clearance_at(space, q, instant_at(space.moved, t), scratch, 0.0)
+        for q, t in ((start, 0.0), (goal, 1.0))
+    ]
     margin = min(space.required + margin, 0.5 * (space.required + min(at_ends)))
     world = world._replace(speed=speed)
     before = np.empty((0, len(start))) if before is None else before
@@ -204,38 +197,13 @@ def _eased(s: Array, ease: float) -> Array:
 
 
 @kernel
-def set_time(world, t):
-    """Move the obstacles to their positions at a normalised time."""
-    at = min(max(t, 0.0), 1.0) * (world.offsets.shape[0] - 1)
-    k = min(int(at), world.offsets.shape[0] - 2)
-    f = at - k
-    for j in range(world.origin.shape[0]):
-        for axis in range(3):
-            here, there = world.offsets[k, j, axis], world.offsets[k + 1, j, axis]
-            world.space.around.obstacles[j, 1 + axis] = world.origin[j, axis] + here + f * (there - here)
-
-
-@kernel
 def edge_is_free_in_time(world, p, q, margin):
     """Return whether the body is slow enough, and keeps the clearance `margin` [m], along the edge from p to q."""
-    space, s, t, moved = world.space, p[-1], q[-1], span(world.space, p, q)
-    tolerance = space.settings.tolerance
-    if moved > world.speed * abs(t - s):
+    moved, nodes = span(world.space, p, q), np.empty((world.space.blocks.node.shape[0], 3))
+    if moved > world.speed * abs(q[-1] - p[-1]):
         return False
-    length = moved + world.fastest * abs(t - s)
-    at, nodes = np.empty(p.shape[0]), np.empty((space.blocks.node.shape[0], 3))
-    travelled, creeping = 0.0, 0
-    while travelled < length:
-        f = travelled / length
-        interpolate(space, p, q, f, at)
-        set_time(world, s + f * (t - s))
-        clearance = clearance_of(space, at, nodes, 0.0) - margin
-        creeping += clearance < tolerance
-        if clearance <= 0.0 or creeping > space.settings.creeping:
-            return False
-        travelled += max(clearance, tolerance)
-    set_time(world, t)
-    return clearance_of(space, q, nodes, 0.0) > margin
+    times = p[-1], q[-1]
+    return is_free_between(world.space, p, q, moved, times, margin, np.empty(p.shape[0]), nodes)
 
 
 @trees.answers(trees.extend, SpaceTime)
@@ -256,7 +224,7 @@ def _nearest(world, tree, count, q):
     best, least, later = -1, np.inf, tree[0, -1] == 0.0
     for i in range(count):
         wait = q[-1] - tree[i, -1] if later else tree[i, -1] - q[-1]
-        if wait > 0.0:
+        if wait > 0.0 and may_be_within(world.space, tree[i], q, world.speed * wait):
             way = span(world.space, tree[i], q)
             effort = way / world.space.settings.step + wait / world.time_step
             if way <= world.speed * wait and effort < least:
