@@ -179,7 +179,6 @@ def _check_mimics(joints: list[ET.Element], prefix: str) -> None:
 
 
 def _first_of(names: Iterable[str | None], error: CycleError) -> str | None:
-    """Return the first of some names that is in the circle of which an error tells."""
     circle = set(error.args[1])
     return next(name for name in names if name in circle)
 

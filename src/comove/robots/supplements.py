@@ -156,7 +156,6 @@ def in_radians_or_metres(lower: float, upper: float, *, slides: bool) -> tuple[f
 
 
 def _hard(joint: ET.Element) -> tuple[float, float]:
-    """Return the limits of a joint's <limit>, infinite where it states none."""
     limit = joint.find("limit")
     texts = [None if limit is None else limit.get(key) for key in ("lower", "upper")]
     if joint.get("type") not in LIMITED:

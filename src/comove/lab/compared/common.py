@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import motion_basis
 from comove.errors import OptionError
 from comove.model.coordinated_dmp import CoordinatedDMP
@@ -25,8 +25,6 @@ from comove.planning.objective import N_STEPS
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

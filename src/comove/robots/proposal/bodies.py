@@ -10,10 +10,9 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.robots.model import Robot
 from comove.robots.search.capsules import vertices_of
-
-Array = NDArray[np.float64]
 
 
 def placed_bodies(robot: Robot, q: Array) -> Iterator[tuple[str, Array]]:

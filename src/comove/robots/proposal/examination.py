@@ -8,9 +8,9 @@ from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
@@ -20,8 +20,6 @@ from comove.robots.proposal.bodies import link_of, pairs_of, placed_bodies, touc
 from comove.robots.proposal.homes import base_of, tilt_of
 from comove.robots.proposal.rules import near_limits, near_links
 from comove.robots.proposal.surroundings import among, buried, names_of
-
-Array = NDArray[np.float64]
 
 FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
 
@@ -240,7 +238,6 @@ def _end_of_gripper(robot: Robot, arm: Arm) -> float:
 
 
 def _leave_out(robot: Robot, a: str, b: str) -> str:
-    """Return how two links are left out of the pairs that are kept apart, in words."""
     for arm in robot.arms:
         for hand, other in ((a, b), (b, a)):
             if hand in gripper_links(robot, arm) and robot.model.existFrame(other):
@@ -301,7 +298,6 @@ def _without_bodies(robot: Robot) -> list[str]:
 def _contacts(
     robot: Robot, rng: np.random.Generator, settings: ExaminationSettings
 ) -> tuple[float, dict[tuple[str, str], float]]:
-    """Return the share of random configurations without contact, and pairs that often touch with their share."""
     drawn = rng.uniform(robot.lower, robot.upper, (settings.n_tested, len(robot.lower)))
     touched = touching(robot, drawn)
     shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)

@@ -11,16 +11,14 @@ from math import radians
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.free_space import RoomSettings
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import placed_bodies
 from comove.robots.proposal.rules import clearance_at_home, limit_margin
 from comove.robots.proposal.surroundings import among, buried
-
-Array = NDArray[np.float64]
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

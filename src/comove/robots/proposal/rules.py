@@ -6,15 +6,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.robots.free_space import RoomSettings
 from comove.robots.model import Robot
 from comove.robots.proposal.bodies import link_of
 from comove.robots.search.following import SEARCHING
 from comove.robots.verification.bodies import links_apart
-
-Array = NDArray[np.float64]
 
 
 def limit_margin(robot: Robot) -> Array:
