@@ -40,7 +40,8 @@ class Query(NamedTuple):
     ----------
     things : array of int, shape (n,), numbers of the things that count
     normals : array, shape (n_solids, n_things, 3), unit vectors that separated a solid from a thing last, tried first
-    least : array, shape (n_owners,), least distance of each obstacle [m], which is lowered; shape (0,) if not needed
+    least : array, shape (n_owners,), least distance found of each obstacle [m], which is lowered; of obstacles other
+        than the nearest it is exact where they are touched. Shape (0,) if not needed
     tolerance : of distances of rods [m]
     lowered : amount by which distances of rods are lowered [m]; with the tolerance they are lower bounds
     """
