@@ -10,8 +10,14 @@ from hypothesis import strategies as st
 from comove.errors import SceneError
 from comove.model import Scene, load_coordinates
 from comove.model.coordinates import coordinates_for
-from comove.planning.configurations import configuration_space, edge_is_free, interpolate, span
-from comove.planning.spacetime import edge_is_free_in_time, spacetime
+from comove.planning.configurations import (
+    configuration_space,
+    edge_is_free,
+    edge_is_free_in_time,
+    interpolate,
+    span,
+)
+from comove.planning.spacetime import spacetime
 from tests.cases import examples
 from tests.verification.random_boxes import box_near_contact
 from tests.verification.random_motions import near_contact, random_turn, scene_data
@@ -69,11 +75,19 @@ def test_a_free_edge_keeps_its_margin(moving, seed):
     for (p, q), s in zip(*edges(motion, rng), strict=True):
         margin = space.required + rng.choice([0.0, 0.003])
         if moving:
-            free = edge_is_free_in_time(world, np.append(p, s[0]), np.append(q, s[1]), margin)
+            free = edge_is_free_in_time(
+                space,
+                world.timing,
+                np.append(p, s[0]),
+                np.append(q, s[1]),
+                margin,
+                np.empty(len(p) + 1),
+                nodes,
+            )
         else:
             free = edge_is_free(space, p, q, margin, np.empty_like(p), nodes)
         found = clearances(motion, space, p, q, s * scene.duration * bool(moving))
-        fine = (span(space, p, q) + world.space.fastest * bool(moving) * (s[1] - s[0])) / N_SAMPLES
+        fine = (span(space, p, q) + world.timing.fastest * bool(moving) * (s[1] - s[0])) / N_SAMPLES
         if free:
             # Between stored samples a turn about a hinge is taken to be straight.
             assert found.min() >= margin - (1e-3 if moving else 1e-9)
@@ -103,9 +117,10 @@ def test_what_stands_is_met_by_a_blade_that_turns(radius, heading, turned, begin
         }
     )
     coordinates = load_coordinates(scene)
-    world = spacetime(scene, configuration_space(scene, coordinates))
-    q, ends = np.array(hand), (begins, begins + takes)
-    free = edge_is_free_in_time(world, np.append(q, ends[0]), np.append(q, ends[1]), 0.01)
+    space = configuration_space(scene, coordinates)
+    ends, scratch, nodes = (begins, begins + takes), np.empty(3), np.empty((1, 3))
+    p, q = (np.append(hand, at) for at in ends)
+    free = edge_is_free_in_time(space, spacetime(scene, space).timing, p, q, 0.01, scratch, nodes)
     angle = np.deg2rad(turned) * scene.duration * np.linspace(*ends, 400)
     along, off = radius * np.cos(heading - angle), radius * np.sin(heading - angle)
     apart = np.hypot(np.maximum(abs(along) - 0.4, 0.0), np.maximum(abs(off) - 0.005, 0.0))

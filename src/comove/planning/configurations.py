@@ -35,8 +35,8 @@ from comove.model.coordinates import (
 from comove.model.displacements import Displacements
 from comove.model.resting import lift_direction
 from comove.model.scene import Scene
-from comove.planning import trees
 from comove.planning.clock import clock_until, worked
+from comove.planning.timing import drift, too_fast, write_time
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
@@ -75,8 +75,7 @@ class Space(NamedTuple):
     blocks : map from a configuration to nodes
     reach : array, shape (n_blocks,), distance from a group's centre to its furthest point [m]
     around : payload and all that it must not touch
-    moved : displacements of obstacles at even times from 0 to 1; none for those at 0 s
-    fastest : bound of the speed of any point of an obstacle [m in normalised time]
+    resting : displacements of obstacles that are where they are at 0 s: none
     query : things and accuracy of clearances
     required : clearance that the scene asks for [m]
     cap : largest clearance that is computed [m]
@@ -88,8 +87,7 @@ class Space(NamedTuple):
     blocks: Blocks
     reach: Array
     around: Surroundings
-    moved: Displacements
-    fastest: float
+    resting: Displacements
     query: Query
     required: float
     cap: float
@@ -113,7 +111,6 @@ def configuration_space(
         reach,
         around,
         scene.displacements(np.zeros(0)),
-        0.0,
         Query(np.arange(around.n_things), normals, np.zeros(0), tolerance, tolerance),
         scene.clearance,
         settings.cap + scene.clearance,
@@ -154,12 +151,19 @@ def clearance_of(space, q, nodes, floor):
 
     Once time is up, the result is -inf. `nodes` is scratch space, array of shape (n_nodes, 3).
     """
-    return clearance_at(space, q, RESTING, nodes, floor)
+    return _clearance_at(space, space.resting, RESTING, q, nodes, floor)
 
 
 @kernel(counted=False)
-def clearance_at(space, q, instant, nodes, floor):
-    """Return the clearance [m] of configuration q at an instant of the obstacles, as `clearance_of`."""
+def clearance_in_time(space, timing, node, nodes, floor):
+    """Return the same of a node with a time, at which obstacles are elsewhere; `timing` as of an edge."""
+    if timing is None:
+        return clearance_of(space, node, nodes, floor)
+    return _clearance_at(space, timing.moved, instant_at(timing.moved, node[-1]), node, nodes, floor)
+
+
+@kernel(counted=False)
+def _clearance_at(space, moved, instant, q, nodes, floor):
     around = space.around
     bodies = around.edges.shape[0] + count_solids(around.solids) * SOLID_WORK
     obstacles = around.convex.shape[0] + MESH_WORK * count_meshes(around.surfaces)
@@ -176,7 +180,7 @@ def clearance_at(space, q, instant, nodes, floor):
             clearance = min(clearance, space.required + _tilt_left(space, b, q))
     if clearance <= floor:
         return clearance
-    return least_distance(around, space.moved, instant, nodes, space.query, clearance, floor)
+    return least_distance(around, moved, instant, nodes, space.query, clearance, floor)
 
 
 @kernel
@@ -272,24 +276,24 @@ def _great_circle(p, q, o, width, f, either_sign, out):
 @kernel
 def edge_is_free(space, p, q, margin, scratch, nodes):
     """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q."""
-    return is_free_between(space, p, q, span(space, p, q), (0.0, 0.0), margin, scratch, nodes)
+    return edge_is_free_in_time(space, None, p, q, margin, scratch, nodes)
 
 
 @kernel
-def is_free_between(space, p, q, moved, times, margin, scratch, nodes):
-    """Return whether the body keeps the clearance `margin` [m] along an edge that takes from one time to another.
+def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
+    """Return the same of nodes with a time, at which obstacles are elsewhere, and whether the body is slow enough.
 
     Parameters
     ----------
-    moved : span of the edge [m]
-    times : normalised times at p and at q
+    timing : Timing, None where nodes have no time
     """
-    begun, takes = times[0], times[1] - times[0]
-    length = moved + space.fastest * abs(takes)
-    last = clearance_at(space, q, instant_at(space.moved, times[1]), nodes, margin) - margin
+    moved = span(space, p, q)
+    if too_fast(timing, moved, p, q):
+        return False
+    length, last = moved + drift(timing, p, q), clearance_in_time(space, timing, q, nodes, margin) - margin
     if last <= 0.0 or last >= length:
         return last > 0.0
-    first = clearance_at(space, p, instant_at(space.moved, begun), nodes, margin) - margin
+    first = clearance_in_time(space, timing, p, nodes, margin) - margin
     if first <= 0.0:
         return False
     creeping, top, parts = 0, 1, np.empty((DEPTH, 2))  # that are still to be checked, as lengths from p
@@ -301,8 +305,8 @@ def is_free_between(space, p, q, moved, times, margin, scratch, nodes):
             continue
         middle = 0.5 * (begin + end)
         interpolate(space, p, q, middle / length, scratch)
-        instant = instant_at(space.moved, begun + middle / length * takes)
-        clearance = clearance_at(space, scratch, instant, nodes, margin) - margin
+        write_time(timing, p, q, middle / length, scratch)
+        clearance = clearance_in_time(space, timing, scratch, nodes, margin) - margin
         creeping += clearance < space.settings.tolerance
         if clearance <= 0.0 or creeping > space.settings.creeping or top + 2 > DEPTH:
             return False
@@ -312,17 +316,6 @@ def is_free_between(space, p, q, moved, times, margin, scratch, nodes):
     return True
 
 
-@trees.answers(trees.extend, Space)
-@kernel
-def _extend(space, p, q, steps, margin, out):
-    way, far, scratch = span(space, p, q), space.settings.step * steps, np.empty(p.shape[0])
-    interpolate(space, p, q, min(1.0, far / max(way, 1e-12)), out)
-    if not edge_is_free(space, p, out, margin, scratch, np.empty((space.blocks.node.shape[0], 3))):
-        return trees.BLOCKED
-    return trees.ARRIVED if way <= far else trees.FREE
-
-
-@trees.answers(trees.nearest, Space)
 @kernel
 def nearest(space, tree, count, q):
     """Return the node of a tree that is nearest to q."""
@@ -333,29 +326,6 @@ def nearest(space, tree, count, q):
             if distance < least:
                 best, least = i, distance
     return best
-
-
-@trees.answers(trees.draw, Space)
-@kernel
-def _draw(space, nodes, counts, this, rng, out):
-    random_configuration(space, rng, out)
-    return True
-
-
-@trees.answers(trees.between, Space)
-@kernel
-def _between(space, p, q, share, out):
-    interpolate(space, p, q, share, out)
-    return True
-
-
-@trees.answers(trees.shortens, Space)
-@kernel
-def _shortens(space, p, q, way):
-    return span(space, p, q) <= way - 1e-6
-
-
-trees.answers(trees.length, Space)(span)
 
 
 @kernel

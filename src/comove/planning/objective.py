@@ -32,7 +32,7 @@ from comove.model.displacements import Displacements
 from comove.model.motion import CoordinatedMotion
 from comove.model.resting import recessions
 from comove.model.scene import Scene
-from comove.planning.objectives.paper import PaperCost
+from comove.planning.objectives.criteria import PaperCost
 
 Array = NDArray[np.float64]
 

@@ -1,36 +1,19 @@
-"""A planner in space and time, for obstacles whose motion is known.
-
-Two trees grow in configurations and normalised time, forward from the start at 0 and backward from the goal at 1,
-until they meet; samples are such as both ends can reach in time (Grothe et al., 2022). A node is a configuration and
-its time. An edge is free if it is slow enough and the body keeps its margin along it while the obstacles move and
-turn: its displacement relative to any point of them is bounded by the sum of its span and theirs.
-"""
+"""A planner in space and time, for obstacles whose motion is known, and smooth movements along its paths."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.compiled import kernel
-from comove.contacts.displaced import instant_at
-from comove.geometry.distances import REACH
 from comove.model.scene import Scene
-from comove.planning import trees
-from comove.planning.configurations import (
-    Space,
-    clearance_at,
-    interpolate,
-    is_free_between,
-    may_be_within,
-    random_configuration,
-    span,
-)
+from comove.planning.configurations import Space, clearance_in_time
 from comove.planning.planner import continuous, sample
-from comove.planning.trees import copy_to, rrt_connect, shortened
+from comove.planning.timing import Timing, fastest_point
+from comove.planning.trees import rrt_connect, shortened
+from comove.planning.world import World
 
 Array = NDArray[np.float64]
 
@@ -76,35 +59,25 @@ class SpaceTimeSettings:
 SETTINGS = SpaceTimeSettings()
 
 
-class SpaceTime(NamedTuple):
-    """A scene with moving obstacles, in the form that the planner's kernels take.
-
-    Attributes
-    ----------
-    space : space with the displacements of the obstacles
-    speed : limit of the speed of a node [m a duration]
-    time_step, waiting : as in `SpaceTimeSettings`
-    clock : that of the space
-    """
-
-    space: Space
-    speed: float
-    time_step: float
-    waiting: float
-    clock: Array
-
-
-def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> SpaceTime:
-    """Return the space of a scene together with the motion of its obstacles."""
+def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> World:
+    """Return the world of a scene's space together with the motion of its obstacles."""
+    resting = space.around.obstacles
     moved = scene.displacements(np.linspace(0.0, scene.duration, settings.n_intervals + 1))
-    steps = np.linalg.norm(np.diff(moved.offsets, axis=0), axis=2)
-    steps += np.abs(np.diff(moved.angles, axis=0)) * space.around.obstacles[:, REACH]
-    space = space._replace(moved=moved, fastest=float(steps.max(initial=0.0)) * settings.n_intervals)
-    return SpaceTime(space, np.inf, settings.time_step, settings.waiting, space.clock)
+    timing = Timing(
+        resting,
+        moved,
+        fastest_point(resting, moved),
+        np.inf,
+        1.0,
+        scene.duration,
+        settings.time_step,
+        settings.waiting,
+    )
+    return World.of(space, timing)
 
 
 def plan_in_time(
-    world: SpaceTime,
+    world: World,
     start: Array,
     goal: Array,
     speed: float,
@@ -132,15 +105,12 @@ def plan_in_time(
     times : array, shape (n_configurations,), from 0 to 1
     """
     space, scratch = world.space, np.empty((world.space.blocks.node.shape[0], 3))
-    at_ends = [
-        clearance_at(space, q, instant_at(space.moved, t), scratch, 0.0)
-        for q, t in ((start, 0.0), (goal, 1.0))
-    ]
+    ends = np.append(start, 0.0), np.append(goal, 1.0)
+    at_ends = [clearance_in_time(space, world.timing, node, scratch, 0.0) for node in ends]
     margin = min(space.required + margin, 0.5 * (space.required + min(at_ends)))
-    world = world._replace(speed=speed)
+    world = world.paced(speed)
     before = np.empty((0, len(start))) if before is None else before
     before = np.column_stack([before, np.linspace(0.0, 1.0, len(before))])
-    ends = np.append(start, 0.0), np.append(goal, 1.0)
     path = rrt_connect(world, *ends, margin, rng, max_nodes, 40 * max_nodes, before)
     if len(path) == 0:
         return None
@@ -194,74 +164,3 @@ def _eased(s: Array, ease: float) -> Array:
     first = np.where(s < half, 0.5 * slope * s**2 / half, slope * (s - half / 2))
     rest = 1.0 - s
     return np.where(rest < half, 1.0 - 0.5 * slope * rest**2 / half, first)
-
-
-@kernel
-def edge_is_free_in_time(world, p, q, margin):
-    """Return whether the body is slow enough, and keeps the clearance `margin` [m], along the edge from p to q."""
-    moved, nodes = span(world.space, p, q), np.empty((world.space.blocks.node.shape[0], 3))
-    if moved > world.speed * abs(q[-1] - p[-1]):
-        return False
-    times = p[-1], q[-1]
-    return is_free_between(world.space, p, q, moved, times, margin, np.empty(p.shape[0]), nodes)
-
-
-@trees.answers(trees.extend, SpaceTime)
-@kernel
-def _extend(world, p, q, steps, margin, out):
-    moved, waited = span(world.space, p, q), abs(q[-1] - p[-1])
-    share = min(1.0, world.space.settings.step * steps / max(moved, 1e-12))
-    share = min(share, world.time_step * steps / max(waited, 1e-12))
-    _between(world, p, q, share, out)
-    if not edge_is_free_in_time(world, p, out, margin):
-        return trees.BLOCKED
-    return trees.ARRIVED if share == 1.0 else trees.FREE
-
-
-@trees.answers(trees.nearest, SpaceTime)
-@kernel
-def _nearest(world, tree, count, q):
-    best, least, later = -1, np.inf, tree[0, -1] == 0.0
-    for i in range(count):
-        wait = q[-1] - tree[i, -1] if later else tree[i, -1] - q[-1]
-        if wait > 0.0 and may_be_within(world.space, tree[i], q, world.speed * wait):
-            way = span(world.space, tree[i], q)
-            effort = way / world.space.settings.step + wait / world.time_step
-            if way <= world.speed * wait and effort < least:
-                best, least = i, effort
-    return best
-
-
-@trees.answers(trees.draw, SpaceTime)
-@kernel
-def _draw(world, nodes, counts, this, rng, out):
-    if rng.random() < world.waiting:
-        copy_to(nodes[this, int(rng.random() * counts[this])], out)
-    else:
-        random_configuration(world.space, rng, out)
-    soonest = span(world.space, nodes[0, 0], out) / world.speed
-    latest = 1.0 - span(world.space, nodes[1, 0], out) / world.speed
-    if soonest >= latest:
-        return False
-    out[-1] = soonest + rng.random() * (latest - soonest)
-    return True
-
-
-@trees.answers(trees.between, SpaceTime)
-@kernel
-def _between(world, p, q, share, out):
-    interpolate(world.space, p, q, share, out)
-    out[-1] = q[-1] if share == 1.0 else p[-1] + share * (q[-1] - p[-1])
-    return True
-
-
-@trees.answers(trees.length, SpaceTime)
-@kernel
-def _duration(world, p, q):
-    return abs(q[-1] - p[-1])
-
-
-@trees.answers(trees.shortens, SpaceTime)
-@kernel
-def _shortens(world, p, q, way):
-    return span(world.space, p, q) <= world.speed * abs(q[-1] - p[-1])
