@@ -169,6 +169,8 @@ def _carried(
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
         carrier.require_reach()
+        if not carrier.is_clear_at_ends:  # by capsules, which are wider than links
+            carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
     search = partial(_in_time, scene, method, wanted)
     if carrier.transfers:
