@@ -161,13 +161,7 @@ class Sweep:
         return found
 
     def require(self) -> None:
-        """Make sure that motions can be simulated in this process, where the study says so.
-
-        Raises
-        ------
-        ExtraError
-            If a package is not installed.
-        """
+        """Make sure that motions can be simulated in this process, where the study says so."""
         if self.simulate is not None:
             from comove.sim.engine import engine
 

@@ -17,7 +17,7 @@ import comove
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
-from comove.geometry.rotations import matrices
+from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
@@ -54,6 +54,7 @@ from comove.model.shapes import (
     LOAD,
     MovingBody,
     body_of,
+    in_space,
     inside_polygon,
     obstacle_table,
     parts_of,
@@ -511,6 +512,11 @@ class Scene:
         """
         time = self.begins + time
         return self._of_motions(lambda motion: motion.turns(time), (len(time), 3))
+
+    def orientations(self, time: Array) -> Array:
+        """Return the orientations of the obstacles' frames; array, shape (n_times, n_obstacles, 4), w x y z."""
+        first = np.array([in_space(obstacle) for obstacle in self.file.obstacles]).reshape(-1, 4)
+        return quaternion_product(exponential(self.turns(time)), np.tile(first, (len(time), 1, 1)))
 
     @cached_property
     def reaches(self) -> Array:

@@ -17,6 +17,7 @@ from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
 from comove.geometry.surfaces import Placed
+from comove.io.keys import UNTURNED
 from comove.model.files.keys import (
     BarLoad,
     BarPart,
@@ -290,6 +291,13 @@ _SHAPES: dict[str, Callable[[Any], tuple[int, tuple[float, ...], float]]] = {
     "cylinder": lambda o: (sd.CYLINDER, (o.radius, o.height / 2), hypot(o.radius, o.height / 2)),
     "ellipsoid": lambda o: (sd.ELLIPSOID, tuple(o.radii), max(o.radii)),
 }
+
+
+def in_space(obstacle: Any) -> Array:
+    """Return the orientation of an obstacle in the file; array, shape (4,), w x y z."""
+    half = 0.5 * np.deg2rad(getattr(obstacle, "rotation_deg", 0.0))
+    w, *xyz = getattr(obstacle, "quaternion_wxyz", UNTURNED)
+    return np.array([np.cos(half), 0.0, 0.0, np.sin(half)]) if half else np.array([w, *xyz])
 
 
 def inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:

@@ -31,15 +31,9 @@ from comove.robots.description import (
     load_description,
 )
 from comove.robots.formats import GroupState, Srdf
+from comove.robots.further_limits import FurtherLimits, in_radians_or_metres
 from comove.robots.grippers import gripper_links, require_apart, with_grippers
-from comove.robots.supplements import (
-    FurtherLimits,
-    in_radians_or_metres,
-    mass_beyond,
-    masses_of,
-    moved_masses,
-    with_guessed_masses,
-)
+from comove.robots.masses import mass_beyond, masses_of, moved_masses, with_guessed_masses
 from comove.robots.urdf import OF_JOINT, Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
 Array = NDArray[np.float64]

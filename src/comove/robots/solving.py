@@ -22,7 +22,15 @@ from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
 from comove.planning.methods import Comove
 from comove.planning.objectives import objective_of_scene
-from comove.planning.pace import NONE, least_possible, too_short, with_limits, would_do
+from comove.planning.pace import (
+    NONE,
+    alone,
+    least_possible,
+    rounded_up,
+    too_short,
+    with_limits,
+    would_do,
+)
 from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
@@ -32,12 +40,14 @@ from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.present import Joints, present_joints
-from comove.robots.transfers import Retreat, Transfers, possible_transfers
+from comove.robots.transfers import Retreat, Transfers, possible_transfers, require_no_transfers
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
+
+AT_LEISURE = 30.0  # s, in which arms can follow any path, where the duration is open
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +135,7 @@ def solved_by_robot(
             key="begin",
             way_out="give either begin, or present and approach",
         )
+    require_no_transfers(scene, {"approach": approach, "release": release})
     carriers: dict[str, Any] = {
         "begin": None if begin is None else present_joints(begin, robot, "begin"),
         "present": None if present is None else present_joints(present, robot),
@@ -158,17 +169,19 @@ def _carried(
     carriers: dict[str, Any],
 ) -> Procedure:
     """Carry; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`."""
-    at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
     if scene.file.choices is not None or len(scene.alternatives) > 1:
         return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None}))
     (scene,) = scene.alternatives
     begun = now()
     wanted["objective"] = wanted.get("objective") or objective_of_scene(scene.file.objective)
+    # Among moving obstacles a motion is only what it is in its own time.
+    at_leisure = _first_duration(scene) if scene.moving.any() else AT_LEISURE
     if (present := carriers["present"]) is not None:
         Retreat.on(scene.timed(at_leisure), robot, "start", present).require_apart()
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
         carrier.require_reach()
+        carrier.require_room_for_obstacles()
         if not carrier.is_clear_at_ends:  # by capsules, which are wider than links
             carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
@@ -192,7 +205,7 @@ def _with_transfers(
     before: Solution | None = None
     while True:
         found = yield from search(carrier, budget)
-        budget = budget.after(found.solve_time_s, found.work)
+        budget = budget.after(found.effort.seconds, found.effort.work)
         if before is not None:
             found = found.after(before)
         before = found
@@ -227,6 +240,8 @@ def _in_time(
     """Carry on a scene with one grasp, in its duration or as fast as possible; the carrier's scene is at leisure."""
     timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
     whole, objective = budget.size, wanted["objective"]
+    if scene.moving.any():
+        return (yield from _among_moving(scene, carrier, method or robot_method(), budget, wanted))
     if method is not None:
         own = carrier.on(scene) if scene.is_timed else carrier
         return (yield from _searched(scene, own, method, budget, wanted))
@@ -236,7 +251,7 @@ def _in_time(
     if timed:
         share = budget.within(timed_share * whole)
         first = yield from _searched(scene, carrier.on(scene), robot_method(), share, wanted)
-        budget = budget.after(first.solve_time_s, first.work)
+        budget = budget.after(first.effort.seconds, first.effort.work)
         if first.joints.verified or first.interrupted or budget.is_spent:
             return first
     method = replace(robot_method(), n_ways=1)
@@ -255,6 +270,29 @@ def _in_time(
         reasons = (budget.ran_out, *reasons)
     solution = replace(best, reasons=reasons, interrupted=slow.interrupted, timed_out=best.timed_out or late)
     return solution.after(slow if best is first else first) if timed else solution
+
+
+def _among_moving(
+    scene: Scene, carrier: RobotCarrier, method: Method, budget: Budget, wanted: dict[str, Any]
+) -> Procedure:
+    """Carry among obstacles that move: in the duration that is given, or the shortest found; nothing is stretched."""
+    if scene.is_timed and (least := least_possible(scene)) > scene.duration:
+        raise SceneError(
+            f"it is {scene.duration:g} s, and no motion within the limits takes less than {rounded_up(least, 3):g} s",
+            file=scene.path,
+            key="duration",
+            way_out="leave it out: then the shortest one is looked for in which the payload gets past the obstacles",
+        )
+    solution = yield from _searched(scene, carrier, method, budget, wanted)
+    if solution.joints.verified or not scene.is_timed or solution.interrupted:
+        return solution
+    told = "obstacles move, so the motion is not slowed down: leave duration out to have it looked for"
+    return replace(solution, reasons=(*solution.reasons, told))
+
+
+def _first_duration(scene: Scene) -> float:
+    """Return the duration of a scene with moving obstacles, or the first one that is tried where it is open [s]."""
+    return scene.duration if scene.is_timed else alone(scene.with_limits(), None)
 
 
 def _by_some_grasp(
@@ -282,7 +320,7 @@ def _by_some_grasp(
             break
         part = left if following is None else left.within(0.5 * left.size)
         solution = yield from _carried(choice, robot, part, dict(wanted), method, carriers)
-        work += solution.work
+        work += solution.effort.work
         if (solution.joints.verified and not solution.joints.without) or solution.interrupted:
             return solution
         if best is None or (solution.joints.verified and not best.joints.verified):
@@ -314,7 +352,8 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterato
         for way in ways:
             try:
                 choice = way()
-                carrier = RobotCarrier(robot, choice.timed(1.0), **carriers)
+                first_try = _first_duration(choice) if choice.moving.any() else 1.0
+                carrier = RobotCarrier(robot, choice.timed(first_try), **carriers)
                 carrier.require_reach()
                 carrier.require_clear_ends()
                 clear.append((round(carrier.turning, 6), choice))
@@ -358,6 +397,7 @@ def _searched(
 
 def _with_joints(solution: Solution, carrier: RobotCarrier) -> Solution:
     """Return a solution with the joints that carry it out."""
+    carrier = carrier.on(solution.scene) if carrier.scene.moving.any() else carrier
     joints = JointSolution(carrier.robot, *carrier.carried_out(solution.attempt))
     return replace(solution, joints=joints)
 

@@ -53,13 +53,7 @@ TAKEN = "universe"  # Pinocchio's own frame
 
 
 def require_sound(tree: ET.Element, prefix: str) -> None:
-    """Refuse a model that is meaningless or too large; `prefix` is that of its names.
-
-    Raises
-    ------
-    RobotError
-        If the model is refused; the message names the link or joint, and the way out.
-    """
+    """Refuse a model that is meaningless or too large; `prefix` is that of its names."""
     joints, links = tree.findall("./joint"), tree.findall("./link")
     for element in (*links, *joints):
         _require_name(element, prefix)
@@ -273,13 +267,7 @@ def _check_sizes(tree: ET.Element) -> None:
 
 
 def require_tree(tree: ET.Element) -> None:
-    """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep.
-
-    Raises
-    ------
-    RobotError
-        If the links are no tree; the message names the link or joint, and the way out.
-    """
+    """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep."""
     links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
     if not links:
         raise RobotError("it has no link", way_out="name a URDF with the links of a robot")

@@ -154,11 +154,6 @@ def _require_bounded(file: Path) -> None:
 
     A line of a model may ask for any number of bodies, and MuJoCo builds it in native code that cannot be stopped. It
     is therefore built in a process of its own first.
-
-    Raises
-    ------
-    RobotError
-        If it cannot be built; MuJoCo's reason is told.
     """
     command = [sys.executable, "-c", BUILD, str(file), str(SECONDS), str(GIGABYTES)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)

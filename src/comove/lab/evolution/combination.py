@@ -35,7 +35,7 @@ from comove.planning.compiling import compiling
 from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
-from comove.planning.objectives.paper import PaperCost
+from comove.planning.objectives.criteria import PaperCost
 from comove.planning.search import Journal, OutOfTime, Schedule, Search, SearchClock, stricter
 from comove.planning.solution import ProgressCallback
 from comove.processes import one_blas_thread

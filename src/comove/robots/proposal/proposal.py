@@ -23,6 +23,7 @@ from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
+from comove.robots.further_limits import in_radians_or_metres
 from comove.robots.grippers import gripper_links
 from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
@@ -31,7 +32,6 @@ from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
 from comove.robots.proposal.rules import clearance_at_home
 from comove.robots.proposal.tree import GUESSED, MOVING, ArmShape, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
-from comove.robots.supplements import in_radians_or_metres
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.kinematics import joint_axes
 
