@@ -131,7 +131,7 @@ def test_the_advice_works(monkeypatch):
 def test_work_is_counted_and_added_up():
     found = solve(example("narrow"), method=Quick())
     assert 0.0 < found.effort.work < 100.0 * found.effort.seconds
-    assert found.after(found).work == 2.0 * found.effort.work
+    assert found.after(found).effort.work == 2.0 * found.effort.work
 
 
 @pytest.mark.parametrize("budget", [0, -1.0, float("nan"), float("inf"), "30", True, None])

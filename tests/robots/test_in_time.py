@@ -15,7 +15,10 @@ from comove.model import CoordinatedMotion, Scene
 from comove.model.coordinates import load_coordinates
 from comove.planning.configurations import configuration_space, span
 from comove.planning.spacetime import spacetime
+from comove.robots import Robot, read_joints
 from comove.robots.carrying import RobotCarrier
+from comove.sim.dynamics import simulate
+from comove.sim.playback import play
 from comove.verification.verify import verify
 from tests.commands import invoke
 from tests.robots.known_carry import baxter, scene_data
@@ -98,7 +101,7 @@ def test_what_is_stored_is_verified_played_and_exported_in_time(solved):
 
 
 def test_the_motion_holds_for_these_obstacles_in_their_own_time_only(solved):
-    """It is rejected where the gate opens later."""
+    """It is rejected where the gate opens later, and the payload meets it when the motion is played."""
     folder, out = solved
     late = gated(robot="robot.yaml")
     late["obstacles"][0]["motion"]["times"] = [0.0, OPENS + 2.5, OPEN + 2.5]
@@ -106,6 +109,11 @@ def test_the_motion_holds_for_these_obstacles_in_their_own_time_only(solved):
     told = invoke("verify", folder / "late.yaml", out)
     assert told.exit_code == 1
     assert "gate" in told.output + told.stderr
+    joints, machine = read_joints(out).joints, Robot.load(folder / "robot.yaml")
+    assert play(joints, machine, read_joints(out).scene).delivered
+    scene = Scene.from_dict(late, folder=folder)
+    for simulated in (play(joints, machine, scene), simulate(joints, scene, machine)):
+        assert any("gate" in reason for reason in simulated.reasons), simulated.simulator
 
 
 def test_neither_the_straight_motion_nor_one_past_a_gate_that_stays_is_verified():

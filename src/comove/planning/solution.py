@@ -57,7 +57,7 @@ ProgressCallback = Callable[[Progress], None]
 
 
 @dataclass(frozen=True)
-class Effort:
+class SearchEffort:
     """The effort of a search.
 
     Attributes
@@ -74,9 +74,9 @@ class Effort:
     work: float = 0.0
     first_verified: float | None = None
 
-    def after(self, earlier: Effort) -> Effort:
+    def after(self, earlier: SearchEffort) -> SearchEffort:
         """Return the effort with that of an earlier search, which found nothing, besides."""
-        return Effort(
+        return SearchEffort(
             earlier.evaluations + self.evaluations,
             earlier.generations + self.generations,
             earlier.seconds + self.seconds,
@@ -118,7 +118,7 @@ class Solution:
     cost: Cost
     method: str
     seed: int
-    effort: Effort
+    effort: SearchEffort
     interrupted: bool = False
     timed_out: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)

@@ -53,7 +53,7 @@ from comove.planning.pace import (
 from comove.planning.pace import SETTINGS as DURATIONS
 from comove.planning.resemblance import Followed, followed, precision_root
 from comove.planning.search import Interruption, Journal, OutOfTime, Search, SearchClock
-from comove.planning.solution import Effort, ProgressCallback, Solution
+from comove.planning.solution import ProgressCallback, Solution
 from comove.processes import one_blas_thread
 from comove.verification.verify import Check, Verdict, verify
 
@@ -449,13 +449,7 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
         cost=evaluated.cost(motion),
         method=problem.method.name,
         seed=problem.seed,
-        effort=Effort(
-            search.journal.evaluations,
-            search.journal.generations,
-            search.clock.elapsed(),
-            search.clock.work,
-            search.found.first_verified,
-        ),
+        effort=search.effort,
         interrupted=search.clock.interruption.wished,
         timed_out=timed_out,
         log=log,

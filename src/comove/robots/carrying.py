@@ -191,7 +191,7 @@ class RobotCarrier(LimitedKinematics):
         other = self._changed(scene=scene)
         if (
             scene.moving.any() and scene.duration != self.scene.duration
-        ):  # obstacles are elsewhere at the goal
+        ):  # then they are elsewhere at the goal
             for name in ("starts", "goals", "_pairs", "_led"):
                 vars(other).pop(name, None)
         return other

@@ -181,8 +181,9 @@ def _carried(
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
         carrier.require_reach()
-        carrier.require_room_for_obstacles()
-        if not carrier.is_clear_at_ends:  # by capsules, which are wider than links
+        if scene.is_timed:
+            carrier.require_room_for_obstacles()
+        if not scene.moving.any() and not carrier.is_clear_at_ends:  # by capsules, which are wider than links
             carrier.require_clear_ends()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
     search = partial(_in_time, scene, method, wanted)
@@ -276,7 +277,9 @@ def _among_moving(
     scene: Scene, carrier: RobotCarrier, method: Method, budget: Budget, wanted: dict[str, Any]
 ) -> Procedure:
     """Carry among obstacles that move: in the duration that is given, or the shortest found; nothing is stretched."""
-    if scene.is_timed and (least := least_possible(scene)) > scene.duration:
+    objective = wanted["objective"]
+    kept = scene.is_timed and not (objective is not None and objective.is_time)
+    if kept and (least := least_possible(scene)) > scene.duration:
         raise SceneError(
             f"it is {scene.duration:g} s, and no motion within the limits takes less than {rounded_up(least, 3):g} s",
             file=scene.path,
@@ -284,7 +287,7 @@ def _among_moving(
             way_out="leave it out: then the shortest one is looked for in which the payload gets past the obstacles",
         )
     solution = yield from _searched(scene, carrier, method, budget, wanted)
-    if solution.joints.verified or not scene.is_timed or solution.interrupted:
+    if solution.joints.verified or not kept or solution.interrupted:
         return solution
     told = "obstacles move, so the motion is not slowed down: leave duration out to have it looked for"
     return replace(solution, reasons=(*solution.reasons, told))

@@ -8,6 +8,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from comove.model import Scene
 from comove.robots import verify_joints
@@ -41,6 +42,9 @@ def raw_baxter():
 def center(obstacle, t):
     """Where an obstacle is [m]."""
     how, place = obstacle["motion"], np.array(obstacle["center"], dtype=float)
+    if "turn" in how:
+        hinge = np.array(how["turn"]["hinge"])
+        return place + hinge - turned(obstacle, t) @ hinge
     if "velocity" in how:
         return place + t * np.array(how["velocity"])
     if "circle" in how:
@@ -49,21 +53,29 @@ def center(obstacle, t):
     return np.array([np.interp(t, how["times"], axis) for axis in np.transpose(how["waypoints"])])
 
 
+def turned(obstacle, t):
+    """How an obstacle has turned; array, shape (3, 3)."""
+    turn = obstacle["motion"].get("turn", {"axis": [0.0, 0.0, 1.0], "rate_deg_per_s": 0.0})
+    axis = np.array(turn["axis"]) / np.linalg.norm(turn["axis"])
+    return Rotation.from_rotvec(np.deg2rad(turn["rate_deg_per_s"]) * t * axis).as_matrix()
+
+
 def sampled(joints, obstacle, time):
     """The distance of each link from an obstacle; array, shape (n_steps, n_links)."""
     model, bodies, columns = raw_baxter()
     data, placed, q = model.createData(), bodies.createData(), pin.neutral(model)
-    sphere, rows = coal.Sphere(obstacle["radius"]), []
+    rows = []
+    solid = coal.Sphere(obstacle["radius"]) if "radius" in obstacle else coal.Box(*obstacle["size"])
     for t, own in zip(time, joints.curve(time), strict=True):
         q[columns] = own
         pin.updateGeometryPlacements(model, data, bodies, placed, q)
-        at = coal.Transform3s(np.eye(3), center(obstacle, t))
+        at = coal.Transform3s(turned(obstacle, t), center(obstacle, t))
         rows.append(
             [
                 coal.distance(
                     item.geometry,
                     coal.Transform3s(pose.rotation, pose.translation),
-                    sphere,
+                    solid,
                     at,
                     coal.DistanceRequest(),
                     coal.DistanceResult(),
@@ -75,22 +87,28 @@ def sampled(joints, obstacle, time):
 
 
 def passing(rng):
-    """A sphere that moves past the arms, somewhere."""
+    """A sphere that moves past the arms, or a plank that swings about an end, somewhere."""
     place = rng.uniform([0.2, -0.8, 0.25], [1.0, 0.8, 0.9])
     there = rng.uniform([0.2, -0.8, 0.25], [1.0, 0.8, 0.9])
     times = np.sort(rng.uniform(0.0, DURATION, 3)).round(3)
-    how = [
+    turn = {"axis": rng.normal(size=3).round(3).tolist(), "rate_deg_per_s": float(rng.uniform(-60, 60))}
+    ways = [
         {"velocity": ((there - place) / DURATION).round(4).tolist()},
         {"circle": {"radius": 0.2, "period_s": float(rng.uniform(2, 20))}},
         {
             "waypoints": [place.round(4).tolist(), there.round(4).tolist(), place.round(4).tolist()],
             "times": times.tolist(),
         },
-    ][rng.integers(3)]
-    return {"shape": "sphere", "radius": 0.08, "center": place.round(4).tolist(), "motion": how}
+        {"turn": turn | {"hinge": [0.25, 0.0, 0.0]}},
+    ]
+    how = ways[rng.integers(len(ways))]
+    solid = (
+        {"shape": "box", "size": [0.5, 0.08, 0.04]} if "turn" in how else {"shape": "sphere", "radius": 0.08}
+    )
+    return solid | {"center": place.round(4).tolist(), "motion": how}
 
 
-@examples(6)
+@examples(10)
 @given(st.integers(0, 2**32 - 1))
 def test_clearances_from_moving_obstacles_are_those_of_dense_sampling(seed):
     motion, joints = known_carry()
