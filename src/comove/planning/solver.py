@@ -20,6 +20,7 @@ from comove.dmp.operations import scale
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError, SceneError
+from comove.model.free_goals import FreeGoal
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.arguments import (
@@ -157,7 +158,7 @@ def problem_of(
         aim,
         functions,
         hard,
-        (*checks, *kinematics.checks),
+        tuple(checks),
         kinematics,
         progress,
         smooth,
@@ -205,6 +206,7 @@ class Problem:
     taught : demonstrated movement of every manipulator; None without any
     own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     hard : whether obstacles are constraints, not only costs
+    given_checks : checks of the caller, besides those of the kinematics
     smooth : whether motions are made smooth, by comove's own method
     precision : precision of a demonstrated distribution, as in `Objective`; None for single movements
     """
@@ -218,12 +220,17 @@ class Problem:
     objective: Criterion
     own: OwnFunctions | None
     hard: bool
-    checks: tuple[Check, ...]
+    given_checks: tuple[Check, ...]
     kinematics: Kinematics
     progress: ProgressCallback | None
     smooth: bool
     stop: Callable[[], bool] | None = None
     precision: Array | None = None
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Return the checks that a motion must pass, besides those of the scene."""
+        return (*self.given_checks, *self.kinematics.checks)
 
     @property
     def is_timed(self) -> bool:
@@ -331,10 +338,11 @@ def _by_some_choice(problem: Problem) -> Procedure:
 
     Those with contacts at an end are left out. Each of the others has half of the work that is left, the last all.
     """
-    free = list[Scene]()
-    for choice in problem.scene.alternatives:
-        with suppress(SceneError):
-            free.append(choice.require_free_ends())
+    free, scene = list[Scene](), problem.scene
+    for option in scene.file.choices or ():
+        for turn in [0.0] if option.free is None else FreeGoal(scene, option).turns():
+            with suppress(SceneError):
+                free.append(scene.put_down(option, turn).require_free_ends())
     if not free:
         problem.scene.require_free_ends()  # which says what is touched
     best: Solution | None = None
@@ -470,7 +478,9 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> P
 
     def attempt(duration: float, method: Method, share: float = 1.0) -> Procedure:
         budget = left().within(share * whole.size)
-        one = replace(problem, scene=asked.timed(duration), method=method, budget=budget)
+        scene = asked.timed(duration)
+        kinematics = problem.kinematics.on(scene)
+        one = replace(problem, scene=scene, method=method, budget=budget, kinematics=kinematics)
         done.append((yield from _solved(one)))
         return done[-1]
 

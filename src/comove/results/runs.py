@@ -1,8 +1,9 @@
 """A stored execution, `run.npz` and `run.json`: read, and verified from its poses and the scene.
 
 `run.npz` holds, at every control period, `time` (n_steps,) [s], `position` (n_steps, n_manipulators, n_dims) [m], and
-`obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles; it also holds the
-poses from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
+`obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles, and where any turns
+`obstacle_quaternion` (n_steps, n_obstacles, 4), w x y z, the orientations of their frames; it also holds the poses
+from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
 (n_steps, n_groups, 4), w x y z, of the rigid groups. `scene.json` is the scene that was executed, so that the folder
 can be judged anew and played without other files.
 
@@ -26,6 +27,7 @@ from comove.results.sealed import (
     TEXT,
     TEXTS,
     TRUTH,
+    Arrays,
     ResultKind,
     Stored,
     Summary,
@@ -50,6 +52,7 @@ RUN = ResultKind(
     made_by="comove run SCENE --out DIR",
     hint="run it again",
     required=("time", "position", "obstacle_center", "center", "quaternion"),
+    optional=("obstacle_quaternion",),
     unsealed=(
         "time_to_first_verified_s",
         "wall_time_s",
@@ -85,6 +88,8 @@ class StoredRun(Stored):
             "center": (n, len(scene.groups), 3),
             "quaternion": (n, len(scene.groups), 4),
         }
+        if "obstacle_quaternion" in arrays:
+            shapes["obstacle_quaternion"] = (n, len(scene.motions), 4)
         loose = ("obstacle_center",)  # nobody may know where one was
         RUN.require_shapes(arrays, shapes, self.folder, fewest=FEWEST, loose=loose)
         if not (np.diff(arrays["time"]) > 0).all():
@@ -126,6 +131,7 @@ def verify_run(stored: StoredRun) -> ExecutionReport:
     record = replace(recorded, obstacles=moved)
     report = verify_execution(record)
     reasons = [*report.reasons, *_impossible(record), *_elsewhere(recorded, record)]
+    reasons += _turned_otherwise(scene, stored.arrays)
     reasons += RUN.broken_seals(stored.summary, stored.arrays)
     if stored.summary.get("scene_sha256") != scene.sha256:
         reasons.append(
@@ -173,6 +179,17 @@ def _elsewhere(recorded: Record, record: Record) -> list[str]:
             f"it at {record.time[step]:.2f} s"
         )
     return reasons
+
+
+def _turned_otherwise(scene: Scene, arrays: Arrays) -> list[str]:
+    """List the obstacles that were, by the run's own record, turned otherwise than the scene turns them, in words."""
+    if "obstacle_quaternion" not in arrays:
+        return []
+    apart = np.abs(arrays["obstacle_quaternion"] - scene.orientations(arrays["time"])).max(axis=(0, 2))
+    return [
+        f"{scene.name_of(int(i))} was, by the run's own record alone, turned otherwise than the scene turns it"
+        for i in np.flatnonzero(~(apart <= FITS))
+    ]
 
 
 def _misstated(summary: Summary, report: ExecutionReport, record: Record) -> list[str]:

@@ -123,7 +123,7 @@ class Room:
         """Return the pairs that are checked first, of bodies that joints move apart: hulls in place of the pairs that
         they hold.
         """
-        exact, moves = self.bodies.exact, self.bodies.reach[:, :-1].any(axis=1)
+        exact, moves = self.bodies.exact, self.bodies.joint_reach.any(axis=1)
         held = exact[exact != np.arange(len(exact))]
         return _Pairs.of(self.bodies, np.setdiff1d(np.flatnonzero(moves), held), self._required)
 
@@ -161,7 +161,7 @@ class Room:
     @cached_property
     def lever(self) -> Array:
         """Return the largest change of a distance per unit of each joint; array, shape (n_joints,) [m/rad]."""
-        return self.bodies.reach[:, :-1].max(axis=0)
+        return self.bodies.joint_reach.max(axis=0)
 
     def is_free(self, q: Array) -> bool:
         """Return whether all pairs keep their clearance at joint positions q."""
@@ -240,7 +240,7 @@ class Room:
 
     def is_free_between(self, first: Array, second: Array) -> bool:
         """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
-        changes = self.bodies.reach[:, :-1] @ np.abs(second - first)
+        changes = self.bodies.joint_reach @ np.abs(second - first)
         count = int(np.ceil((changes / (2.0 * self.spare)).max(initial=0.0)))
         shares = np.arange(1, count) / max(count, 1)
         coarse_first = shares[np.argsort([_bits(k) for k in range(1, count)])] if count > 2 else shares

@@ -10,6 +10,7 @@ fingers is not judged.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 
@@ -167,6 +168,7 @@ def possible_transfers(
     for name, value in (("height", height), ("grip_time", grip_time)):
         if not 0.0 < value < np.inf:
             raise OptionError(f"it is {value!r}", key=name, way_out="give a positive number")
+    require_no_transfers(carry.scene, {"approach": approach, "release": release})
     if not (approach or release):
         raise OptionError("neither approach nor release is wanted", key="approach", way_out="ask for one")
     grip_time, robot = _whole(grip_time), carry.robot
@@ -191,6 +193,26 @@ def possible_transfers(
         seal=_JUDGED,
     )
     return transfers, errors
+
+
+def require_no_transfers(scene: Scene, wanted: Mapping[str, bool]) -> None:
+    """Refuse approach and release among moving obstacles: the scene's times are those of the carry.
+
+    Parameters
+    ----------
+    wanted : whether each is asked for, by its name
+
+    Raises
+    ------
+    OptionError
+        If one is.
+    """
+    for name in (name for name, asked in wanted.items() if asked and scene.moving.any()):
+        raise OptionError(
+            f"obstacles of '{scene.name}' move, and the scene says where they are during the carry only",
+            key=name,
+            way_out=f"leave {name} out, and bring the arms to the start of the joint motion before time 0",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +265,7 @@ class Retreat:
         """Return all bodies, the load's at the end, and named so."""
         bases = Bases(self.robot, self.robot.description.uncertainty)
         where, _ = self.carried.hands(self.carried.time)
-        bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).with_load_at(self.place)
+        bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).placed_at(self.place)
         names = list(bodies.names)
         for rod, *_ in bodies.rods:
             names[rod] = f"{names[rod]} at its {self.end}"

@@ -44,7 +44,7 @@ from comove.sim.live_record import OnlineRecord, OnlineReport, judge_run
 from comove.sim.loads import are_poses, carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
-    from comove.robots.online.executor import OnlineLog
+    from comove.control.loop import ExecutionLog
 
 LOST = 0.5  # rad, difference of measured and commanded joints from which on a robot counts as driven off
 HELD, PLACED = 5e-3, 2e-2  # m, by which a load may move in the hands, and be off its place when it is grasped
@@ -73,7 +73,7 @@ def write_robot_run(
     folder: Path,
     record: OnlineRecord,
     report: OnlineReport,
-    log: OnlineLog,
+    log: ExecutionLog,
     *,
     seed: int,
     wall_time_s: float,
@@ -104,16 +104,12 @@ def write_robot_run(
         "version": __version__,
         "period_s": record.period,
         **measures,
-        "relaxed_max": log.relaxed,
         "stopped_steps": log.stopped,
         "contacts": [asdict(contact) for contact in record.contacts],
-        "plans": len(log.planning),
         "planning_s": [float(seconds) for seconds in log.planning],
-        "control_s_median": float(np.median(log.control)),
-        "control_s_p999": float(np.quantile(log.control, 0.999)),
         "wall_time_s": wall_time_s,
         "blocking": {str(obstacle): steps for obstacle, steps in sorted(log.blocking.items())},
-        "events": [{"time": event.time, "what": event.what} for event in log.events],
+        **log.summary,
     }
     arrays = {
         "time": np.array(record.time),
