@@ -565,7 +565,8 @@ class Scene:
         now = np.array([time])
         if centers is None:
             centers = self.centers + self.offsets(now)[0]
-        return _placed(self.obstacles, self.owners, centers, self.turns(now)[0])
+        turns = self.turns(now)[0] if self.turning.any() else np.zeros_like(centers)
+        return _placed(self.obstacles, self.owners, centers, turns)
 
     @property
     def speed_limit(self) -> float:
@@ -773,6 +774,8 @@ def _placed(table: Array, owners: NDArray[np.int64], centers: Array, turns: Arra
     """Return rows of the table at centres [m] and turned [rad], by obstacle; arrays, shape (n_obstacles, 3)."""
     table, own = table.copy(), np.flatnonzero(turns[owners].any(axis=1))
     table[:, sd.CENTER : sd.CENTER + 3] = centers[owners]
+    if not len(own):  # in most steps of executions
+        return table
     axes = table[own, sd.ROTATION : sd.ROTATION + 9].reshape(-1, 3, 3)
     table[own, sd.ROTATION : sd.ROTATION + 9] = (rotations(turns[owners[own]]) @ axes).reshape(-1, 9)
     return table
