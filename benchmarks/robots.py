@@ -285,6 +285,7 @@ def links_apart(robot: Robot, scene: Scene, joints: JointMotion, rate: float = 1
         "box": lambda o: coal.Box(*o.size),
         "sphere": lambda o: coal.Sphere(o.radius),
         "capsule": lambda o: coal.Capsule(o.radius, o.length),
+        "cylinder": lambda o: coal.Cylinder(o.radius, o.height),
     }
     things, least = [], np.inf
     for obstacle in scene.file.obstacles:

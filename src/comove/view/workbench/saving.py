@@ -10,6 +10,7 @@ from typing import Any
 from comove.errors import OptionError, ResultError
 from comove.io.files import whole_file
 from comove.model.files.keys import SceneFile
+from comove.model.files.upgrade import as_text, has_poses, written
 from comove.model.scene import Scene
 from comove.results.inputs import names_files
 from comove.view.workbench.edits import Contents
@@ -38,10 +39,12 @@ def target_in(folder: Path, name: object, suffix: str = "") -> Path:
 
 
 def scene_text(contents: Contents) -> str:
-    """Return the contents of a scene file as YAML, without what is understood."""
+    """Return a scene file as YAML, without what is understood; in version 2 where a payload has poses."""
     import yaml
 
     file = SceneFile.model_validate(contents)
+    if has_poses(file):
+        return as_text(written(file))
     plain: dict[str, Any] = {"version": file.version} | file.model_dump(mode="json", exclude_defaults=True)
     return yaml.safe_dump(plain, sort_keys=False, allow_unicode=True, default_flow_style=None, width=110)
 
