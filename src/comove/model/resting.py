@@ -18,8 +18,8 @@ from itertools import combinations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import SceneError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices
@@ -28,8 +28,6 @@ from comove.ties import first_largest, first_least
 
 if TYPE_CHECKING:
     from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 SLOPE = 0.5  # by which the required distance grows per displacement: a body leaves at 30 degrees or more
 TOLERANCE = 1e-4  # m, of drawings, by which a body may be in its support, and its distance may shrink
