@@ -7,7 +7,7 @@ there. Grasps and ends that ways share are solved once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
@@ -44,7 +44,7 @@ class ReachSettings:
     exact: int = 4
     singular: float = 0.02
     lever: float = 0.2
-    turns: TurnSettings = TurnSettings(step=np.deg2rad(15.0))
+    turns: TurnSettings = field(default_factory=lambda: TurnSettings(step=np.deg2rad(15.0)))
     n_seeds: int = 8
     n_kept: int = 8
 
