@@ -17,9 +17,9 @@ import pinocchio as pin
 from comove.arrays import Array
 from comove.errors import RobotError
 from comove.robots.urdf import Source
+from comove.ties import ROUNDING
 
 DENSITY = 1000.0  # kg/m^3
-ROUNDING = 1e-9  # share of a mass
 MAX_TOLD = 6
 MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 

@@ -12,6 +12,7 @@ from comove.io.files import whole_file
 from comove.model.files.keys import SceneFile
 from comove.model.files.upgrade import as_text, has_poses, written
 from comove.model.scene import Scene
+from comove.results.inputs import names_files
 from comove.view.workbench.edits import Contents
 from comove.view.workbench.teaching import Taught, csv_of
 
@@ -66,7 +67,7 @@ def save_scene(contents: Contents, path: Path, source: Path, taught: Taught | No
     if taught is not None:
         contents = {**contents, "demonstration": None}
     scene = Scene.from_dict(contents, folder=source)
-    if _names_files(scene) and source.resolve() != path.parent.resolve():
+    if names_files(scene) and source.resolve() != path.parent.resolve():
         raise ResultError(
             "the scene names files beside it, which it would not find from here",
             file=path,
@@ -78,9 +79,3 @@ def save_scene(contents: Contents, path: Path, source: Path, taught: Taught | No
             contents = {**contents, "demonstration": {"file": recording.name}}
             both.enter_context(whole_file(recording, ResultError, replace=False)).write(csv_of(taught))
         both.enter_context(whole_file(path, ResultError, replace=False)).write(scene_text(contents).encode())
-
-
-def _names_files(scene: Scene) -> bool:
-    demonstration, robot = scene.file.demonstration, scene.file.robot
-    taught = demonstration is not None and (demonstration.file or demonstration.library)
-    return bool(scene.meshes or taught or (robot and "/" in robot))
