@@ -35,7 +35,7 @@ from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
 from comove.robots.carrying import RobotCarrier
-from comove.robots.choosing import EXACT, Reach
+from comove.robots.choosing import Reach
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
@@ -346,7 +346,7 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterato
     """
     reach, n_found, first = Reach(robot, scene), 0, None
     choices = scene.file.choices or ()
-    if len(choices) > EXACT or any(choice.free is not None for choice in choices):
+    if len(choices) > reach.settings.exact or any(choice.free is not None for choice in choices):
         ways = iter(partial(scene.put_down, *way) for way in reach.ranked())
     else:
         ways = iter(partial(replace, alternative) for alternative in scene.alternatives)
@@ -362,7 +362,7 @@ def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterato
                 clear.append((round(carrier.turning, 6), choice))
             except (SceneError, RobotError) as error:
                 first = first or error
-            if choices and len(clear) == EXACT:
+            if choices and len(clear) == reach.settings.exact:
                 break
         if not clear:
             break
