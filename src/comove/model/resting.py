@@ -20,7 +20,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from comove.arrays import Array
+from comove.arrays import Array, Integers
 from comove.errors import SceneError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices
@@ -64,7 +64,7 @@ class Supported(Protocol):
     @property
     def obstacles(self) -> Array: ...
     @property
-    def first_rows(self) -> NDArray[np.int64]: ...
+    def first_rows(self) -> Integers: ...
     @property
     def motions(self) -> tuple[ObstacleMotion | None, ...]: ...
     @property

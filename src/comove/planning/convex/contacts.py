@@ -10,8 +10,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.contacts.displaced import carried_back, carried_forward, moves, turned_forward
 from comove.contacts.query import nearest_point, normal_at, part_apart
@@ -30,9 +30,6 @@ from comove.geometry.surfaces import count_meshes
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, Coordinates
 from comove.model.displacements import Displacements
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 CLOSE = 0.03  # m, distance below which a part is checked at all samples, and at the ends of rods and corners
 # One sample in so many becomes a contact when close, and up to three times as far; beyond that, one in 12.
