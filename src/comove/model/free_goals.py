@@ -6,17 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from comove.arrays import Array
 from comove.geometry.rotations import matrices
 from comove.model.files.keys import GraspOption
 from comove.model.grasp import turned_goal
 from comove.model.resting import provable
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import (
     fit_angle,
     fit_direction,
@@ -17,8 +17,6 @@ from comove.geometry.rotations import (
     rotation_in_plane,
     similarity,
 )
-
-Array = NDArray[np.float64]
 
 Orientation = Literal["none", "fixed", "plane", "vertical", "axis", "space"]
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.errors import SceneError
 from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices
@@ -30,8 +30,6 @@ from comove.model.moving import ObstacleMotion
 from comove.model.rigid import ENDS
 from comove.model.shapes import MovingBody
 from comove.ties import first_largest, first_least
-
-Array = NDArray[np.float64]
 
 SLOPE = 0.5  # by which the required distance grows per displacement: a body leaves at 30 degrees or more
 TOLERANCE = 1e-4  # m, of drawings, by which a body may be in its support, and its distance may shrink
@@ -66,7 +64,7 @@ class Supported(Protocol):
     @property
     def obstacles(self) -> Array: ...
     @property
-    def first_rows(self) -> NDArray[np.int64]: ...
+    def first_rows(self) -> Integers: ...
     @property
     def motions(self) -> tuple[ObstacleMotion | None, ...]: ...
     @property

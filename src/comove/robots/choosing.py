@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import matrices
 from comove.model.files.keys import GraspOption, PayloadPose
 from comove.model.free_goals import FreeGoal, TurnSettings
@@ -23,8 +23,6 @@ from comove.robots.model import Arm, Robot
 from comove.robots.search.chains import jacobian, place_arm, turned_towards
 from comove.robots.search.following import MET
 from comove.robots.search.ranges import may_reach
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from typing import Any, Protocol
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from comove.errors import RobotError, near_name
 from comove.geometry.rotations import matrices
@@ -31,8 +30,6 @@ from comove.robots.description import (
 )
 from comove.robots.formats import Srdf
 from comove.robots.urdf import OF_JOINT, Source, read_source, source_of
-
-Array = NDArray[np.float64]
 
 NEAR = 0.05  # m, from the grasp frame, within which a gripper has a body
 BEYOND = 0.01  # m, along the approach, by which a hand in one piece reaches beyond the grasp frame

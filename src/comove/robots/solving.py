@@ -8,9 +8,7 @@ from functools import partial
 from typing import Any
 from warnings import warn
 
-import numpy as np
-from numpy.typing import NDArray
-
+from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError, RobotError, SceneError
 from comove.methods import METHODS, OF_ROBOTS
@@ -44,8 +42,6 @@ from comove.robots.transfers import Retreat, Transfers, possible_transfers, requ
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.verification.verify import Check, verify
-
-Array = NDArray[np.float64]
 
 AT_LEISURE = 30.0  # s, in which arms can follow any path, where the duration is open
 
