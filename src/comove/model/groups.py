@@ -40,7 +40,7 @@ class GroupPose:
 
 
 class Mask(NamedTuple):
-    """What a rigid body keeps of its pose, besides what its orientation says.
+    """Parts of its pose that a rigid body keeps, besides those that its orientation says.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class RigidGroup:
     start, goal : poses at start and goal
     start_twist : array, shape (6,), velocity of the frame's centre [m per duration] and angular velocity [rad per
         duration] at the start, along the axes of the world; zero unless the movement continues another one
-    mask : what else of its pose is kept
+    mask : further parts of its pose that it keeps
     """
 
     members: tuple[int, ...]

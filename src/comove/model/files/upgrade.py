@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import facing, fit_quaternion, matrices, quaternion_of_rotation
 from comove.model.files.keys import BarLoad, SceneFile, Turned
 from comove.model.grasp import Grasp, alternatives
@@ -17,8 +17,6 @@ from comove.model.groups import GroupPose, RigidGroup
 from comove.model.rigid import ENDS, load_shape
 from comove.model.scene import Scene
 from comove.model.shapes import LOAD, read_meshes, spatial
-
-Array = NDArray[np.float64]
 
 DIGITS = 13
 """Decimals of lengths [m] and directions that are written."""
