@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.planning.clock import clock_until
 from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
@@ -25,8 +26,6 @@ from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.links import FATTEST, ROUGH
 from comove.robots.search.outline import Outline
 from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,11 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from comove.errors import RobotError, near_name
 from comove.geometry.rotations import matrices
@@ -31,11 +30,6 @@ from comove.robots.description import (
 )
 from comove.robots.formats import Srdf
 from comove.robots.urdf import OF_JOINT, Source, read_source, source_of
-
-if TYPE_CHECKING:
-    from comove.robots.model import Arm, Robot
-
-Array = NDArray[np.float64]
 
 NEAR = 0.05  # m, from the grasp frame, within which a gripper has a body
 BEYOND = 0.01  # m, along the approach, by which a hand in one piece reaches beyond the grasp frame
@@ -216,7 +210,23 @@ def _attached(
     return (*sources[:at], whole, *sources[at + 1 :])
 
 
-def gripper_links(robot: Robot, arm: Arm) -> frozenset[str]:
+class Equipped(Protocol):
+    """A robot as its grippers see it: attributes and methods of `comove.robots.model.Robot`."""
+
+    @property
+    def sources(self) -> tuple[Source, ...]: ...
+    @property
+    def arms(self) -> tuple[Any, ...]: ...
+    @property
+    def model(self) -> Any: ...
+    @property
+    def collision(self) -> Any: ...
+    @property
+    def home(self) -> Any: ...
+    def grasp_frame(self, arm: Any) -> tuple[int, Any]: ...
+
+
+def gripper_links(robot: Equipped, arm: Any) -> frozenset[str]:
     """Return the names of the links of the gripper that the description gives to an arm."""
     links = {link for source in robot.sources for link in source.gripper_links}
     joint, _ = robot.grasp_frame(arm)
@@ -225,7 +235,7 @@ def gripper_links(robot: Robot, arm: Arm) -> frozenset[str]:
 
 
 @lru_cache(maxsize=8)
-def without_gripper(robot: Robot) -> tuple[str, ...]:
+def without_gripper(robot: Equipped) -> tuple[str, ...]:
     """Return the names of the arms whose models have no gripper where they hold the payload.
 
     An arm has one if a body that moves with its hand is within `NEAR` of its grasp frame, and belongs to a finger or
@@ -243,7 +253,7 @@ def without_gripper(robot: Robot) -> tuple[str, ...]:
 
 
 def _has_gripper(
-    robot: Robot, arm: Arm, moved_by: dict[str | None, str], above: dict[str, tuple[str, bool]]
+    robot: Equipped, arm: Any, moved_by: dict[str | None, str], above: dict[str, tuple[str, bool]]
 ) -> bool:
     joint, grasp = robot.grasp_frame(arm)
     last = moved_by[robot.model.names[joint]]
@@ -282,7 +292,7 @@ def _distance(shape: Any, place: Any, other: Any) -> float:
     return float(result.min_distance)
 
 
-def require_apart(robot: Robot) -> None:
+def require_apart(robot: Equipped) -> None:
     """Refuse grippers that touch their own arm at home.
 
     Raises

@@ -18,6 +18,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
 from comove.geometry.rotations import matrices
@@ -35,8 +36,6 @@ from comove.robots.further_limits import FurtherLimits, in_radians_or_metres
 from comove.robots.grippers import gripper_links, require_apart, with_grippers
 from comove.robots.masses import mass_beyond, masses_of, moved_masses, with_guessed_masses
 from comove.robots.urdf import OF_JOINT, Mimic, Source, errors_of_reader, for_pinocchio, read_source
-
-Array = NDArray[np.float64]
 
 LARGEST_BODY = 50.0  # m, radius of a collision body
 FREEDOMS = 6  # of a hand's pose
