@@ -29,25 +29,12 @@ from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class RoomSettings:
-    """Settings of ways through free space.
-
-    Attributes
-    ----------
-    spares : clearances beyond what is required, of which a pair keeps the first that it has at both ends [m]
-    step : length of an extension of a tree, at most [m]
-    most_nodes : nodes of both trees, at most
-    n_shortcuts : attempts to shorten a way
-    near_the_line, spread : share of random configurations near the straight way, and how far they are from it [rad]
-    """
-
-    spares: tuple[float, ...] = (0.02, 0.01, 0.004)
-    step: float = 0.5
-    most_nodes: int = 2000
-    n_shortcuts: int = 150
-    near_the_line: float = 0.5
-    spread: float = 0.5
+# m, clearances beyond what is required, of which a pair keeps the first that it has at both ends
+SPARES = (0.02, 0.01, 0.004)
+STEP = 0.5  # m, length of an extension of a tree, at most
+MOST_NODES = 2000  # of both trees
+N_SHORTCUTS = 150  # attempts to shorten a way
+NEAR_THE_LINE, SPREAD = 0.5, 0.5  # share of random configurations near the straight way, and rad from it
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +46,6 @@ class Room:
     bodies : the bodies and the clearances required of their pairs; a load lies where it was placed
     arms : the arms that move; those that are where they should be stand still
     spare : array, shape (n_pairs,), clearance kept beyond the required one [m]
-    settings : settings of the search
     outline : the arms as capsules, which save most of the exact checks; None to have all
     clock : clock of a search without a deadline
     """
@@ -67,19 +53,11 @@ class Room:
     bodies: Bodies
     arms: tuple[Arm, ...]
     spare: Array
-    settings: RoomSettings = RoomSettings()
     outline: Outline | None = None
     clock: Array = field(default_factory=clock_until)
 
     @classmethod
-    def for_ends(
-        cls,
-        bodies: Bodies,
-        scene: Scene,
-        ends: Array,
-        nodes: Array | None,
-        settings: RoomSettings = RoomSettings(),
-    ) -> Room:
+    def for_ends(cls, bodies: Bodies, scene: Scene, ends: Array, nodes: Array | None) -> Room:
         """Return the free space for ways between two configurations, in which every pair of bodies keeps as much to
         spare as it has at both.
 
@@ -89,17 +67,14 @@ class Room:
         ends : array, shape (2, n_joints)
         nodes : array, shape (n_nodes, 3), nodes of the load [m]; None where there is none
         """
-        spare, robot = np.full(len(bodies.kind), settings.spares[0]), bodies.robot
-        for lower in settings.spares[1:]:
+        spare, robot = np.full(len(bodies.kind), SPARES[0]), bodies.robot
+        for lower in SPARES[1:]:
             room = cls(bodies, robot.arms, spare)
             spare = spare.copy()
             near = [number for q in ends for number in room._touching(q)]
             spare[np.isin(bodies.exact, near)] = lower
         arms = tuple(arm for arm in robot.arms if (ends[0] != ends[1])[arm.columns].any())
-        room, eased = (
-            cls(bodies, arms, spare, settings),
-            float(bodies.required[SCENE] - bodies.required[SELF]),
-        )
+        room, eased = cls(bodies, arms, spare), float(bodies.required[SCENE] - bodies.required[SELF])
         outline = Outline.between(robot, scene, ends, nodes, keep=room._limits[0], eased=eased)
         return replace(room, outline=outline)
 
@@ -145,10 +120,9 @@ class Room:
         """Return the clearances of the outline above which all is surely free, and at which it is surely blocked
         [m].
         """
-        required = float(self.bodies.required.max())
-        return float(self._required.max(initial=0.0)) + PROUDEST + ROUGH, required + float(
-            self.spare.min(initial=self.settings.spares[0])
-        ) - FATTEST
+        enough = float(self._required.max(initial=0.0)) + PROUDEST + ROUGH
+        spare = float(self.spare.min(initial=SPARES[0]))
+        return enough, float(self.bodies.required.max()) + spare - FATTEST
 
     @cached_property
     def _moves(self) -> NDArray[np.bool_]:
@@ -208,11 +182,11 @@ class Room:
 
     def draw(self, nodes: Array, counts: Array, this: int, rng: np.random.Generator, out: Array) -> bool:
         """Write random joints, some of them near the straight way between both ends."""
-        robot, how, start, goal = self.bodies.robot, self.settings, nodes[0, 0], nodes[1, 0]
-        if rng.random() > how.near_the_line:
+        robot, start, goal = self.bodies.robot, nodes[0, 0], nodes[1, 0]
+        if rng.random() > NEAR_THE_LINE:
             q = robot.lower + rng.random(len(start)) * (robot.upper - robot.lower)
         else:
-            q = start + rng.random() * (goal - start) + how.spread * rng.standard_normal(len(start))
+            q = start + rng.random() * (goal - start) + SPREAD * rng.standard_normal(len(start))
         out[:] = np.where(self._moves, np.clip(q, robot.lower, robot.upper), start)
         return True
 
@@ -222,7 +196,7 @@ class Room:
 
     def extend(self, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
         """Write the node at most so many steps from p towards q; return whether the edge is free."""
-        away, most = self.length(p, q), steps * self.settings.step
+        away, most = self.length(p, q), steps * STEP
         share = 1.0 if away <= most else most / away
         out[:] = q if share == 1.0 else p + share * (q - p)
         if away == 0.0 or not (self.is_free(out) and self.is_free_between(p, out)):
@@ -311,11 +285,11 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
     for path in _simple(room, start, goal):
         if room.are_free(path[1:-1]) and _is_free_along(room, path):
             return path
-    nothing, how = np.empty((0, len(start))), room.settings
-    path = rrt_connect.py_func(room, start, goal, 0.0, rng, how.most_nodes, 20 * how.most_nodes, nothing)
+    nothing = np.empty((0, len(start)))
+    path = rrt_connect.py_func(room, start, goal, 0.0, rng, MOST_NODES, 20 * MOST_NODES, nothing)
     if len(path) == 0:
         return None
-    path = shortened.py_func(room, path, 0.0, rng, how.n_shortcuts)
+    path = shortened.py_func(room, path, 0.0, rng, N_SHORTCUTS)
     return path[_corners(path)]
 
 

@@ -16,34 +16,19 @@ from comove.robots.description import Placement
 from comove.robots.effort import overburdened
 from comove.robots.grippers import gripper_links, without_gripper
 from comove.robots.model import Arm, Robot
-from comove.robots.proposal.bodies import link_of, pairs_of, placed_bodies, touching
-from comove.robots.proposal.homes import base_of, tilt_of
-from comove.robots.proposal.rules import near_limits, near_links
-from comove.robots.proposal.surroundings import among, buried, names_of
+from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, placed_bodies, touching
+from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
 
 Array = NDArray[np.float64]
 
 FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
 
 
-@dataclass(frozen=True)
-class ExaminationSettings:
-    """Settings of an examination.
-
-    Attributes
-    ----------
-    n_drawn : random configurations of every arm, from which its reach follows
-    n_tested : random configurations of the robot that are tested for contact
-    shared : distance from a place of another hand within which a place counts as shared [m]
-    often : share of random configurations from which on a pair that touches is told
-    most_named : links without a collision body that are named
-    """
-
-    n_drawn: int = 2000
-    n_tested: int = 200
-    shared: float = 0.05
-    often: float = 0.5
-    most_named: int = 4
+N_DRAWN = 2000  # random configurations of every arm, from which its reach follows
+N_TESTED = 200  # random configurations of the robot that are tested for contact
+SHARED = 0.05  # m, from a place of another hand within which a place counts as shared
+OFTEN = 0.5  # share of random configurations from which on a pair that touches is told
+MOST_NAMED = 4  # links without a collision body
 
 
 @dataclass(frozen=True)
@@ -96,12 +81,7 @@ class Examination:
         return not self.faults
 
 
-def examine(
-    robot: Robot,
-    seed: int = 0,
-    settings: ExaminationSettings = ExaminationSettings(),
-    around: Scene | None = None,
-) -> Examination:
+def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examination:
     """Examine a robot in random configurations and at home.
 
     Parameters
@@ -116,17 +96,20 @@ def examine(
     rng = np.random.default_rng(seed)
     robot, alone = among(robot, around), robot
     standing = [] if around is None else names_of(around)
-    arms = tuple(findings_of(robot, arm, rng, settings.n_drawn) for arm in robot.arms)
-    shared = {
-        (a.name, b.name): _shared(a.places, b.places, settings.shared) for a, b in combinations(arms, 2)
-    }
-    clearance, nearest = _at_home(robot)
-    free, often = _contacts(robot, rng, settings)
+    arms = tuple(findings_of(robot, arm, rng) for arm in robot.arms)
+    shared = {(a.name, b.name): _shared(a.places, b.places) for a, b in combinations(arms, 2)}
+    apart = links_apart_at_home(robot)
+    nearest, clearance, _ = apart[0] if apart else (("", ""), np.inf, 0.0)
+    near = dict[tuple[str, str], tuple[float, float]]()
+    for pair, distance, needed in apart:
+        if distance < needed:
+            near.setdefault(pair, (distance, needed))
+    free, often = _contacts(robot, rng)
     faults, doubts = [], []
     faults += [
         f"at home '{a}' and '{b}' {_how_near(distance, needed)}: give another home, or "
         + (f"move '{b}'" if b in standing else f"{_leave_out(robot, a, b)} if they are always so near")
-        for a, b, distance, needed in near_links(robot)
+        for (a, b), (distance, needed) in near.items()
     ]
     faults += [
         f"{told.replace('begins', 'is')} at home: give another home, or move that"
@@ -191,10 +174,9 @@ def examine(
         for arm in robot.arms
         if gripper_links(robot, arm) and robot.description.arms[arm.name].tool == Placement()
     ]
-    most = settings.most_named
     if unseen := _without_bodies(robot):
         doubts.append(
-            f"{', '.join(unseen[:most])}{' and others' * (len(unseen) > most)} move and are drawn, but "
+            f"{', '.join(unseen[:MOST_NAMED])}{' and others' * (len(unseen) > MOST_NAMED)} move and are drawn, but "
             "have no collision body: nothing keeps them from touching; give them one in the URDF"
         )
     if not len(robot.collision.collisionPairs):
@@ -202,14 +184,10 @@ def examine(
     return Examination(arms, shared, clearance, nearest, free, tuple(faults), tuple(doubts))
 
 
-def findings_of(
-    robot: Robot, arm: Arm, rng: np.random.Generator, n_drawn: int = ExaminationSettings.n_drawn
-) -> ArmFindings:
-    """Return the findings about an arm in that many random configurations."""
-    q = np.repeat(robot.home[None], n_drawn, axis=0)
-    q[:, arm.columns] = rng.uniform(
-        robot.lower[arm.columns], robot.upper[arm.columns], (n_drawn, len(arm.columns))
-    )
+def findings_of(robot: Robot, arm: Arm, rng: np.random.Generator) -> ArmFindings:
+    """Return the findings about an arm in random configurations."""
+    q, lower, upper = np.repeat(robot.home[None], N_DRAWN, axis=0), robot.lower, robot.upper
+    q[:, arm.columns] = rng.uniform(lower[arm.columns], upper[arm.columns], (N_DRAWN, len(arm.columns)))
     places = robot.tool_poses(q, (arm,))[:, 0, :3, 3]
     reach = float(np.linalg.norm(places - base_of(robot, arm), axis=1).max())
     tilt = tilt_of(robot.tool_pose(robot.home, arm))
@@ -268,22 +246,10 @@ def _gap(arms: tuple[ArmFindings, ...], a: str, b: str) -> float:
     return float(cKDTree(one).query(other)[0].min())
 
 
-def _shared(a: Array, b: Array, near: float) -> float:
-    """Return the share of the places of one hand within `near` [m] of a place of another's."""
-    distance, _ = cKDTree(b).query(a, distance_upper_bound=near)
+def _shared(a: Array, b: Array) -> float:
+    """Return the share of the places of one hand within `SHARED` of a place of another's."""
+    distance, _ = cKDTree(b).query(a, distance_upper_bound=SHARED)
     return float(np.isfinite(distance).mean())
-
-
-def _at_home(robot: Robot) -> tuple[float, tuple[str, str]]:
-    """Return the least distance of two links at home [m], and their names."""
-    geometry = robot.collision
-    data, of_geometry = robot.model.createData(), geometry.createData()
-    if not len(geometry.collisionPairs):
-        return np.inf, ("", "")
-    k = pin.computeDistances(robot.model, data, geometry, of_geometry, robot.home)
-    pair = geometry.collisionPairs[k]
-    names = [link_of(geometry.geometryObjects[i].name) for i in (pair.first, pair.second)]
-    return float(of_geometry.distanceResults[k].min_distance), (names[0], names[1])
 
 
 def _without_bodies(robot: Robot) -> list[str]:
@@ -298,12 +264,10 @@ def _without_bodies(robot: Robot) -> list[str]:
     return found
 
 
-def _contacts(
-    robot: Robot, rng: np.random.Generator, settings: ExaminationSettings
-) -> tuple[float, dict[tuple[str, str], float]]:
+def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
     """Return the share of random configurations without contact, and pairs that often touch with their share."""
-    drawn = rng.uniform(robot.lower, robot.upper, (settings.n_tested, len(robot.lower)))
+    drawn = rng.uniform(robot.lower, robot.upper, (N_TESTED, len(robot.lower)))
     touched = touching(robot, drawn)
     shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)
-    often = {pair: float(share) for pair, share in shares if share >= settings.often}
+    often = {pair: float(share) for pair, share in shares if share >= OFTEN}
     return float((~touched.any(axis=1)).mean()), often

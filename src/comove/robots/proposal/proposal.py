@@ -27,9 +27,8 @@ from comove.robots.grippers import gripper_links
 from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
-from comove.robots.proposal.homes import Homes, HomeSettings, homes_of
-from comove.robots.proposal.rules import clearance_at_home
-from comove.robots.proposal.tree import GUESSED, MOVING, ArmShape, Chain, Tree, has_word
+from comove.robots.proposal.homes import Homes, clearance_at_home, homes_of
+from comove.robots.proposal.tree import GUESSED, LONGEST_FINGER, MOVING, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.supplements import in_radians_or_metres
 from comove.robots.urdf import has_rounded_right_angles, resolve
@@ -38,6 +37,14 @@ from comove.robots.verification.kinematics import joint_axes
 Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
+ENDLESS = 3.14  # rad, limit either way of joints that turn without end or state none
+SPRINGS = 0.9  # share of a weight that is too much for a motor, guessed to be held by springs
+N_SAMPLES = 300  # random configurations that tell which pairs of links touch always, and which come near
+ALWAYS = 0.95  # share of these from which on a pair counts as always touching
+TIP_OFF = 0.01  # m, of a tip, or a joint before, from the last joint from which on it tells the approach
+MASS_OFF = 0.02  # m, likewise of the centre of mass of a hand without a body
+BETWEEN_FROM = 0.3  # share of the fingers' length from which on a tip lies between them
+GRIP = 0.75  # share of the fingers' length at which a tool is put
 SIDES = ("left", "right")
 TOLD = {
     "Always": "touch in every configuration",
@@ -50,36 +57,6 @@ FORWARD = re.compile(
 )  # of frames whose z leads forward by convention
 MOUNT = "tool|ee|eef|flange"  # words of frames whose z, or x, leads forward
 SIDE_OF = re.compile(r"(?:^|[_/])((?i:left|right|l|r))(?=[_/]|$)|^(Left|Right|LEFT|RIGHT|L|R)(?=[A-Z])")
-
-
-@dataclass(frozen=True)
-class ProposalSettings:
-    """Settings of guesses.
-
-    Attributes
-    ----------
-    endless : limit, either way, of joints that turn without end or state none [rad]
-    springs : share of a weight that is too much for a motor, guessed to be held by springs
-    n_samples : random configurations that tell which pairs of links touch always, and which come near
-    always : share of these from which on a pair counts as always touching
-    tip_off : distance of a tip, or of a joint before, from the last joint from which on it tells the direction of
-        approach [m]
-    mass_off : likewise of the centre of mass of a hand without a body [m]
-    between : share of the fingers' length from which on a tip lies between them
-    grip : share of the fingers' length at which a tool is put
-    arm, home : settings of the search for arms, and for their homes
-    """
-
-    endless: float = 3.14
-    springs: float = 0.9
-    n_samples: int = 300
-    always: float = 0.95
-    tip_off: float = 0.01
-    mass_off: float = 0.02
-    between: float = 0.3
-    grip: float = 0.75
-    arm: ArmShape = field(default_factory=ArmShape)
-    home: HomeSettings = field(default_factory=HomeSettings)
 
 
 @dataclass(frozen=True)
@@ -131,7 +108,6 @@ def propose(
     around: Scene | None = None,
     gripper: str | None = None,
     seed: int = 0,
-    settings: ProposalSettings = ProposalSettings(),
 ) -> Proposal:
     """Propose the description of a robot that one or several URDFs form.
 
@@ -150,8 +126,8 @@ def propose(
     RobotError
         If a URDF is missing or unsound, or there is no arm in it.
     """
-    parts = tuple(_part(urdf, i, len(urdfs), file, apart, settings.arm) for i, urdf in enumerate(urdfs))
-    data, notes = _arms_of(parts, settings)
+    parts = tuple(_part(urdf, i, len(urdfs), file, apart) for i, urdf in enumerate(urdfs))
+    data, notes = _arms_of(parts)
     if not data["arms"]:
         raise RobotError(
             f"no arm of four joints or more was found in {', '.join(urdfs)}",
@@ -162,11 +138,11 @@ def propose(
     with warnings.catch_warnings():  # they come once, with the last robot
         warnings.simplefilter("ignore", ComoveWarning)
         if gripper is not None:
-            data, more = _with_gripper(data, gripper, parts, file, settings)
+            data, more = _with_gripper(data, gripper, file)
             notes += more
-        data, more = _with_tools(data, _robot(data, file), parts, settings)
+        data, more = _with_tools(data, _robot(data, file), parts)
         robot, notes = _robot(data, file), notes + more
-    left_out, touching = _left_out(robot, parts, seed, settings)
+    left_out, touching = _left_out(robot, parts, seed)
     for name, links in touching.items():
         data["arms"][name]["gripper"]["touch_links"] = links
         notes.append(f"{', '.join(links)} may touch the gripper of '{name}', as `touch_links` says")
@@ -174,21 +150,21 @@ def propose(
     pairs = [pair for part in parts for pair in _named(part, left_out)]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
     robot = _without(robot, pairs)
-    homes: Homes = homes_of(robot, seed, settings.home, around)
+    homes: Homes = homes_of(robot, seed, around)
     for arm, home in zip(robot.arms, homes.joints, strict=True):
         data["arms"][arm.name]["home"] = home.tolist()
     notes += homes.notes
     weak = overloaded(_robot(data, file))
     if weak:
-        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, settings.springs)
+        data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, SPRINGS)
         notes.append(
             f"the motors of {', '.join(weak)} cannot hold the robot's own weight at home: `springs` guesses that "
-            f"springs hold {settings.springs:.0%} of it, of which a URDF does not know"
+            f"springs hold {SPRINGS:.0%} of it, of which a URDF does not know"
         )
     return Proposal(data, _without(_robot(data, file), pairs), srdf, tuple(notes))
 
 
-def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[str, Any], list[str]]:
+def _arms_of(parts: Sequence[_Part]) -> tuple[dict[str, Any], list[str]]:
     """Return the entries of models, arms, posture and limits of a description, and notes on what was guessed."""
     data: dict[str, Any] = {"models": [part.entry for part in parts], "arms": {}}
     notes = [note for part in parts for note in part.notes]
@@ -214,7 +190,7 @@ def _arms_of(parts: Sequence[_Part], settings: ProposalSettings) -> tuple[dict[s
                     f"{', '.join(trunk)} move several arms or a base: `posture` says where they stay"
                 )
             posture |= trunk
-        guessed = _limits_of(part, settings.endless)
+        guessed = _limits_of(part)
         limits |= guessed
         notes += _told_guesses(guessed)
         own = {joint for chain in part.chains for joint in chain.joints}
@@ -274,24 +250,34 @@ def _srdf_beside(urdf: Path, named: str) -> str | None:
     return named.removesuffix(urdf.relative_to(shared).as_posix()) + pairs.relative_to(shared).as_posix()
 
 
+def _read(urdf: str, file: Path) -> tuple[Path, dict[str, Any], ET.Element, Tree]:
+    """Return the path of a model that a person names, its entry in a description in `file`, its root and its tree."""
+    path, named = Path(urdf), urdf
+    if "://" in urdf:
+        path = resolve(urdf, file)
+    else:
+        named = os.path.relpath(urdf, file.absolute().parent)
+    top = elements_in(path, URDF)
+    with errors_in(path):
+        require_tree(top)
+    entry = {"urdf": named}
+    if (pairs := _srdf_beside(path, named)) is not None:
+        entry["srdf"] = pairs
+    return path, entry, top, Tree.of(top)
+
+
 def _begins(name: str, stem: str) -> bool:
     """Return whether a name begins with a stem, of which it leaves no word or number cut."""
     return re.match(rf"{re.escape(stem)}(?![^\W_])", name) is not None
 
 
-def _part(urdf: str, i: int, n: int, file: Path, apart: float, shape: ArmShape) -> _Part:
+def _part(urdf: str, i: int, n: int, file: Path, apart: float) -> _Part:
     """Read one URDF and find its arms."""
-    path, named = _place_of(urdf, file)
-    top = elements_in(path, URDF)
-    with errors_in(path):
-        require_tree(top)
-    tree = Tree.of(top, shape)
-    entry: dict[str, Any] = {"urdf": named}
+    path, entry, top, tree = _read(urdf, file)
     notes: list[str] = []
-    if (pairs := _srdf_beside(path, named)) is not None:
-        entry["srdf"] = pairs
+    if "srdf" in entry:
         notes.append(
-            f"pairs that need not be kept apart are those of {Path(pairs).name}, which lay beside the URDF"
+            f"pairs that need not be kept apart are those of {Path(entry['srdf']).name}, which lay beside the URDF"
         )
     if n > 1:
         entry["prefix"] = f"{SIDES[i]}_" if n == len(SIDES) else f"robot{i + 1}_"
@@ -330,13 +316,8 @@ def _arm_name(chain: Chain, prefix: str, taken: dict[str, Any]) -> str:
     return name
 
 
-def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
-    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one.
-
-    Parameters
-    ----------
-    endless : limit, either way, of joints that turn without end [rad]
-    """
+def _limits_of(part: _Part) -> dict[str, dict[str, float]]:
+    """Return limits for the joints of arms whose URDF states none that can be used, and for others that lack one."""
     found: dict[str, dict[str, float]] = {}
     moving = {joint for chain in part.chains for joint in (*chain.joints, *chain.fingers)}
     for joint in part.tree.joints:
@@ -351,7 +332,7 @@ def _limits_of(part: _Part, endless: float) -> dict[str, dict[str, float]]:
             }
             lower, upper = joint.bounds
             if joint.kind == "continuous" or not lower < upper:
-                missing |= {"lower": -endless, "upper": endless}
+                missing |= {"lower": -ENDLESS, "upper": ENDLESS}
             elif (right := in_radians_or_metres(lower, upper, slides=joint.kind == "prismatic")) is not None:
                 missing |= dict(zip(("lower", "upper"), right, strict=True))
         if missing:
@@ -364,7 +345,7 @@ def _robot(data: dict[str, Any], file: Path) -> Robot:
 
 
 def _with_tools(
-    data: dict[str, Any], robot: Robot, parts: Sequence[_Part], how: ProposalSettings
+    data: dict[str, Any], robot: Robot, parts: Sequence[_Part]
 ) -> tuple[dict[str, Any], list[str]]:
     """Return the description with a grasp frame for every arm whose tip is none, and notes about them."""
     chains = [(part.prefix, chain) for part in parts for chain in part.chains]
@@ -376,14 +357,14 @@ def _with_tools(
         frames = _finger_frames(robot, arm)
         at_tip = any(has_word(chain.tip, word) for word in BETWEEN) or bool(TOOL_FRAME.search(chain.tip))
         if not arm.fingers:
-            tool, note = _flange(robot, arm, frames[0], [] if at_tip else held, how)
+            tool, note = _flange(robot, arm, frames[0], [] if at_tip else held)
             arms[arm.name] = arms[arm.name] | tool
             notes.append(note)
             continue
         turn, begin = _grasp_axes(frames, bool(FORWARD.search(chain.tip)))
         approach = turn[:, 2]
         end = _farthest(robot, arm, approach, held, begin)
-        between = at_tip and begin + how.between * (end - begin) <= 0.0
+        between = at_tip and begin + BETWEEN_FROM * (end - begin) <= 0.0
         if between and approach[2] > 0.5:
             continue
         if between:
@@ -393,8 +374,8 @@ def _with_tools(
                 "so that z is the direction of approach"
             )
             continue
-        arms[arm.name] = arms[arm.name] | _tool(turn, begin + how.grip * (end - begin))
-        where = f"{how.grip:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
+        arms[arm.name] = arms[arm.name] | _tool(turn, begin + GRIP * (end - begin))
+        where = f"{GRIP:.0%} of the way along its fingers" if end > begin else "where the fingers begin"
         notes.append(
             f"the tool of '{arm.name}' is {where}, its approach along {_axis_name(approach)} of '{arm.tip}': see the "
             "picture, and move it between the finger tips"
@@ -402,28 +383,19 @@ def _with_tools(
     return data | {"arms": arms}, notes
 
 
-def _with_gripper(
-    data: dict[str, Any], gripper: str, parts: Sequence[_Part], file: Path, how: ProposalSettings
-) -> tuple[dict[str, Any], list[str]]:
+def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[str, Any], list[str]]:
     """Return the description with a gripper on every arm without fingers, and notes about them.
 
     The gripper's bodies are turned along the approach of the arm.
     """
-    path, named = _place_of(gripper, file)
-    top = elements_in(path, URDF)
-    with errors_in(path):
-        require_tree(top)
-    tree = Tree.of(top, how.arm)
-    if chain := next((chain for chain in tree.chains() if len(chain.joints) > how.arm.longest_finger), None):
+    path, entry, _, tree = _read(gripper, file)
+    if chain := next((chain for chain in tree.chains() if len(chain.joints) > LONGEST_FINGER), None):
         raise RobotError(
             f"it has an arm of its own, from '{chain.joints[0]}' to '{chain.joints[-1]}'",
             file=path,
             way_out="name the URDF of the gripper alone",
         )
     moving = [joint.name for joint in tree.joints if joint.kind in MOVING]
-    entry = {"urdf": named}
-    if (pairs := _srdf_beside(path, named)) is not None:
-        entry["srdf"] = pairs
     bare = _robot(data, file)
     data = data | {"arms": dict(data["arms"]), "limits": dict(data.get("limits", {}))}
     arms, notes = [arm for arm in bare.arms if not arm.fingers], list[str]()
@@ -438,7 +410,7 @@ def _with_gripper(
         fingers = {"fingers": [prefix + name for name in moving]} if moving else {}
         data["arms"][arm.name] = data["arms"][arm.name] | fingers | {"gripper": dict(entry)}
         chain = Chain((), (), (), (), tuple(moving), ())
-        guessed = _limits_of(_Part({"prefix": prefix}, tree, (chain,), ()), how.endless)
+        guessed = _limits_of(_Part({"prefix": prefix}, tree, (chain,), ()))
         data["limits"] |= guessed
         notes += _told_guesses(guessed)
     if not data["limits"]:
@@ -449,7 +421,7 @@ def _with_gripper(
         own, tip = gripper_links(robot, arm), robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
         points = [(points - tip[:3, 3]) @ tip[:3, :3] for link, points in bodies if link in own]
         forward = _nearest_axis(np.concatenate([*points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
-        approach, why = _Wrist.of(bare, arm, _finger_frames(bare, arm)[0]).approach(how)
+        approach, why = _Wrist.of(bare, arm, _finger_frames(bare, arm)[0]).approach()
         if (approach != forward).any():
             turn, _ = Rotation.align_vectors(approach, forward)
             quaternion = turn.as_quat(scalar_first=True).round(6).tolist()
@@ -459,13 +431,6 @@ def _with_gripper(
             f"{_axis_name(approach)} of that, {why}: see the picture, and correct `mount`"
         )
     return data, notes
-
-
-def _place_of(urdf: str, file: Path) -> tuple[Path, str]:
-    """Return the path of a model that a person names, and how a description in `file` names it."""
-    if "://" in urdf:
-        return resolve(urdf, file), urdf
-    return Path(urdf), os.path.relpath(urdf, file.absolute().parent)
 
 
 def _tool(turn: Array, along: float) -> dict[str, Any]:
@@ -489,9 +454,7 @@ def _axis_name(axis: Array) -> str:
     return f"{'-' if axis.sum() < 0 else ''}{'xyz'[int(np.abs(axis).argmax())]}"
 
 
-def _flange(
-    robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array], how: ProposalSettings
-) -> tuple[dict[str, Any], str]:
+def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) -> tuple[dict[str, Any], str]:
     """Return the entry of the tool of an arm without fingers, and a note about it.
 
     The payload is at the end of what is fixed to the tip; where a hand without a body is known by its mass alone, at
@@ -503,7 +466,7 @@ def _flange(
     hand : as in `_farthest`; empty for a tip that is the tool itself
     """
     wrist = _Wrist.of(robot, arm, from_wrist)
-    approach, why = wrist.approach(how)
+    approach, why = wrist.approach()
     least = float(wrist.center @ approach) if why == BY_MASS else 0.0
     end = _farthest(robot, arm, approach, hand, least)
     axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
@@ -561,7 +524,7 @@ class _Wrist:
             ),
         )
 
-    def approach(self, how: ProposalSettings) -> tuple[Array, str]:
+    def approach(self) -> tuple[Array, str]:
         """Return the signed axis of the tip along which it approaches, and why.
 
         A tool's frame has z forward by convention (ROS-Industrial's tool0), a flange's has z or x forward. The centre
@@ -570,20 +533,20 @@ class _Wrist:
         forward = np.array([0.0, 0.0, 1.0])
         if FORWARD.search(self.tip):
             return forward, BY_NAME
-        if np.linalg.norm(self.place) > how.tip_off:
+        if np.linalg.norm(self.place) > TIP_OFF:
             return _nearest_axis(self.place), BY_PLACE
         if has_word(self.tip, MOUNT):
             return (np.roll(forward, 1) if np.abs(self.axis).argmax() == 0 else forward), BY_NAME
         mass = self.place + self.center
         along = float(mass @ self.axis)
         aside = mass - along * self.axis
-        if np.linalg.norm(aside) > max(how.mass_off, abs(along)):
+        if np.linalg.norm(aside) > max(MASS_OFF, abs(along)):
             return _nearest_axis(aside), BY_MASS
-        far = self.before[np.linalg.norm(self.before, axis=1) > how.tip_off]
+        far = self.before[np.linalg.norm(self.before, axis=1) > TIP_OFF]
         rolls = len(far) > 0 and abs(far[0] @ self.axis) > 0.5 * np.linalg.norm(far[0])
         if rolls:
             return _nearest_axis(float(far[0] @ self.axis) * self.axis), BY_AXIS
-        if abs(along) > how.mass_off:
+        if abs(along) > MASS_OFF:
             return _nearest_axis(along * self.axis), BY_MASS
         return (_nearest_axis(far[0]), BY_CHAIN) if len(far) else (forward, BY_NOTHING)
 
@@ -649,7 +612,7 @@ def _nearest_axis(vector: Array) -> Array:
 
 
 def _left_out(
-    robot: Robot, parts: Sequence[_Part], seed: int, how: ProposalSettings
+    robot: Robot, parts: Sequence[_Part], seed: int
 ) -> tuple[dict[str, dict[Pair, str]], dict[str, list[str]]]:
     """Find the pairs of links of one model that touch in nearly all configurations, or come near but never touch.
 
@@ -661,10 +624,10 @@ def _left_out(
     gripper touches so
     """
     rng = np.random.default_rng(seed)
-    drawn = rng.uniform(robot.lower, robot.upper, (how.n_samples, len(robot.lower)))
+    drawn = rng.uniform(robot.lower, robot.upper, (N_SAMPLES, len(robot.lower)))
     shares = touching(robot, drawn).mean(axis=0)
-    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= how.always}
-    never = near_but_apart(robot, clearance_at_home(robot), how.n_samples, rng)
+    always = {pair for pair, share in zip(pairs_of(robot), shares, strict=True) if share >= ALWAYS}
+    never = near_but_apart(robot, clearance_at_home(robot), N_SAMPLES, rng)
     reasons = dict.fromkeys(sorted(always), "Always") | dict.fromkeys(sorted(never), "Never")
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     touched: dict[str, list[str]] = {}
