@@ -158,32 +158,33 @@ class Srdf:
 
 
 def srdf_of(root: ET.Element, links: Iterable[str], prefix: str = "") -> Srdf:
-    """Return what an SRDF says of the links of a model; `prefix` is put before all names.
+    """Return what an SRDF says of the links of a model.
+
+    Parameters
+    ----------
+    links : names of the links, with the model's prefix
+    prefix : what the model puts before the names of the SRDF
 
     Raises
     ------
     RobotError
         If an element does not name its links, or a value is not a number.
     """
-    disabled = set(_pairs(root, "disable_collisions"))
-    enabled = set(_pairs(root, "enable_collisions")) - disabled
+    disabled = set(_pairs(root, "disable_collisions", prefix))
+    enabled = set(_pairs(root, "enable_collisions", prefix)) - disabled
     for element in root.iter("disable_default_collisions"):
         if not (link := element.get("link")):
             raise RobotError("a <disable_default_collisions> does not name a link", way_out='write link=""')
-        disabled |= {frozenset((link, other)) for other in links} - enabled
-    return Srdf(_prefixed(disabled, prefix), _prefixed(enabled, prefix), tuple(_states(root, prefix)))
+        disabled |= {frozenset((prefix + link, other)) for other in links} - enabled
+    return Srdf(frozenset(disabled), frozenset(enabled), tuple(_states(root, prefix)))
 
 
-def _pairs(root: ET.Element, tag: str) -> Iterator[LinkPair]:
+def _pairs(root: ET.Element, tag: str, prefix: str) -> Iterator[LinkPair]:
     for element in root.iter(tag):
         first, second = element.get("link1"), element.get("link2")
         if not (first and second):
             raise RobotError(f"a <{tag}> does not name two links", way_out='write link1="" link2=""')
-        yield frozenset((first, second))
-
-
-def _prefixed(pairs: Iterable[LinkPair], prefix: str) -> frozenset[LinkPair]:
-    return frozenset(frozenset(prefix + link for link in pair) for pair in pairs)
+        yield frozenset((prefix + first, prefix + second))
 
 
 def _states(root: ET.Element, prefix: str) -> Iterator[GroupState]:

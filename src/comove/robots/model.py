@@ -20,18 +20,16 @@ from numpy.typing import NDArray
 
 from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
-from comove.geometry.rotations import matrices
 from comove.robots.description import (
     BUNDLED,
     ArmDescription,
-    Placement,
     RobotFile,
     errors_in,
     find_description,
     load_description,
 )
 from comove.robots.formats import GroupState, Srdf
-from comove.robots.grippers import gripper_links, require_apart, with_grippers
+from comove.robots.mounting import se3_of, with_grippers
 from comove.robots.supplements import (
     FurtherLimits,
     in_radians_or_metres,
@@ -131,7 +129,7 @@ class Robot:
         path = find_description(robot, folder)
         loaded = assembled(load_description(path), path)
         with errors_in(path):
-            require_apart(loaded)
+            _require_grippers_apart(loaded)
         return loaded
 
     @property
@@ -174,6 +172,15 @@ class Robot:
         """
         tip = self.model.frames[self.model.getFrameId(arm.tip)]
         return tip.parentJoint, tip.placement * pin.SE3(arm.tool)
+
+    def gripper_links(self, arm: Arm) -> frozenset[str]:
+        """Return the names of the links of the gripper that the description gives to an arm."""
+        links = {link for source in self.sources for link in source.gripper_links}
+        joint, _ = self.grasp_frame(arm)
+        frames = (
+            self.model.frames[self.model.getFrameId(link, pin.FrameType.BODY)] for link in sorted(links)
+        )
+        return frozenset(frame.name for frame in frames if frame.parentJoint == joint)
 
     def tool_pose(self, q: Array, arm: Arm) -> Array:
         """Compute the pose of the arm's grasp frame in the scene; array, shape (4, 4)."""
@@ -221,6 +228,44 @@ def assembled(description: RobotFile, file: Path) -> Robot:
     return robot
 
 
+def _require_grippers_apart(robot: Robot) -> None:
+    """Refuse grippers that touch their own arm at home.
+
+    Raises
+    ------
+    RobotError
+        If one does; the message names both links.
+    """
+    if not any(source.gripper_links for source in robot.sources):
+        return
+    geometry, model = robot.collision.copy(), robot.model
+    names = [model.frames[item.parentFrame].name for item in geometry.geometryObjects]
+    pairs = [(pair.first, pair.second) for pair in geometry.collisionPairs]
+    geometry.removeAllCollisionPairs()
+    found = []
+    for arm in robot.arms:
+        own, chain = robot.gripper_links(arm), set(model.supports[robot.grasp_frame(arm)[0]])
+        for pair in pairs:
+            ours = [names[one] in own for one in pair]
+            other = geometry.geometryObjects[pair[ours.index(False)]] if ours.count(True) == 1 else None
+            if other is not None and other.parentJoint in chain:
+                geometry.addCollisionPair(pin.CollisionPair(*pair))
+                found.append((arm, pair))
+    placed = geometry.createData()
+    pin.computeCollisions(model, model.createData(), geometry, placed, robot.home, False)
+    for (arm, pair), result in zip(found, placed.collisionResults, strict=True):
+        if result.isCollision():
+            hand, other = sorted(
+                (names[one] for one in pair), key=lambda link: link not in robot.gripper_links(arm)
+            )
+            raise RobotError(
+                f"at home the gripper's link '{hand}' touches '{other}' of its own arm",
+                key=f"arms.{arm.name}.gripper",
+                way_out="correct its mount or the home, or let it touch that link: "
+                f"gripper: {{touch_links: ['{other}']}}",
+            )
+
+
 def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
     """Build all models as one, each on its base, and their collision geometry; returns the sources as well, with
     masses that were guessed.
@@ -231,7 +276,7 @@ def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
             *(_built(source, Path(folder), loader) for source in read), strict=True
         )
     model, collision = models[0], geometries[0]
-    _move_base(model, collision, _se3(sources[0].base))
+    _move_base(model, collision, se3_of(sources[0].base))
     for source, part, geometry in zip(sources[1:], models[1:], geometries[1:], strict=True):
         if twice := _frame_names(model) & _frame_names(part):
             raise RobotError(
@@ -239,7 +284,7 @@ def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
                 key="models",
                 way_out="give one a prefix: prefix: right_",
             )
-        model, collision = pin.appendModel(model, part, collision, geometry, 0, _se3(source.base))
+        model, collision = pin.appendModel(model, part, collision, geometry, 0, se3_of(source.base))
     return sources, model, collision
 
 
@@ -293,11 +338,11 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]
             raise RobotError(
                 f"the model cannot be built: {reason}", way_out="correct the URDF, or its mesh"
             ) from failure
-        _check_bodies(model, geometry)
-    source, note = with_guessed_masses(source, model, geometry)
+        _check_bodies(geometry)
+    urdf, note = with_guessed_masses(source.urdf, source.masses, source.gripper_links, model, geometry)
     if note is not None:
         warnings.warn(f"{source.file}: {note}", ComoveWarning, stacklevel=2)
-    return source, model, geometry
+    return replace(source, urdf=urdf), model, geometry
 
 
 def _tell_frames_apart(model: Any) -> None:
@@ -319,8 +364,8 @@ def _reason(error: Exception) -> str:
     return ", ".join(text.partition("\nHint")[0].split("\n")).strip(" ,.") or type(error).__name__
 
 
-def _check_bodies(model: Any, geometry: Any) -> None:
-    """Refuse collision bodies and masses of impossible size."""
+def _check_bodies(geometry: Any) -> None:
+    """Refuse collision bodies of impossible size."""
     for item in geometry.geometryObjects:
         item.geometry.computeLocalAABB()
         radius = item.geometry.aabb_radius
@@ -328,12 +373,6 @@ def _check_bodies(model: Any, geometry: Any) -> None:
             raise RobotError(
                 f"the collision body '{item.name}' is {2 * radius:.3g} m wide",
                 way_out='write metres; a mesh in millimetres takes scale="0.001 0.001 0.001"',
-            )
-    for name, body in zip(model.names, model.inertias, strict=True):
-        if body.mass < 0:
-            raise RobotError(
-                f"what the joint '{name}' moves has the mass {body.mass:g} kg",
-                way_out="correct the <inertial> of its link",
             )
 
 
@@ -375,10 +414,6 @@ def _move_base(model: Any, geometry: Any, placement: Any) -> None:
     for item in geometry.geometryObjects:
         if item.parentJoint == 0:
             item.placement = placement * item.placement
-
-
-def _se3(placement: Placement) -> Any:
-    return pin.SE3(matrices(np.array(placement.quaternion_wxyz)), np.array(placement.position))
 
 
 def _require_known(named: Iterable[str], known: list[str], key: str, kind: str = "joint") -> None:
@@ -554,7 +589,7 @@ def _reduced(
         replace(
             _arm(name, arm, chains[name], np.array([names.index(j) for j in chains[name]]), states, limits),
             payload=arm.payload or np.inf,
-            hand=mass_beyond(chains[name][-1], sources),
+            hand=mass_beyond(chains[name][-1], [source.urdf for source in sources]),
         )
         for name, arm in description.arms.items()
     )
@@ -650,7 +685,7 @@ def _arm(
             key=key,
             way_out=f"keep it between {lower[outside][0]:.10g} and {upper[outside][0]:.10g}",
         )
-    return Arm(name, arm.tip, columns, _se3(arm.tool).homogeneous, home, tuple(arm.fingers))
+    return Arm(name, arm.tip, columns, se3_of(arm.tool).homogeneous, home, tuple(arm.fingers))
 
 
 def _unknown_state(state: str, states: Sequence[GroupState], key: str, otherwise: str) -> RobotError:
@@ -711,7 +746,7 @@ def _gaps(robot: Robot) -> Iterator[str]:
             yield f"no link of the arm '{arm.name}' has a collision body: what it touches is not known"
         if not masses[joints[0]]:
             yield f"no link of the arm '{arm.name}' has a mass: what it asks of its motors is not known"
-        own = gripper_links(robot, arm)
+        own = robot.gripper_links(arm)
         if own and not sum(masses_of(source.urdf, own, robot.model).sum() for source in robot.sources):
             yield (
                 f"no link of the gripper of the arm '{arm.name}' has a mass: what it asks of the motors is not "

@@ -20,6 +20,7 @@ from comove.dmp.demonstrations import Demonstration
 from comove.dmp.demonstrations.samples import fault
 from comove.errors import ComoveWarning, listed
 from comove.robots.model import Arm, Robot
+from comove.robots.soundness import ends_of
 from comove.robots.urdf import OF_JOINT
 
 Array = NDArray[np.float64]
@@ -162,12 +163,9 @@ def _supports(robot: Robot, tip: str) -> list[str]:
     above: dict[str, tuple[str, str]] = {}  # the joint and the link above each link
     moved: dict[str, str] = {}  # the link below each joint
     for source in robot.sources:
-        tree = ElementTree.fromstring(source.urdf)
-        for joint in tree.iter("joint"):
-            parent, child = joint.find("parent"), joint.find("child")
-            if parent is not None and child is not None:
-                above[child.get("link", "")] = joint.get("name", ""), parent.get("link", "")
-                moved[joint.get("name", "")] = child.get("link", "")
+        for joint in ElementTree.fromstring(source.urdf).findall("joint"):
+            (parent, child), name = ends_of(joint), joint.get("name", "")
+            above[child], moved[name] = (name, parent), child
     link = tip if tip in above else moved.get(tip.removesuffix(OF_JOINT), tip)
     found: list[str] = []
     while link in above and len(found) <= len(above):

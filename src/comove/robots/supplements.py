@@ -20,22 +20,19 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
-
-from comove.errors import RobotError
-from comove.robots.description import JointLimits
-from comove.robots.soundness import LIMITED, RATES, local_name, number
-
-if TYPE_CHECKING:
-    from comove.robots.urdf import Source
+from dataclasses import dataclass
+from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
+
+from comove.errors import RobotError
+from comove.robots.description import JointLimits
+from comove.robots.soundness import LIMITED, RATES, ends_of, local_name, number
 
 # rad and m, of a joint of an arm: none turns twice either way, nor slides so far
 LARGEST_TURN, LARGEST_STROKE = 4.0 * math.pi, 50.0
@@ -204,87 +201,89 @@ def moved_masses(model: Any, without: float | NDArray[np.float64] = 0.0) -> NDAr
     return masses
 
 
-def mass_beyond(joint: str, sources: Iterable[Source]) -> float:
+def mass_beyond(joint: str, urdfs: Iterable[str]) -> float:
     """Return the mass of all links beyond the one that a joint moves [kg]: of the hand, if it is an arm's last."""
-    tree = next(tree for tree in (ET.fromstring(source.urdf) for source in sources) if _has(tree, joint))
-    below, link = dict[str, list[str]](), ""
-    for each in tree.findall("joint"):
-        parent, child = (end.get("link", "") for tag in ("parent", "child") for end in each.findall(tag))
+    for urdf in urdfs:
+        ends = {each.get("name", ""): ends_of(each) for each in ET.fromstring(urdf).findall("joint")}
+        if joint in ends:
+            break
+    below = dict[str, list[str]]()
+    for parent, child in ends.values():
         below.setdefault(parent, []).append(child)
-        link = child if each.get("name") == joint else link
-    beyond = list(below.get(link, []))
+    beyond = list(below.get(ends[joint][1], []))
     for name in beyond:
         beyond += below.get(name, [])
-    masses = {
-        each.get("name", ""): float(mass.get("value", "0"))
-        for each in tree.findall("link")
-        for mass in each.findall("inertial/mass")
-    }
+    masses = _link_masses(urdf)
     return sum(masses.get(name, 0.0) for name in beyond)
 
 
-def _has(tree: ET.Element, joint: str) -> bool:
-    return any(each.get("name") == joint for each in tree.findall("joint"))
-
-
-def masses_of(urdf: str, links: Iterable[str], model: Any) -> NDArray[np.float64]:
+def masses_of(urdf: str, links: Collection[str], model: Any) -> NDArray[np.float64]:
     """Return the masses of some links of a URDF by the joint that moves each; array, shape (n_joints + 1,) [kg]."""
-    masses, wanted = np.zeros(model.njoints), set(links)
-    for link in ET.fromstring(urdf).findall("link") if wanted else ():
-        mass = link.find("inertial/mass")
-        if mass is not None and link.get("name") in wanted:
-            frame = model.frames[model.getFrameId(link.get("name"), pin.FrameType.BODY)]
-            masses[frame.parentJoint] += float(mass.get("value", "0"))
+    masses = np.zeros(model.njoints)
+    for link, mass in _link_masses(urdf).items() if links else ():
+        if link in links:
+            masses[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentJoint] += mass
     return masses
 
 
-def with_guessed_masses(source: Source, model: Any, geometry: Any) -> tuple[Source, str | None]:
+def _link_masses(urdf: str) -> dict[str, float]:
+    links = (
+        (link.get("name", ""), link.find("inertial/mass")) for link in ET.fromstring(urdf).findall("link")
+    )
+    return {name: float(mass.get("value", "0")) for name, mass in links if mass is not None}
+
+
+def with_guessed_masses(
+    urdf: str, known: Mapping[str, float], grippers: Collection[str], model: Any, geometry: Any
+) -> tuple[str, str | None]:
     """Give masses to the links of joints that move none, and to those whose masses alone are known, in a model and
     in its URDF.
 
     Parameters
     ----------
-    model : pinocchio.Model of the source, which is changed
+    known : masses of links whose inertia follows from their bodies, by name [kg]
+    grippers : names of the links of grippers, whose masses are not guessed
+    model : pinocchio.Model of the URDF, which is changed
     geometry : pinocchio.GeometryModel of its collision bodies
 
     Returns
     -------
-    the source with these masses, and a note about them; None where there was nothing to guess
+    the URDF with these masses, and a note about them; None where there was nothing to guess
     """
     bodies = dict[int, list[Any]]()
-    massless = moved_masses(model, masses_of(source.urdf, source.gripper_links, model)) == 0.0
+    massless = moved_masses(model, masses_of(urdf, grippers, model)) == 0.0
     for item in geometry.geometryObjects:
         name = model.frames[item.parentFrame].name
-        guess = item.parentJoint > 0 and massless[item.parentJoint] and name not in source.gripper_links
-        if guess or name in source.masses:
+        guess = item.parentJoint > 0 and massless[item.parentJoint] and name not in grippers
+        if guess or name in known:
             bodies.setdefault(item.parentFrame, []).append(item)
     found = {frame: _inertia(items, model.frames[frame].placement) for frame, items in bodies.items()}
     guessed = {}
     for frame, inertia in found.items():
-        mass = source.masses.get(model.frames[frame].name)
+        mass = known.get(model.frames[frame].name)
         if mass is None and inertia.mass > 0.0:
             guessed[frame] = inertia
         elif mass is not None:
             found[frame] = _of_mass(inertia, mass, model.frames[frame].name)
-    if not guessed and not source.masses:
-        return source, None
-    tree = ET.fromstring(source.urdf)
+    if not guessed and not known:
+        return urdf, None
+    tree = ET.fromstring(urdf)
     links = {link.get("name"): link for link in tree.findall("link")}
     for frame, inertia in found.items():
         if inertia.mass > 0.0:
             place = model.frames[frame]
             model.appendBodyToJoint(place.parentJoint, inertia, place.placement)
             _write(links[place.name], inertia)
-    source = replace(source, urdf=ET.tostring(tree, encoding="unicode"))
+    urdf = ET.tostring(tree, encoding="unicode")
     if not guessed:
-        return source, None
+        return urdf, None
     told = [f"{model.frames[frame].name} {inertia.mass:.3g} kg" for frame, inertia in guessed.items()]
     more = f" and {len(told) - MAX_TOLD} more" if len(told) > MAX_TOLD else ""
     note = (
         f"links that joints move have no masses; they were guessed from collision bodies, at {DENSITY:g} kg/m^3: "
         f"{', '.join(told[:MAX_TOLD])}{more}: what they ask of the motors is a guess; write <inertial> into the links"
     )
-    return source, note
+    return urdf, note
 
 
 def _of_mass(inertia: Any, mass: float, link: str) -> Any:

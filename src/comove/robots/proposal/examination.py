@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
-from comove.robots.grippers import gripper_links, without_gripper
+from comove.robots.grippers import without_gripper
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, placed_bodies, touching
 from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
@@ -157,7 +157,7 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
                 "it shares must leave it the turns that it lacks"
             )
     bare = without_gripper(robot)
-    if away := [name for name in bare if gripper_links(robot, robot.arm(name))]:
+    if away := [name for name in bare if robot.gripper_links(robot.arm(name))]:
         doubts.append(
             f"no body of the gripper of {', '.join(map(repr, away))} is near the grasp frame: correct `mount` or "
             "`tool`"
@@ -172,7 +172,7 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
         f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say where "
         f"in that, such as tool: {{position: [0, 0, {_end_of_gripper(robot, arm):.3g}]}}"
         for arm in robot.arms
-        if gripper_links(robot, arm) and robot.description.arms[arm.name].tool == Placement()
+        if robot.gripper_links(arm) and robot.description.arms[arm.name].tool == Placement()
     ]
     if unseen := _without_bodies(robot):
         doubts.append(
@@ -212,7 +212,7 @@ def _how_near(distance: float, needed: float) -> str:
 def _end_of_gripper(robot: Robot, arm: Arm) -> float:
     """Return how far the gripper of an arm reaches along the z axis of its tip [m]."""
     tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-    own = gripper_links(robot, arm)
+    own = robot.gripper_links(arm)
     points = [points for link, points in placed_bodies(robot, robot.home) if link in own]
     return max((float(((p - tip[:3, 3]) @ tip[:3, 2]).max()) for p in points), default=0.0)
 
@@ -221,7 +221,7 @@ def _leave_out(robot: Robot, a: str, b: str) -> str:
     """Return how two links are left out of the pairs that are kept apart, in words."""
     for arm in robot.arms:
         for hand, other in ((a, b), (b, a)):
-            if hand in gripper_links(robot, arm) and robot.model.existFrame(other):
+            if hand in robot.gripper_links(arm) and robot.model.existFrame(other):
                 return f"name it where the gripper is: arms.{arm.name}.gripper.touch_links: ['{other}']"
     return "name the pair in an SRDF"
 

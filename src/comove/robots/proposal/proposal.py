@@ -23,7 +23,6 @@ from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
-from comove.robots.grippers import gripper_links
 from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
 from comove.robots.proposal.examination import overloaded
@@ -352,7 +351,7 @@ def _with_tools(
     arms, notes = dict(data["arms"]), []
     bodies = list(placed_bodies(robot, robot.home))
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
-        hand = gripper_links(robot, arm) or {prefix + link for link in (*chain.links, *chain.grippers)}
+        hand = robot.gripper_links(arm) or {prefix + link for link in (*chain.links, *chain.grippers)}
         held = [points for link, points in bodies if link in hand]
         frames = _finger_frames(robot, arm)
         at_tip = any(has_word(chain.tip, word) for word in BETWEEN) or bool(TOOL_FRAME.search(chain.tip))
@@ -418,7 +417,7 @@ def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[
     robot = _robot(data, file)
     bodies = list(placed_bodies(robot, robot.home))
     for arm in arms:
-        own, tip = gripper_links(robot, arm), robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
+        own, tip = robot.gripper_links(arm), robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
         points = [(points - tip[:3, 3]) @ tip[:3, :3] for link, points in bodies if link in own]
         forward = _nearest_axis(np.concatenate([*points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
         approach, why = _Wrist.of(bare, arm, _finger_frames(bare, arm)[0]).approach()
@@ -632,7 +631,7 @@ def _left_out(
     found: dict[str, dict[Pair, str]] = {part.entry["urdf"]: {} for part in parts}
     touched: dict[str, list[str]] = {}
     for arm in robot.arms:
-        own = gripper_links(robot, arm)
+        own = robot.gripper_links(arm)
         for pair in [pair for pair in reasons if own & set(pair)]:
             del reasons[pair]
             touched.setdefault(arm.name, []).extend(link for link in pair if link not in own)

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, pi
 
-from comove.robots.soundness import number
+from comove.robots.soundness import ends_of, number
 from comove.robots.supplements import stated_limits
 
 MOVING = ("revolute", "continuous", "prismatic")
@@ -191,8 +191,7 @@ class Tree:
             Joint(
                 joint.get("name", ""),
                 joint.get("type", ""),
-                joint.find("parent").get("link", ""),  # type: ignore[union-attr]  # sound
-                joint.find("child").get("link", ""),  # type: ignore[union-attr]
+                *ends_of(joint),
                 next((mimic.get("joint", "") for mimic in joint.findall("mimic")), None),
                 stated_limits(joint),
                 tuple(word for limit in joint.findall("limit") for word in limit.get(GUESSES, "").split()),
