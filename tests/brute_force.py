@@ -19,9 +19,13 @@ KEPT_OF_AN_EDGE, KEPT = 6, 16  # cells, of the lowest values and as many of the 
 # --- Signed distances ---
 
 
-def obstacle_distance(obstacle, points):
-    """Signed distances [m] from `points`, array of shape (..., n_dims), to an obstacle of a scene file."""
+def obstacle_distance(obstacle, points, time=None):
+    """Signed distances [m] from `points`, array of shape (..., n_dims), to an obstacle of a scene file.
+
+    `time` holds the instants [s] of the first axes of `points`; an obstacle that moves is at 0 s unless given.
+    """
     n_dims = points.shape[-1]
+    points = points if time is None else as_seen(obstacle, points, time)
     local = points - np.array(obstacle.center)
     if n_dims == 2:
         turn = np.deg2rad(getattr(obstacle, "rotation_deg", 0.0))
@@ -33,6 +37,30 @@ def obstacle_distance(obstacle, points):
         if (x, y, z) != (0.0, 0.0, 0.0):
             local = local @ Rotation.from_quat([x, y, z, w]).as_matrix()
     return _DISTANCES[obstacle.shape](obstacle, np.abs(local))
+
+
+def as_seen(obstacle, points, time):
+    """Points at some instants where an obstacle that moves sees them: relative to its pose at 0 s."""
+    motion = getattr(obstacle, "motion", None)
+    if motion is None:
+        return points
+    n_dims, t = points.shape[-1], np.ravel(time)
+    way = np.zeros((len(t), n_dims))
+    if motion.velocity is not None:
+        way = t[:, None] * motion.velocity
+    if motion.waypoints is not None:
+        way = np.stack([np.interp(t, motion.times, x) - x[0] for x in np.transpose(motion.waypoints)], axis=1)
+    if motion.circle is not None:
+        angle = 2 * np.pi * t / motion.circle.period_s
+        way[:, :2] = motion.circle.radius * np.stack([np.cos(angle) - 1.0, np.sin(angle)], axis=1)
+    seen = points.reshape(len(t), -1, n_dims) - way[:, None]
+    if motion.turn is not None:
+        pivot = np.array(obstacle.center) + (motion.turn.hinge or np.zeros(n_dims))
+        axis = np.array(motion.turn.axis or (0.0, 0.0, 1.0))
+        turned = np.deg2rad(motion.turn.rate_deg_per_s) * t[:, None] * axis / np.linalg.norm(axis)
+        matrices = Rotation.from_rotvec(turned).as_matrix()[:, :n_dims, :n_dims]
+        seen = pivot + (seen - pivot) @ matrices  # the inverse turn of rows
+    return seen.reshape(points.shape)
 
 
 def _box(box, p):
@@ -95,15 +123,18 @@ def _norm(p):
     return np.sqrt(sum(p[..., i] ** 2 for i in range(p.shape[-1])))
 
 
-def point_clearance(scene, points):
-    """Distances [m] from `points`, array of shape (..., n_dims), to obstacles and border, whichever is nearer."""
+def point_clearance(scene, points, time=None):
+    """Distances [m] from `points`, array of shape (..., n_dims), to obstacles and border, whichever is nearer.
+
+    `time` is as in `obstacle_distance`.
+    """
     lower, upper = np.array(scene.file.workspace.lower), np.array(scene.file.workspace.upper)
     least = np.inf
     for axis in range(points.shape[-1]):
         x = points[..., axis]
         least = np.minimum(least, np.minimum(x - lower[axis], upper[axis] - x))
     for obstacle in scene.file.obstacles:
-        least = np.minimum(least, obstacle_distance(obstacle, points))
+        least = np.minimum(least, obstacle_distance(obstacle, points, time))
     return least
 
 
@@ -254,12 +285,13 @@ def least_clearance(motion, scene=None):
     a, b, radii = body_of(scene, hands_at(motion))
     way = np.maximum(*(_norm(np.diff(x, axis=0)) for x in (a, b)))
     length = _norm(b[0] - a[0])
+    coarse = np.linspace(0.0, 1.0, COARSE + 1)
     least, time, cells = np.inf, 0.0, []
     for edge in range(len(radii)):
         parts = COARSE_PARTS if length[edge] > 0 else 0
         shares = np.linspace(0.0, 1.0, parts + 1)
         points = a[:, edge, None] + shares[:, None] * (b - a)[:, edge, None]
-        clearance = point_clearance(scene, points) - radii[edge]
+        clearance = point_clearance(scene, points, coarse * scene.file.duration) - radii[edge]
         corner, (k, i) = _least(clearance)
         if clearance[k, i] < least:
             least, time = float(clearance[k, i]), float(k / COARSE)
@@ -301,7 +333,7 @@ def _refined(motion, scene, cells, shares):
     a, b = a.reshape(shape)[row, :, e], b.reshape(shape)[row, :, e]  # (n_cells, n_times, n_dims)
     along = s0[:, None] + shares * ds[:, None]
     points = a[:, :, None] + along[:, None, :, None] * (b - a)[:, :, None]
-    clearance = point_clearance(scene, points) - radii[e, None, None]
+    clearance = point_clearance(scene, points, times * scene.file.duration) - radii[e, None, None]
     corner, at = _least(clearance)
     way = np.maximum(*(_norm(np.diff(x, axis=1)) for x in (a, b)))
     length = _norm(b[:, 0] - a[:, 0]) * ds / PARTS

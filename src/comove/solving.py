@@ -180,7 +180,6 @@ def robot_of(scene: Scene, robot: Robot | str | Literal[False] | None = None) ->
 
 
 def _require_none(given: dict[str, Any], message: str, way_out: str) -> None:
-    """Refuse arguments that do not apply."""
     for key, value in given.items():
         if value is not None:
             raise OptionError(message, key=key, way_out=way_out)

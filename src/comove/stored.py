@@ -514,7 +514,6 @@ class _Folder:
 
 
 def _robots() -> Any:
-    """Return the files of robots, which are an extra."""
     try:
         from comove.robots import files
     except ExtraError:

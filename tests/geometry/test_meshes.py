@@ -103,7 +103,7 @@ def test_a_mesh_moves_as_a_whole(folder):
     assert scene.offsets(np.array([0.0, 2.0])).shape == (2, 1, 3)
     there = scene.obstacles_at(2.0)
     assert there[:, 1:4] == pytest.approx(np.tile([1.3, 1.0, 0.5], (len(there), 1)))
-    assert scene.offsets_along(7).shape == (7, len(there), 3)
+    assert scene.displacements_along(7).offsets.shape == (7, len(there), 3)
 
 
 def test_scale_makes_metres(folder):

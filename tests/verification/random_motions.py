@@ -99,8 +99,11 @@ def on_scene(motion, data):
     return replace(motion, scene=scene, coordinates=coordinates_for(scene, motion.coordinates.kind))
 
 
-def near_contact(rng):
-    """A random motion in a random scene whose clearance is decided by at most a few millimetres."""
+def near_contact(rng, moving=0.0):
+    """A random motion in a random scene whose clearance is decided by at most a few millimetres.
+
+    `moving` is the share of obstacles that move and turn.
+    """
     while True:
         motion = random_motion(rng)
         required = float(rng.choice([0.0, 0.0, 0.0, 0.004]))
@@ -110,7 +113,7 @@ def near_contact(rng):
             for _ in range(rng.integers(1, 4))
             if (
                 obstacle := sweep.pushed(
-                    random_obstacle(rng, motion.scene.n_dims), required + offset_of(rng), rng
+                    random_obstacle(rng, motion.scene.n_dims, moving), required + offset_of(rng), rng
                 )
             )
         ]
@@ -143,8 +146,8 @@ def scene_data(scene):
     return data
 
 
-def random_obstacle(rng, n_dims):
-    """An obstacle without a place, turned anyhow; boxes may be thin."""
+def random_obstacle(rng, n_dims, moving=0.0):
+    """An obstacle without a place, turned anyhow; boxes may be thin, and a share of all is moving."""
     shapes = ["box", "box", "sphere", "capsule", "ellipsoid", "cylinder"]
     shape = str(rng.choice(shapes[: 5 if n_dims == 2 else 6]))
     obstacle = {"shape": shape, "center": [0.0] * n_dims}
@@ -167,13 +170,39 @@ def random_obstacle(rng, n_dims):
         else:
             x, y, z, w = Rotation.random(random_state=int(rng.integers(2**31))).as_quat()
             obstacle["quaternion_wxyz"] = [w, x, y, z]
+    if moving and rng.random() < moving:
+        obstacle["motion"] = random_turn(rng, n_dims)
     return obstacle
+
+
+def random_turn(rng, n_dims):
+    """A turn, slow or fast, about the centre or a hinge, of what stands, goes straight or on a circle."""
+    turn = {"rate_deg_per_s": float(rng.choice([-1, 1]) * 10 ** rng.uniform(0.5, 3.0))}
+    if n_dims == 3:
+        turn["axis"] = rng.standard_normal(3).tolist()
+    if rng.random() < 0.5:
+        turn["hinge"] = rng.uniform(-0.1, 0.1, n_dims).tolist()
+    circle = {"radius": float(rng.uniform(0.02, 0.1)), "period_s": float(rng.uniform(1.0, 6.0))}
+    paths = [{}, {}, {"velocity": rng.uniform(-0.05, 0.05, n_dims).tolist()}, {"circle": circle}]
+    return paths[rng.integers(4)] | {"turn": turn}
+
+
+def as_told(obstacle):
+    """An obstacle of a file's plain data as `brute_force` takes it."""
+    motion = obstacle.get("motion")
+    if motion is not None:
+        keys = dict.fromkeys(("velocity", "waypoints", "times", "circle"))
+        turn = SimpleNamespace(**{"axis": None, "hinge": None, **motion["turn"]})
+        circle = SimpleNamespace(**motion["circle"]) if "circle" in motion else None
+        motion = SimpleNamespace(**keys | motion | {"turn": turn, "circle": circle})
+    return SimpleNamespace(**obstacle | {"motion": motion})
 
 
 class Sweep:
     """Points of the body at many times, array of shape (n_times, n_edges, n_shares, n_dims)."""
 
     def __init__(self, motion):
+        self.time = np.linspace(0.0, motion.scene.duration, brute_force.COARSE + 1)
         a, b, self.radii = brute_force.body_of(motion.scene, brute_force.hands_at(motion))
         self.hands = a[:, -1]
         shares = np.linspace(0.0, 1.0, 9)[:, None]
@@ -187,11 +216,13 @@ class Sweep:
         points, radii = self.points[::8, :, ::2], self.radii[:, None]
         for _ in range(12):
             obstacle["center"] = center.tolist()
-            distance = (brute_force.obstacle_distance(SimpleNamespace(**obstacle), points) - radii).min()
+            apart = brute_force.obstacle_distance(as_told(obstacle), points, self.time[::8])
+            distance = (apart - radii).min()
             center = center + (distance - offset) * towards
             if abs(distance - offset) < 1e-6:
                 break
-        ends = brute_force.obstacle_distance(SimpleNamespace(**obstacle), self.points[[0, -1]]) - radii
+        apart = brute_force.obstacle_distance(as_told(obstacle), self.points[[0, -1]], self.time[[0, -1]])
+        ends = apart - radii
         return obstacle if ends.min() > 0.0 else None
 
     def thin_wall(self, rng):

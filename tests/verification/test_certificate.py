@@ -64,6 +64,24 @@ def test_nothing_is_certified_above_the_truth(chunk):
     assert outcomes["contact"] > 3
 
 
+@pytest.mark.parametrize("chunk", range(3))
+@pytest.mark.few(1)
+def test_nothing_is_certified_above_the_truth_where_obstacles_turn(chunk):
+    """75 random motions among obstacles that turn slowly or up to three times a second, as the file tells alone."""
+    outcomes = Counter()
+    for seed in range(25 * chunk, 25 * chunk + 25):
+        motion = near_contact(np.random.default_rng([seed, 12]), moving=0.8)
+        clearance, truth, outcome = judged(motion)
+        outcomes[outcome] += 1
+        assert outcome != "false certificate", (seed, clearance, truth)
+        if outcome != "contact":
+            assert clearance.lower <= truth + ROUNDING, (seed, clearance, truth)
+            if peak_acceleration(motion) < CALM:
+                assert truth - clearance.lower <= 1e-3, (seed, clearance, truth)
+    assert outcomes["certified"] > 5
+    assert outcomes["contact"] > 3
+
+
 @pytest.mark.parametrize("name", SOME)
 @pytest.mark.few(2)
 def test_shaken_solutions_are_not_certified_above_the_truth(name):

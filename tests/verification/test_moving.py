@@ -1,5 +1,7 @@
 """The certificate of clearance among obstacles that move."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,9 +10,11 @@ from hypothesis import strategies as st
 from comove.dmp.basis import motion_basis
 from comove.model import CoordinatedMotion, Scene, load_coordinates
 from comove.verification import verify
-from comove.verification.certificate import certify
-from comove.verification.clearance_kernels import Around, CurveArrays, Need, Paths, certified_clearance
+from comove.verification.certificate import Paths, certify, certify_curve
+from comove.verification.clearance_kernels import CurveArrays
+from tests import brute_force
 from tests.cases import examples
+from tests.verification.random_motions import random_obstacle
 
 ROUNDING = 1e-9  # m
 DURATION = 4.0  # s
@@ -85,6 +89,28 @@ def test_nothing_is_certified_above_the_truth_and_hardly_below(n_dims, load, see
         assert clearance.upper >= clearance.lower
 
 
+@pytest.mark.parametrize("n_dims", [2, 3])
+@examples(40)
+@given(seed=st.integers(0, 2**32 - 1), n_knots=st.integers(2, 30))
+def test_what_turns_between_knots_far_apart_is_met(n_dims, seed, n_knots):
+    """A bar that goes straight, known at few instants, among obstacles that turn up to three times a second."""
+    rng = np.random.default_rng(seed)
+    obstacles = [random_obstacle(rng, n_dims, 1.0) for _ in range(3)]
+    for obstacle in obstacles:
+        obstacle["center"] = rng.uniform(0.3, 0.7, n_dims).tolist()
+    scene = carrying(n_dims, {"shape": "bar", "length": 0.2, "radius": 0.01}, obstacles)
+    ends, share = np.stack([scene.nodes_at(end) for end in ("start", "goal")]), np.linspace(0.0, 1.0, n_knots)
+    nodes = ends[0] + share[:, None, None] * (ends[1] - ends[0])
+    straight = CurveArrays(nodes, np.zeros((n_knots - 1, nodes.shape[1])))
+    time, dense = DURATION * share, np.linspace(0.0, DURATION, 3001)
+    found = certify_curve(scene, straight, time, Paths.of(scene, time))
+    hands = scene.start + dense[:, None, None] / DURATION * (scene.goal - scene.start)
+    a, b, radii = brute_force.body_of(scene, hands)
+    points = a[:, :1] + np.linspace(0.0, 1.0, 41)[:, None] * (b - a)[:, :1]
+    truth = brute_force.point_clearance(scene, points, dense).min() - radii[0]
+    assert found.lower <= truth + ROUNDING
+
+
 @given(velocity=st.tuples(*[st.floats(-1.0, 1.0)] * 3), seed=st.integers(0, 1000))
 def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     """Galileo: to move load and obstacles by the same changes no clearance."""
@@ -94,17 +120,16 @@ def test_what_moves_along_is_as_far_away_as_if_both_stood(velocity, seed):
     )
     motion = random_motion(scene, rng)
     nodes = motion.coordinates.nodes(np.ascontiguousarray(motion.knots[0].T[None]))[0]
-    n_knots, body, wide = len(nodes), scene.body, (np.full(3, -9.0), np.full(3, 9.0))
-    straight, still = np.zeros((n_knots - 1, nodes.shape[1])), Paths(np.zeros((0, 1, 3)), np.zeros((0, 0)))
+    n_knots = len(nodes)
+    straight, time = np.zeros((n_knots - 1, nodes.shape[1])), np.linspace(0.0, DURATION, n_knots)
     shift = np.linspace(0.0, 1.0, n_knots)[:, None] * np.array(velocity)
-    along = Paths(shift[:, None], np.zeros((n_knots - 1, 1)))
-    need, shape = Need(0.0, 1e-4, 1e-7, 1e-12, 2_000_000, 300_000), (body.edges, body.radii)
-    around = Around(scene.obstacles, still, *wide, need)
-    at_rest = certified_clearance(CurveArrays(nodes, straight), *shape, around)
+    still = Paths.of(scene, time)
+    wide = replace(scene, lower=np.full(3, -9.0), upper=np.full(3, 9.0))
+    at_rest = certify_curve(wide, CurveArrays(nodes, straight), time, still)
     moved = CurveArrays(nodes + shift[:, None], straight)
-    together = certified_clearance(moved, *shape, around._replace(paths=along))
-    assert together[0] == pytest.approx(at_rest[0], abs=2e-4)
-    assert together[1] == pytest.approx(at_rest[1], abs=2e-4)
+    together = certify_curve(wide, moved, time, still._replace(offset=shift[:, None]))
+    assert together.lower == pytest.approx(at_rest.lower, abs=2e-4)
+    assert together.upper == pytest.approx(at_rest.upper, abs=2e-4)
 
 
 def test_what_comes_between_the_samples_is_met():

@@ -162,7 +162,6 @@ def _text(report: StudyReport) -> str:
 
 
 def _sides(found: Variety) -> str:
-    """Say how many ways past the obstacles there are, and how evenly the episodes take them."""
     if len(found.classes) == 1:
         return "the same in all episodes"
     return f"{len(found.classes)} classes, as varied as {2**found.entropy:.3g} equally frequent ones"

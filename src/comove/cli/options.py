@@ -302,7 +302,6 @@ def movement_given(
 
 
 def _plane_of(scene: Scene) -> str | None:
-    """Return the plane into which a scene lays planar movements."""
     demonstration = scene.file.demonstration
     return None if demonstration is None else demonstration.plane
 

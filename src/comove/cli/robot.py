@@ -237,7 +237,6 @@ def _obstacles_in(file: Path, scene: Path) -> list[dict[str, Any]]:
 
 
 def _require_new(out: Path) -> None:
-    """Raise OptionError if there is a file already."""
     if out.exists():
         raise OptionError(
             f"there is a file '{out}' already", key="--out", way_out="name another, or remove it"

@@ -50,7 +50,6 @@ def upgrade(
 
 
 def _names_files(loaded: Scene) -> bool:
-    """Return whether a scene names files, or the description of a robot, by paths from its folder."""
     from comove.results.inputs import files_of_scene
 
     robot = loaded.file.robot

@@ -78,7 +78,6 @@ def _kind_of(part: ResultPart) -> ResultKind:
 
 
 def _is_claimed(part: ResultPart, summary: Mapping[str, Any]) -> bool:
-    """Return whether a summary claims that all is well."""
     from comove.stored import ResultPart
 
     named = {ResultPart.ROBOT_RUN: "as_it_should_be", ResultPart.SIMULATION: "delivered"}

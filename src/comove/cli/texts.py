@@ -111,7 +111,6 @@ def summary_text(
 
 
 def _weighted(summary: Mapping[str, Any], name: str) -> str:
-    """Return the weight of a cost term in words, empty if it is the usual weight."""
     from comove.planning import PaperCost
 
     usual = vars(PaperCost()).get(name)

@@ -86,7 +86,6 @@ def _require_robot(parts: tuple[Verification, ...], folder: Path, robot: str | N
 
 
 def _say_against(parts: tuple[Verification, ...], file: TextIO | None = None) -> None:
-    """Print what everything was verified against."""
     first, *others = dict.fromkeys(words for part in parts for words in part.against)
     say(f"  against {first}", *(f"  {words}" for words in others), file=file)
 

@@ -100,7 +100,6 @@ def _codes(code: CodeType) -> list[CodeType]:
 
 
 def _constants(code: CodeType, docstring: str | None) -> list[str]:
-    """Return the constants of a code, in words, without codes and the docstring."""
     plain = [part for part in code.co_consts if part != docstring and not isinstance(part, CodeType)]
     return [repr(sorted(map(repr, part)) if isinstance(part, frozenset) else part) for part in plain]
 
@@ -221,7 +220,6 @@ def text_of(key: Any) -> str:
 
 
 def _seal(signature: str, data: bytes) -> bytes:
-    """Return the checksum of a compiled function and of the signature that it was compiled for."""
     return hashlib.sha256(signature.encode() + data).digest()
 
 

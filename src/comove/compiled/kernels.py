@@ -74,7 +74,6 @@ class Kernel(CPUDispatcher):
 
     @property
     def _names(self) -> tuple[str, str]:
-        """Return the names of the module and of the kernel in it."""
         return self.py_func.__module__, self.py_func.__qualname__
 
     @property
@@ -173,7 +172,6 @@ def _uncollected() -> Iterator[None]:
 
 
 def _named(module: str, name: str) -> Kernel:
-    """Return the kernel of a module."""
     return getattr(import_module(module), name)
 
 
@@ -225,5 +223,4 @@ def _is_large(compiled: Any) -> bool:
 
 
 def _code_of(compiled: Any) -> Any:
-    """Return the LLVM function that callers of a compiled function take up."""
     return compiled.library._get_module_for_linking().get_function(compiled.fndesc.llvm_func_name)

@@ -187,12 +187,12 @@ class Scanned(Clouds):
 
     def cloud(self, time: float) -> Array:
         """Return the points of the cloud at an instant [s]; array, shape (n_points, n_dims) [m]."""
-        n, table = self.scene.n_dims, self.scene.obstacles.copy()
+        n = self.scene.n_dims
+        table = self.scene.obstacles_at(time, self._truth.ground_truth(np.array([time]))[0])
         if (table[:, sd.KIND] == sd.POLYTOPE).any():
             raise OptionError(
                 "clouds of meshes are not made up", way_out="give boxes or spheres in their place"
             )
-        table[:, sd.CENTER : sd.CENTER + 3] = self._truth.ground_truth(np.array([time]))[0]
         spacing, nodes = self.scanner.spacing, self._nodes(time)
         parts = [surface(row, n, spacing, self._rng) for row in table]
         if nodes is not None:

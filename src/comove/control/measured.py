@@ -1,8 +1,9 @@
 """Obstacles that are known only from measurements, which are noisy, delayed and sometimes missing.
 
-Every obstacle is tracked by a steady and a quick filter (`filters`). The margin that is kept on top of the scene's
-clearance, for the present position after the delay and missed measurements, is `sigmas` standard deviations of the
-filter that is less certain: the quick one, which expects sudden turns.
+Centres are measured; how obstacles turn is known from the scene. Every obstacle is tracked by a steady and a quick
+filter (`filters`). The margin that is kept on top of the scene's clearance, for the present position after the delay
+and missed measurements, is `sigmas` standard deviations of the filter that is less certain: the quick one, which
+expects sudden turns.
 """
 
 from __future__ import annotations
@@ -140,9 +141,9 @@ class Observed(Observer):
         belief = self._predicted(moving, time)
         center[moving], velocity[moving] = belief.position, belief.velocity
         margin[moving] = self.sensor.sigmas * belief.deviation
-        return sighting(self.scene, center, velocity, margin)
+        return sighting(self.scene, center, velocity, margin, time)
 
-    def spins(self, time: float) -> Array:
+    def bends(self, time: float) -> Array:
         """Return the angular velocities of the velocities' directions; array, shape (n_rows, 3) [rad/s]."""
         moving, spin = np.flatnonzero(self.scene.moving), np.zeros((len(self._when), 3))
         spin[moving] = self._predicted(moving, time).spin

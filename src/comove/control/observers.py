@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar
 
@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from comove.control.safety.twist_qp import Sighting
 from comove.errors import OptionError
-from comove.geometry.distances import CENTER
 from comove.model.moving import ObstacleMotion
 from comove.model.scene import Scene
 
@@ -45,7 +44,7 @@ class Observer(ABC):
     def observe(self, time: float) -> Sighting:
         """Return the obstacles as estimated at an instant [s], which must not lie in the past."""
 
-    def spins(self, time: float) -> Array:
+    def bends(self, time: float) -> Array:
         """Return the angular velocities with which the velocities of the sighting's rows turn; here none turns.
 
         Array, shape (n_rows, 3) [rad/s].
@@ -54,12 +53,12 @@ class Observer(ABC):
 
     def predict(self, time: float) -> Scene:
         """Return the scene as it is expected to be: its motions hold from that instant [s] on, turns included."""
-        return going_on(self.scene, self.observe(time), self.spins(time), time)
+        return going_on(self.scene, self.observe(time), self.bends(time), time)
 
     def ground_truth(self, time: Array) -> Array:
         """Return the true positions of the centres; array, shape (n_times, n_obstacles, 3) [m].
 
-        It is NaN where they are not known: here where an obstacle of the scene moves.
+        It is NaN where they are not known: here where an obstacle of the scene moves. Turns are those of the scene.
         """
         centers = np.full((len(time), len(self.scene.motions), 3), np.nan)
         centers[:, ~self.scene.moving] = self.scene.centers[~self.scene.moving]
@@ -78,7 +77,7 @@ class Known(Observer):
         """Return the obstacles at their exact positions."""
         now = np.array([time])
         velocity, margin = self.scene.obstacle_velocities(now)[0], np.zeros(len(self.scene.motions))
-        return sighting(self.scene, self.ground_truth(now)[0], velocity, margin)
+        return sighting(self.scene, self.ground_truth(now)[0], velocity, margin, time)
 
     def predict(self, time: float) -> Scene:
         """Return the scene itself."""
@@ -154,9 +153,9 @@ class Functions(Observer):
         """Return the obstacles at their present positions, with velocities from the last instant."""
         instant = self._instant
         before, now = self.ground_truth(np.array([max(0.0, time - instant), max(instant, time)]))
-        return sighting(self.scene, now, (now - before) / instant, np.zeros(len(now)))
+        return sighting(self.scene, now, (now - before) / instant, np.zeros(len(now)), time)
 
-    def spins(self, time: float) -> Array:
+    def bends(self, time: float) -> Array:
         """Return the angular velocities of the velocities' directions; array, shape (n_rows, 3) [rad/s]."""
         turn = self._turn
         before, now = self.observe(max(0.0, time - turn)).velocity, self.observe(time).velocity
@@ -172,54 +171,67 @@ class Turning:
     """A motion that has constant speed and turns at a constant rate, also before `since`; straight without a turn.
 
     It is known in tracking as the coordinated turn (Bar-Shalom, Li and Kirubarajan, 2001). It offers what a scene
-    requires of a `comove.model.moving.Motion`; offsets are relative to the centre's position at `since`.
+    requires of a `comove.model.moving.Motion`; offsets and turns are relative to the pose at `since`.
 
     Attributes
     ----------
-    velocity : array, shape (3,), velocity at `since` [m/s]
-    spin : array, shape (3,), angular velocity of the direction, perpendicular to the velocity [rad/s]
+    velocity : array, shape (3,), velocity of the centre at `since` [m/s]
+    bend : array, shape (3,), angular velocity of its direction, perpendicular to the velocity [rad/s]
     since : reference time [s]
+    spin : array, shape (3,), angular velocity of the body [rad/s]
     """
 
     velocity: Array
-    spin: Array
+    bend: Array
     since: float
+    spin: Array = field(default_factory=lambda: np.zeros(3))
     kinks: ClassVar[tuple[float, ...]] = ()
+
+    @property
+    def speed(self) -> float:
+        """Return the speed of the centre [m/s]."""
+        return float(np.linalg.norm(self.velocity))
+
+    def turns(self, time: ArrayLike) -> Array:
+        """Return the rotation vectors of the body; array, shape (n_times, 3) [rad]."""
+        return (np.asarray(time, dtype=float)[:, None] - self.since) * self.spin
 
     def offsets(self, time: ArrayLike) -> Array:
         """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
-        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
+        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.bend)
         along, across = np.sinc(rate * time / np.pi), np.sinc(0.5 * rate * time / np.pi) ** 2
-        return time * along * self.velocity + 0.5 * time**2 * across * np.cross(self.spin, self.velocity)
+        return time * along * self.velocity + 0.5 * time**2 * across * np.cross(self.bend, self.velocity)
 
     def velocities(self, time: ArrayLike) -> Array:
         """Return the velocities of the centre; array, shape (n_times, 3) [m/s]."""
-        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.spin)
-        turned = time * np.sinc(rate * time / np.pi) * np.cross(self.spin, self.velocity)
+        time, rate = np.asarray(time, dtype=float)[:, None] - self.since, np.linalg.norm(self.bend)
+        turned = time * np.sinc(rate * time / np.pi) * np.cross(self.bend, self.velocity)
         return np.cos(rate * time) * self.velocity + turned
 
     def sagittas(self, time: ArrayLike) -> Array:
         """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """
-        bend = np.linalg.norm(self.velocity) * np.linalg.norm(self.spin)
-        return bend * np.diff(np.asarray(time, dtype=float)) ** 2 / 8
+        rate = np.linalg.norm(self.bend)
+        return self.speed * rate * np.diff(np.asarray(time, dtype=float)) ** 2 / 8
 
 
-def going_on(scene: Scene, seen: Sighting, turn: Array, time: float) -> Scene:
+def going_on(scene: Scene, seen: Sighting, bends: Array, time: float) -> Scene:
     """Return the scene with obstacles that continue their motions as seen at an instant [s].
 
     Seen obstacles beyond those of the scene are appended.
 
     Parameters
     ----------
-    turn : array, shape (n_rows, 3), angular velocities of the velocities' directions [rad/s]
+    bends : array, shape (n_rows, 3), angular velocities of the velocities' directions [rad/s]
     """
     n_more = len(seen.table) - len(scene.owners)
     owners = np.append(scene.owners, len(scene.motions) + np.arange(n_more))
     first = np.unique(owners, return_index=True)[1]
-    moves = np.linalg.norm(seen.velocity, axis=1) > STILL
-    motions = tuple(Turning(seen.velocity[i], turn[i], time) if moves[i] else None for i in first)
+    moves = (np.linalg.norm(seen.velocity, axis=1) > STILL) | seen.spin.any(axis=1)
+    motions = tuple(
+        Turning(seen.velocity[i], bends[i], time, seen.spin[i]) if moves[i] else None for i in first
+    )
     return replace(scene, obstacles=seen.table, owners=owners, motions=motions)
 
 
@@ -227,14 +239,16 @@ def _place(motion: ObstacleMotion, center: Array, n_dims: int, time: float) -> A
     return (center + motion.offsets(np.array([time]))[0])[:n_dims]
 
 
-def sighting(scene: Scene, center: Array, velocity: Array, margin: Array) -> Sighting:
+def sighting(scene: Scene, center: Array, velocity: Array, margin: Array, time: float) -> Sighting:
     """Return the sighting, by row of the table, from positions, velocities and margins by obstacle.
+
+    Obstacles turn as the scene says.
 
     Parameters
     ----------
     center, velocity : arrays, shape (n_obstacles, 3) [m], [m/s]
     margin : array, shape (n_obstacles,) [m]
+    time : the instant [s]
     """
-    table, owners = scene.obstacles.copy(), scene.owners
-    table[:, CENTER : CENTER + 3] = center[owners]
-    return Sighting(table, velocity[owners], np.zeros((len(table), 3)), margin[owners])
+    table, owners = scene.obstacles_at(time, center), scene.owners
+    return Sighting(table, velocity[owners], scene.spins[owners], margin[owners])

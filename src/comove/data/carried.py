@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.data.cameras import CamerasPart, videos_of
 from comove.data.episode import (
     DAMAGED,
@@ -48,8 +48,6 @@ from comove.robots import (
 from comove.sim import GRASPS, Execution, Perturbation, simulate
 from comove.solving import solve
 from comove.verification.verify import VerifiedMotion
-
-Array = NDArray[np.float64]
 
 
 def robot_of(scene: Scene) -> Robot:

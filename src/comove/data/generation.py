@@ -218,7 +218,6 @@ class Study:
 
     @cached_property
     def _robots(self) -> tuple[str, ...]:
-        """Return the names of the robots that episodes may have."""
         chosen = [value for part in self.file.draws if "robot" in part.key for value in part.choice or ()]
         named = chosen or [self.template.get("robot")]
         return tuple(dict.fromkeys(str(name) for name in named if name is not None))
@@ -279,7 +278,6 @@ class Study:
         return digest(self.described)
 
     def _checksums(self) -> Iterator[tuple[str, str]]:
-        """Yield the files of the demonstrations that may be drawn, with their checksums."""
         choices = [value for draw in self.draws for value in _demonstrations(draw)]
         for source in [self.template.get("demonstration"), *choices]:
             file = _file_of(source, self.folder) if isinstance(source, dict) else None
@@ -329,7 +327,6 @@ class Study:
         return Drawn(number, seed, None, attempts, reason)
 
     def _require_hold(self, scene: Scene) -> None:
-        """Refuse a scene at whose start or goal the robot cannot hold the load."""
         if self.on_robot:
             from comove.data.carried import require_hold
 
@@ -441,7 +438,6 @@ def _distribution(part: DrawPart, folder: Path, said: object = None) -> Distribu
 
 
 def _kept(said: object, keys: Sequence[str]) -> dict[str, Any]:
-    """Return what a scene says of its demonstration below some keys."""
     return {key: said[key] for key in keys if key in said} if isinstance(said, Mapping) else {}
 
 
@@ -466,7 +462,6 @@ def _recordings(folder: Path, name: str) -> list[dict[str, Any]]:
 
 
 def _demonstrations(draw: Draw) -> tuple[Any, ...]:
-    """Return the demonstrations that a draw may choose."""
     if draw.keys != ("demonstration",) or not isinstance(draw.distribution, OneOf):
         return ()
     return draw.distribution.values

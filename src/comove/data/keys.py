@@ -81,7 +81,6 @@ def _holds(load: dict[str, Any], hand: dict[str, Any]) -> bool:
 
 
 def _hands(data: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the entries of the manipulators."""
     hands = data.get("manipulators")
     return [hand for hand in hands if isinstance(hand, dict)] if isinstance(hands, list) else []
 

@@ -157,7 +157,6 @@ def _run(
 
 
 def _lost() -> OptionError:
-    """Return the error that the scheduler is gone."""
     return OptionError(
         "the scheduler was lost", key="--dask", way_out="start it again; the same command goes on"
     )

@@ -201,7 +201,6 @@ def groups_of(folder: Path) -> list[Group]:
 
 
 def _medians(rows: list[tuple]) -> list[float | None]:
-    """Return the medians of the columns that are compared."""
     columns = [[row[i] for row in rows if row[i] is not None] for i in range(len(COMPARED))]
     return [float(np.median(column)) if column else None for column in columns]
 

@@ -213,7 +213,6 @@ def run_missing(
 
 
 def _failed(key: str, ended: TaskResult[int, Made]) -> StudyRun:
-    """Return the row of a run that made nothing."""
     if ended.killed or ended.late:
         status, reasons = lost(ended)
         return StudyRun(key, ended.task, status=status, reason=reasons[0], seconds=ended.seconds)

@@ -174,7 +174,6 @@ class Sweep:
             engine()
 
     def _at(self, number: int) -> tuple[SweptScene, str, Mapping[str, Any], int]:
-        """Return scene, method, settings and seed of a run."""
         seed, rest = divmod(number, self._combinations)
         scene, rest = divmod(rest, len(self.methods) * len(self.settings))
         method, setting = divmod(rest, len(self.settings))

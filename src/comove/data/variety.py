@@ -7,12 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.geometry.homotopy import crossings, word_text
 from comove.model.motion import CoordinatedMotion
-
-Array = NDArray[np.float64]
 
 N_WORD, N_PATH = 401, 33
 """Samples of a path for its class, and for its distance from others."""
@@ -88,7 +86,7 @@ def variety(paths: Array, classes: Mapping[str, int]) -> Variety:
     )
 
 
-def _pairs(count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pairs(count: int) -> tuple[Integers, Integers]:
     """Return the numbers of two episodes, for all pairs or, where there are too many, for some drawn at random."""
     if count * (count - 1) // 2 <= PAIRS:
         first, second = np.triu_indices(count, 1)

@@ -111,7 +111,6 @@ class VideoFile:
 
 
 def _header(video: Video) -> tuple[bytes, int, int]:
-    """Return what decoders are told of a video."""
     with require_videos().open(io.BytesIO(video.content)) as container:
         context = container.streams.video[0].codec_context
         return bytes(context.extradata or b""), context.width, context.height

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.arguments import NamedOption, numbers, require_numbers
 from comove.errors import DemonstrationError, OptionError
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 NEVER = 1e-9  # share of the movement's extent below which a standard deviation counts as none
 

@@ -7,11 +7,9 @@ from enum import StrEnum
 from typing import Any, Self, TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError, near_name
-
-Array = NDArray[np.float64]
 
 MAX_STEPS = 100_000_000
 

@@ -12,14 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.dmp import DMP, Recording
 from comove.dmp.system import Phase
 from comove.dmp.variants import Variant
 from comove.errors import DemonstrationError, OptionError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,8 +25,9 @@ from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.system import (
     INTERVAL,
     N_INTERVALS,
@@ -43,7 +44,6 @@ N_END_CONDITIONS = 2  # position and velocity
 MAX_BASIS = 200  # shape weights per dimension
 
 Metric = Literal["velocity", "acceleration", "jerk"]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,14 +11,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import numbers
 from comove.dmp.estimation import USUAL, solver, taper
 from comove.dmp.probabilistic import N_SEEN, ProMP
 from comove.errors import OptionError
-
-Array = NDArray[np.float64]
 
 FLOOR = 1e-6  # of the mean variance, added to all: what never varies has a finite precision
 

@@ -17,16 +17,15 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import instants, require_steps
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.poses import Pose, PoseDMP, PoseRecording, PoseState
 from comove.errors import DemonstrationError, OptionError, near_name
 from comove.geometry import rotations
 from comove.trajectory import PoseTrajectory
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.arguments import (
     instants,
@@ -28,8 +29,6 @@ from comove.dmp.system import ExponentialPhase, Phase, values_at
 from comove.dmp.variants import APART, LARGE, NO_WAY, Variant, extent_of
 from comove.errors import ComoveWarning, DemonstrationError, OptionError
 from comove.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 FAR = 0.05  # distance of a fit from its recording beyond which it is warned of, as a share of the extent
 ROTATION_VECTOR = "rotation vector"

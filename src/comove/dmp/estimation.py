@@ -18,14 +18,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.alignment import Alignment, WarpingSettings
 from comove.dmp.arguments import numbers, require_numbers, require_positive
 from comove.dmp.basis import MotionBasis
 from comove.errors import OptionError
-
-Array = NDArray[np.float64]
 
 N_ENDS = 4  # parameters of a coordinate that are boundary values: start, start velocity, goal, goal velocity
 

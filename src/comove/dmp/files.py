@@ -15,9 +15,9 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.averaging import AveragedDMP
 from comove.dmp.cooperative import CooperativeDMP
@@ -32,8 +32,6 @@ from comove.dmp.system import Phase
 from comove.dmp.variants import Variant
 from comove.errors import LibraryError, OptionError, near_name, shortened
 from comove.io.files import existing_file, telling, whole_file
-
-Array = NDArray[np.float64]
 
 FORMAT, VERSION = "comove primitive", 1
 MAX_BYTES = 8 * 2**20

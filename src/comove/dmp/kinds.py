@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.averaging import AveragedDMP
 from comove.dmp.cooperative import CooperativeDMP
 from comove.dmp.dmp import DMP, VECTORS
@@ -22,7 +22,6 @@ from comove.dmp.probabilistic import ProMP
 from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
 from comove.errors import OptionError
 
-Array = NDArray[np.float64]
 Movement = DMP | PoseDMP | ProMP | PoseProMP | AveragedDMP | CooperativeDMP
 
 _CONTEXT = ("context_mean", "context_std", "slopes")

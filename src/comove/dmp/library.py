@@ -22,8 +22,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import numbers, require_count, require_positive
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.demonstrations.units import in_base_unit, is_of_joints
@@ -35,8 +36,6 @@ from comove.dmp.variants import APART
 from comove.errors import LibraryError, OptionError, near_name
 from comove.io.files import require_room, telling
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 SUFFIX = ".dmp.json"
 

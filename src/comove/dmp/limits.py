@@ -14,15 +14,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import is_number, numbers, vector
 from comove.dmp.basis import MotionBasis
 from comove.dmp.dmp import DMP, require_positions
 from comove.dmp.system import INTERVAL, OMEGA
 from comove.errors import OptionError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -19,13 +19,11 @@ from dataclasses import dataclass, replace
 from math import floor
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.arguments import is_number, require_positive, vector
 from comove.dmp.system import ALPHA_Y, LONG_AFTER, flow, responses, values_at
 from comove.errors import OptionError
-
-Array = NDArray[np.float64]
 
 TO_ZERO = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 0.5], [-10, -6, -1.5], [15, 8, 1.5], [-6, -3, -0.5]])
 """Coefficients of the quintic on [0, 1] that leads from a position and two derivatives to rest at zero."""

@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import is_number, numbers, require_positive, require_steps, vector
 from comove.dmp.averaging import mixed
 from comove.dmp.basis import MAX_BASIS
@@ -25,8 +26,6 @@ from comove.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
-
-Array = NDArray[np.float64]
 
 AXES = "xyz"
 PLANES = {"xy": (0, 1), "xz": (0, 2), "yz": (1, 2)}

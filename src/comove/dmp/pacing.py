@@ -17,8 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.dmp.arguments import instants, require_numbers, require_positive, require_steps
 from comove.dmp.dmp import DMP
@@ -26,8 +27,6 @@ from comove.dmp.limits import ending_basis, limits_of
 from comove.dmp.system import INTERVAL, N_INTERVALS, values_at
 from comove.errors import OptionError
 from comove.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 FASTEST = 1e4  # pace: what stands still is passed in no time
 STANDING = 1e-9  # share of the largest velocity below which an end is one at rest

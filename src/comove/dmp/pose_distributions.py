@@ -15,8 +15,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.alignment import Alignment
 from comove.dmp.arguments import numbers
 from comove.dmp.demonstrations.samples import RecordedSamples
@@ -29,8 +30,6 @@ from comove.dmp.system import Phase
 from comove.errors import DemonstrationError, OptionError
 from comove.geometry import rotations
 from comove.trajectory import PoseTrajectory
-
-Array = NDArray[np.float64]
 
 N_COLUMNS = 6  # of a hand: position and rotation vector
 MOST_TURN = 0.9 * np.pi  # rad, from the mean orientation

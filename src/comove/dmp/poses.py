@@ -23,8 +23,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.arguments import numbers, require_steps, vector
 from comove.dmp.demonstrations.demonstration import Demonstration
@@ -38,8 +39,6 @@ from comove.trajectory import PoseTrajectory
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
-
-Array = NDArray[np.float64]
 
 VERTICAL = (0.0, 0.0, 1.0)
 UNIT = 1e-3  # by which the norm of a quaternion may be off

@@ -18,8 +18,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array, Integers
 from comove.brief import brief
 from comove.dmp.alignment import NEVER, Alignment, aligned, one_recording, together
 from comove.dmp.arguments import (
@@ -50,7 +51,6 @@ from comove.dmp.limits import ViaPoint
 from comove.dmp.system import ExponentialPhase, Phase
 from comove.errors import ComoveWarning, DemonstrationError, OptionError, near_name
 
-Array = NDArray[np.float64]
 Recordings = Sequence[Recording | Mapping[str, Recording]]
 
 N_SEEN = 2  # instants for every parameter of a coordinate, at which the covariance is estimated
@@ -514,13 +514,13 @@ class ProMP:
             )
         return self.manipulators.index(manipulator)
 
-    def _columns_of(self, manipulator: str | None) -> NDArray[np.int64]:
+    def _columns_of(self, manipulator: str | None) -> Integers:
         if manipulator is None:
             return np.arange(self.n_columns)
         first = self.index_of(manipulator) * self.n_dims
         return np.arange(first, first + self.n_dims)
 
-    def _via_rows(self, point: ViaPoint, columns: NDArray[np.int64]) -> tuple[Array, Array]:
+    def _via_rows(self, point: ViaPoint, columns: Integers) -> tuple[Array, Array]:
         """Return the rows of the parameters that a via-point fixes, and their values."""
         if not isinstance(point, ViaPoint):
             raise OptionError(f"via = {point!r}", way_out="give ViaPoint(time, position)")

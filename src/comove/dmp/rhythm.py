@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.basis import released
 from comove.dmp.system import N_INTERVALS, from_rest, values_at, von_mises
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

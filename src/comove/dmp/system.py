@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.errors import OptionError
 
@@ -69,8 +70,6 @@ class ExponentialPhase:
 
 Phase = LinearPhase | ExponentialPhase
 
-
-Array = NDArray[np.float64]
 
 N_INTERVALS = 800
 INTERVAL = 1.0 / N_INTERVALS

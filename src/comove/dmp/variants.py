@@ -34,15 +34,13 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.arguments import NamedOption
 from comove.dmp.basis import MotionBasis, motion_basis
 from comove.dmp.rhythm import RhythmicBasis, rhythmic_basis
 from comove.dmp.system import ExponentialPhase, Phase, mollifiers
 from comove.geometry.rotations import similarity
-
-Array = NDArray[np.float64]
 
 NO_WAY = 1e-9  # displacements below this share of the movement's extent count as none
 

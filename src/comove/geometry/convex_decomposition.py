@@ -21,12 +21,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.geometry.cells import half, pieces
 from comove.geometry.polytopes import Polytope, coarser, hull_of, solid_hull_of, thickened
 from comove.geometry.surfaces import Parts, Surfaces, point_distances, surface_of
-
-Array = NDArray[np.float64]
 
 ROUNDING = (
     1e-9  # of its size, by which a solid may miss being convex, and a triangle be outside its polytopes

@@ -28,11 +28,9 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
-
-Array = NDArray[np.float64]
 
 KIND, CENTER, ROTATION, SIZE, REACH, N_COLUMNS = 0, 1, 4, 13, 16, 17
 N_PLANES, N_VERTICES, MIDDLE, BALL, PLANES = 17, 18, 19, 22, 23

@@ -8,9 +8,8 @@ point if and only if their words are equal (the fundamental group of the plane w
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from comove.arrays import Array
 
 
 def crossings(path: Array, points: Array) -> tuple[tuple[int, int], ...]:

@@ -9,15 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveWarning, MeshError, SceneError
 from comove.geometry.convex_decomposition import SETTINGS, ConvexDecomposition, decompose
 from comove.geometry.topology import Parts, solids_and_sheets
 from comove.geometry.triangles import FORMATS, read_bytes, triangles_of
 from comove.io.keys import LARGE
-
-Array = NDArray[np.float64]
 
 MAX_FACES = 50_000
 FLAT = 1e-9

@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry import distances as sd
 from comove.geometry.rotations import evenly_spread
 from comove.geometry.surfaces import nearest
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9  # of a size, below which lengths do not count; also between normals of one facet
 FAR = 1e6  # of a polytope's size, beyond which no vertex of a coarser one is
@@ -63,7 +61,7 @@ def solid_hull_of(points: Array) -> Polytope:
     return hull
 
 
-def hull_triangles(points: Array, thickness: float = 1e-4) -> tuple[Array, NDArray[np.int64]]:
+def hull_triangles(points: Array, thickness: float = 1e-4) -> tuple[Array, Integers]:
     """Return the convex hull of points, array of shape (n, 3) [m], as vertices and triangles that turn outwards.
 
     Points in one plane are taken to be so thick [m].

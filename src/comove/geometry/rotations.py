@@ -7,11 +7,9 @@ with ``R(t) = exp(r(t))`` has the angular velocity ``J(r) r'`` in the world's fr
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.ties import first_largest, first_least
-
-Array = NDArray[np.float64]
 
 TINY = 1e-150
 SMALL = 1e-3  # rad, below which the limit replaces what would cancel

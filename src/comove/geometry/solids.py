@@ -93,13 +93,6 @@ def solid_at(nodes, corners, solid):
 
 
 @kernel
-def move_solid(solid, x, y, z):
-    """Move a solid by (x, y, z) [m], in place."""
-    for i in range(1 if solid.shape[0] == BOX_ROWS else solid.shape[0]):
-        solid[i, 0], solid[i, 1], solid[i, 2] = solid[i, 0] + x, solid[i, 1] + y, solid[i, 2] + z
-
-
-@kernel
 def support(table, j, x, y, z):
     """Return the point of obstacle `j` that is farthest along the unit vector (x, y, z) [m].
 

@@ -12,12 +12,10 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.rotations import evenly_spread
-
-Array = NDArray[np.float64]
 
 
 class CoverEffort(NamedTuple):
@@ -49,8 +47,8 @@ class Cells(NamedTuple):
     """
 
     point: Array
-    key: NDArray[np.int64]
-    of: NDArray[np.int64]
+    key: Integers
+    of: Integers
 
 
 class SphereCover(NamedTuple):
@@ -65,7 +63,7 @@ class SphereCover(NamedTuple):
 
     center: Array
     radius: Array
-    group: NDArray[np.int64]
+    group: Integers
 
 
 def thinned(points: Array, edge: float) -> Cells:
@@ -83,7 +81,7 @@ def thinned(points: Array, edge: float) -> Cells:
 def covered(
     points: Array,
     cells: Cells,
-    group: NDArray[np.int64],
+    group: Integers,
     detail: float,
     most: int,
     effort: CoverEffort = COVER_EFFORT,

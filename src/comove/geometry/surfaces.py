@@ -20,11 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.distances import has_last_before, nearest_of_simplex
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 LEAF = 4  # triangles
 DEPTH = 64  # of a stack of boxes: halves of 2^32 triangles need no more

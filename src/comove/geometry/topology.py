@@ -12,16 +12,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.geometry.surfaces import Parts, holds, surface_of
-
-Array = NDArray[np.float64]
-Faces = NDArray[np.int64]
 
 SAME = 1e-9  # of a mesh's size, within which vertices are one
 FLAT = 1e-12  # of the cube of a part's size: a smaller volume counts as 0
 
 
-def solids_and_sheets(vertices: Array, faces: Faces) -> Parts:
+def solids_and_sheets(vertices: Array, faces: Integers) -> Parts:
     """Sort triangles by the solids and sheets that they form.
 
     Parameters
@@ -45,7 +43,7 @@ def solids_and_sheets(vertices: Array, faces: Faces) -> Parts:
     return Parts(vertices, tuple(_outwards(vertices, closed)), tuple(sheets), slack)
 
 
-def _closed_ones(vertices: Array, faces: Faces) -> tuple[list[Faces], list[Faces]]:
+def _closed_ones(vertices: Array, faces: Integers) -> tuple[list[Integers], list[Integers]]:
     """Return the solids that triangles form, each turned all outwards or all inwards, and the remaining triangles."""
     shared = _without_rims(faces)
     solids, sheets = [], [] if shared.all() else [faces[~shared]]
@@ -60,7 +58,7 @@ def _closed_ones(vertices: Array, faces: Faces) -> tuple[list[Faces], list[Faces
     return solids, sheets
 
 
-def _without_rims(faces: Faces) -> NDArray[np.bool_]:
+def _without_rims(faces: Integers) -> NDArray[np.bool_]:
     """Return which triangles remain when those with an edge that no other shares are removed, again and again."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
     _, side = np.unique(edges, axis=0, return_inverse=True)
@@ -81,7 +79,7 @@ def _without_rims(faces: Faces) -> NDArray[np.bool_]:
     return left
 
 
-def welded(vertices: Array, faces: Faces) -> tuple[Array, Faces, float]:
+def welded(vertices: Array, faces: Integers) -> tuple[Array, Integers, float]:
     """Return the triangles with vertices at one place merged and unused ones removed.
 
     The last result is how far vertices moved [m].
@@ -97,7 +95,7 @@ def welded(vertices: Array, faces: Faces) -> tuple[Array, Faces, float]:
     return vertices[first], place[faces], float(moved.max())
 
 
-def _by_turns(faces: Faces) -> tuple[Faces, NDArray[np.bool_]]:
+def _by_turns(faces: Integers) -> tuple[Integers, NDArray[np.bool_]]:
     """Return every triangle once, in the orientation of most of its copies, and which occur equally often in both."""
     order = np.argsort(faces, axis=1)
     _, first, which = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_inverse=True)
@@ -109,7 +107,7 @@ def _by_turns(faces: Faces) -> tuple[Faces, NDArray[np.bool_]]:
     return kept, balance == 0
 
 
-def _connected(faces: Faces, n_vertices: int) -> list[NDArray[np.int64]]:
+def _connected(faces: Integers, n_vertices: int) -> list[Integers]:
     """Return the numbers of the faces of each connected part."""
     if not len(faces):
         return []
@@ -124,7 +122,7 @@ def _connected(faces: Faces, n_vertices: int) -> list[NDArray[np.int64]]:
     return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
 
 
-def is_closed(faces: Faces) -> bool:
+def is_closed(faces: Integers) -> bool:
     """Return whether every edge is traversed equally often in both directions."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     n = int(faces.max()) + 1
@@ -132,7 +130,7 @@ def is_closed(faces: Faces) -> bool:
     return bool((there == back).all())
 
 
-def _turned_alike(faces: Faces) -> Faces | None:
+def _turned_alike(faces: Integers) -> Integers | None:
     """Return the faces of one part turned so that neighbours agree; None where this does not close them."""
     faces = faces.copy()
     neighbours: dict[frozenset[int], list[int]] = {}
@@ -169,7 +167,7 @@ def volume_of(corners: Array) -> float:
     return float((a * np.cross(b, c)).sum()) / 6
 
 
-def _outwards(vertices: Array, parts: list[Faces]) -> list[Faces]:
+def _outwards(vertices: Array, parts: list[Integers]) -> list[Integers]:
     """Return the solids that closed parts bound, turned outwards.
 
     A part that is turned inwards is a cavity of the parts around it, which are then one solid with it; where there

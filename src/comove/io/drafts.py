@@ -257,7 +257,6 @@ def _lock(number: int, *, wait: bool) -> None:
 
 
 def _is(number: int, path: Path) -> bool:
-    """Return whether an open folder still has that path."""
     try:
         return os.path.samestat(os.fstat(number), os.stat(path))
     except FileNotFoundError:

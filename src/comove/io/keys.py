@@ -311,9 +311,23 @@ def _unit_quaternion(quaternion: tuple[float, ...]) -> tuple[float, ...]:
         )
     norm = math.hypot(*quaternion)
     if not abs(norm - 1.0) <= QUATERNION_TOLERANCE:
-        raise Wrong(f"{show(quaternion)} has the norm {norm:.6g}", "write a unit quaternion, w first")
+        if norm < 1e-6:
+            raise Wrong(f"{show(quaternion)} is no orientation", f"write {list(UNTURNED)} for none")
+        unit = [round(part / norm, 6) + 0.0 for part in quaternion]
+        raise Wrong(
+            f"{show(quaternion)} has the norm {norm:.6g}",
+            f"write a unit quaternion, w first: {unit}, if its order is w, x, y, z",
+        )
     rounding = 1e-15  # an already normalised quaternion stays as it is
     return quaternion if abs(norm - 1.0) <= rounding else tuple(part / norm for part in quaternion)
+
+
+def _direction(vector: tuple[float, ...]) -> tuple[float, ...]:
+    if len(vector) != 3:
+        raise Wrong(f"{show(vector)} has {counted(vector, 'number')}", "write 3 (x, y, z), such as [0, 0, 1]")
+    if not math.hypot(*vector) > SMALLEST:
+        raise Wrong(f"{show(vector)} has no direction", "write a vector such as [0, 0, 1]")
+    return vector
 
 
 def at_least(count: int, what: str) -> AfterValidator:
@@ -363,6 +377,7 @@ Length = Annotated[NotNegative, SCALES]
 Vector = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), SCALES, VECTOR]
 Sizes = Annotated[tuple[Positive, ...], BeforeValidator(as_tuple), SCALES, VECTOR]
 Quaternion = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_unit_quaternion)]
+Direction = Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_direction)]
 Name = Annotated[str, AfterValidator(_manipulator_name)]
 Hand = Annotated[str, HAND]
 Hands = Annotated[tuple[Hand, ...], BeforeValidator(as_tuple), AfterValidator(distinct)]

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.data.carried import robot_of
 from comove.lab.systems import SystemOutcome, SystemProblem, with_figures
 from comove.planning import SceneKind
@@ -13,8 +13,6 @@ from comove.robots import RobotCarrier, VerifiedJointMotion
 from comove.robots.kernels import load_robot_kernels
 from comove.sim import Execution, Friction, Perturbation, Weld, simulate
 from comove.solving import solve
-
-Array = NDArray[np.float64]
 
 
 def carried(problem: SystemProblem) -> SystemOutcome:

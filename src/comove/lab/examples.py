@@ -8,14 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from comove.arrays import Array
 from comove.errors import ResultError
 from comove.io.files import whole_path
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 EXAMPLES = ("wide", "narrow", "complex", "window", "triangle")
 

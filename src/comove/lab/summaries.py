@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import binomtest
 
-Array = NDArray[np.float64]
+from comove.arrays import Array, Integers
 
 CONFIDENCE = 0.95
 
@@ -56,7 +56,7 @@ def _bootstrapped(values: Array, of: Callable[[Array], Array]) -> Interval:
     return Interval(float(of(values[None])[0]), low, high)
 
 
-def _picked(count: int, shape: tuple[int, ...], resamples: int = 2000, seed: int = 0) -> NDArray[np.int64]:
+def _picked(count: int, shape: tuple[int, ...], resamples: int = 2000, seed: int = 0) -> Integers:
     """Return numbers below `count` for every resample; array, shape (resamples, *shape)."""
     rng = np.random.default_rng(seed)
     return rng.integers(count, size=(resamples, *shape))

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.dmp import DMP
 from comove.lab.bench.store import Figures
 from comove.lab.examples import scene_contents
@@ -25,8 +25,6 @@ from comove.planning.objectives.paper import PaperCost
 from comove.planning.solution import Progress
 from comove.planning.solver import solve
 from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
-
-Array = NDArray[np.float64]
 
 N_SAMPLES = 8001  # of an offer, even in time
 WEIGHTS = PaperCost()
@@ -151,7 +149,6 @@ class OwnSystem(System):
 
 @lru_cache(maxsize=32)
 def _first_look(system: OwnSystem, n_dims: int) -> None:
-    """Start a method on a bar beside a ball, so that it is compiled."""
     ends = [np.array([[x, y, 0.5][:n_dims] for y in (0.4, 0.6)]) for x in (0.2, 0.8)]
     ball = {"shape": "sphere", "center": [0.5, 0.65, 0.5][:n_dims], "radius": 0.05}
     bar = {"shape": "bar", "length": 0.2}

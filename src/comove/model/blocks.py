@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, sin, sqrt
+from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -29,6 +29,11 @@ class Blocks(NamedTuple):
     node : array of int, shape (n_nodes,), number of the node that an entry describes
     point : array, shape (n_nodes, 3), position of this node in the group's frame [m]
     n_dims : 2 or 3
+    mask, held : arrays, shapes (n_columns, n_columns) and (n_columns,): ``mask @ q + held`` is a configuration in
+        which bodies keep what they have to; empty where all columns are free
+    up, level, tilt : arrays, shapes (n_blocks, 3), (n_blocks, 4) and (n_blocks,): unit vector in the group's frame
+        that stays near the vertical, a quaternion that makes it vertical, and the angle that they may enclose [rad];
+        pi for any
     """
 
     kind: NDArray[np.int64]
@@ -38,6 +43,28 @@ class Blocks(NamedTuple):
     node: NDArray[np.int64]
     point: Array
     n_dims: int
+    mask: Array
+    held: Array
+    up: Array
+    level: Array
+    tilt: Array
+
+
+class Unmasked(NamedTuple):
+    """The last fields of `Blocks` of which all columns are free."""
+
+    mask: Array
+    held: Array
+    up: Array
+    level: Array
+    tilt: Array
+
+    @classmethod
+    def of(cls, n_columns: int, n_blocks: int) -> Unmasked:
+        """Return these fields."""
+        level = np.tile([1.0, 0.0, 0.0, 0.0], (n_blocks, 1))
+        up = np.zeros((n_blocks, 3))
+        return cls(np.zeros((0, 0)), np.zeros(n_columns), up, level, np.full(n_blocks, np.pi))
 
 
 class Block(NamedTuple):
@@ -67,6 +94,39 @@ def columns_of(center: NDArray[np.int64], turn: int, width: int) -> slice | NDAr
     columns = np.append(center, np.arange(turn, turn + width))
     neighbours = (np.diff(columns) == 1).all()
     return slice(int(columns[0]), int(columns[-1]) + 1) if neighbours else columns
+
+
+@kernel
+def keep_mask(blocks: Blocks, q: Array) -> None:
+    """Move a configuration, in place, to the nearest one in which bodies keep what they have to."""
+    n = blocks.mask.shape[0]
+    if n == 0:
+        return
+    given = q[:n].copy()
+    for c in range(n):
+        q[c] = blocks.held[c]
+        for k in range(n):
+            q[c] += blocks.mask[c, k] * given[k]
+    for b in range(blocks.kind.shape[0]):
+        if blocks.kind[b] == QUATERNION:
+            o = blocks.turn[b]
+            length = sqrt(q[o] ** 2 + q[o + 1] ** 2 + q[o + 2] ** 2 + q[o + 3] ** 2)
+            for c in range(o, o + 4):
+                q[c] /= max(length, 1e-300)
+
+
+@kernel
+def lean(blocks: Blocks, b: int, q: Array, up: Array) -> float:
+    """Return the angle between a block's `up` and the vertical [rad], and write that direction, (3,)."""
+    o = blocks.turn[b]
+    w, x, y, z = q[o], q[o + 1], q[o + 2], q[o + 3]
+    f = 2.0 / (w * w + x * x + y * y + z * z)
+    a, b1, c = blocks.up[b]
+    tx, ty, tz = y * c - z * b1, z * a - x * c, x * b1 - y * a
+    up[0] = a + f * (w * tx + y * tz - z * ty)
+    up[1] = b1 + f * (w * ty + z * tx - x * tz)
+    up[2] = c + f * (w * tz + x * ty - y * tx)
+    return atan2(sqrt(up[0] ** 2 + up[1] ** 2), up[2])
 
 
 @kernel

@@ -31,11 +31,13 @@ from numpy.typing import ArrayLike, NDArray
 from comove.dmp.arguments import numbers
 from comove.errors import OptionError
 from comove.geometry.rotations import (
+    UP,
     fit_angle,
     fit_direction,
     fit_quaternion,
     quaternion_of_rotation,
     quaternion_product,
+    similarity,
 )
 from comove.model.blocks import (
     ANGLE,
@@ -44,6 +46,7 @@ from comove.model.blocks import (
     QUATERNION,
     Block,
     Blocks,
+    Unmasked,
     columns_of,
     place,
     turned,
@@ -85,6 +88,8 @@ class Coordinates:
     search : array, shape (n_columns, n_search), linear map from the variables of a search to q: a scale for each
         column, or the map from free hands for "projected"
     together : groups of free hands that carry one load, contracted about their centre while it is small
+    free : array, shape (n_columns, n_free), orthonormal directions in which q may differ from a configuration that
+        keeps what bodies have to keep; None for all
     """
 
     kind: Kind
@@ -93,6 +98,7 @@ class Coordinates:
     n_columns: int
     search: Array
     together: tuple[tuple[int, ...], ...] = ()
+    free: Array | None = None
 
     @property
     def n_dims(self) -> int:
@@ -191,7 +197,11 @@ class Coordinates:
                 center = center - turned(kind, np.stack([turn] * 3), offset[None])[0, :, 0]
             q[:, columns] += np.concatenate([center[:, : self.n_dims], turn], axis=1)
             shared[columns] += 1.0
-        return q / shared
+        return self.kept(q / shared)
+
+    def kept(self, q: Array) -> Array:
+        """Return the configurations, (n_steps, n_columns), nearest to some in which bodies keep what they have to."""
+        return q if self.free is None else q @ self.blocks.mask + self.blocks.held
 
     def centers(self, q: Array) -> Array:
         """Return the blocks' centres one after the other, with shared columns repeated.
@@ -353,8 +363,40 @@ def _coordinates(
         np.array(node, dtype=np.int64),
         np.concatenate(point),
         n_dims,
+        *Unmasked.of(n_columns, len(groups)),
     )
-    return Coordinates(name, blocks, groups, n_columns, np.diag(scale))
+    return _masked(Coordinates(name, blocks, groups, n_columns, np.diag(scale)))
+
+
+def _masked(coordinates: Coordinates) -> Coordinates:
+    """Return coordinates whose bodies keep what their masks say."""
+    blocks = coordinates.blocks
+    for b, group in enumerate(coordinates.groups):
+        if group.mask.up is not None and blocks.kind[b] == QUATERNION:
+            blocks.up[b], blocks.tilt[b] = group.mask.up, group.mask.tilt
+            blocks.level[b] = quaternion_of_rotation(similarity(group.mask.up, UP))
+    if all(group.mask.axis is None and group.mask.normal is None for group in coordinates.groups):
+        return coordinates
+    n_columns, n_dims, directions = coordinates.n_columns, coordinates.n_dims, list[Array]()
+    base = np.zeros(n_columns)
+    for group, (kind, columns, _, _) in zip(coordinates.groups, coordinates.parts, strict=True):
+        own = np.arange(n_columns)[columns]
+        block = write_pose(kind, group.start, n_dims)
+        base[own] = block
+        ways = [np.eye(n_dims), np.eye(len(own) - n_dims)]
+        if group.mask.normal is not None:
+            ways[0] = np.linalg.svd(group.mask.normal[None])[2][1:]
+        if group.mask.axis is not None and kind == QUATERNION:
+            ways[1] = np.stack(
+                [block[n_dims:], quaternion_product(np.append(0.0, group.mask.axis), block[n_dims:])]
+            )
+        for way, at in zip(ways, (own[:n_dims], own[n_dims:]), strict=True):
+            directions += [_placed(row, at, n_columns) for row in way]
+    once = {row.tobytes(): row for row in directions}  # a height that bodies share is one direction
+    free = np.array([*once.values()]).T
+    mask = free @ free.T
+    blocks = blocks._replace(mask=mask, held=base - mask @ base)
+    return replace(coordinates, blocks=blocks, free=free, search=coordinates.search @ free)
 
 
 def _least_roll(directions: Array, start: Array, goal: Array) -> Array:
@@ -372,6 +414,13 @@ def _least_roll(directions: Array, start: Array, goal: Array) -> Array:
     roll = roll[:-1] - (roll[-1] - np.pi * np.round(roll[-1] / np.pi)) * np.linspace(0.0, 1.0, len(x))
     rolls = np.stack([np.cos(roll), np.sin(roll), none, none], axis=1)
     return quaternion_product(turns[1:-1], rolls)
+
+
+def _placed(values: Array, at: NDArray[np.int64], n: int) -> Array:
+    """Return an array of shape (n,) with values at some places, and 0 elsewhere."""
+    found = np.zeros(n)
+    found[at] = values
+    return found
 
 
 class HandPoses(NamedTuple):

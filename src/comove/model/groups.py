@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,23 @@ class GroupPose:
         return self.center + points @ self.rotation.T
 
 
+class Mask(NamedTuple):
+    """What a rigid body keeps of its pose, besides what its orientation says.
+
+    Attributes
+    ----------
+    axis : array, shape (3,), unit vector in the world about which alone it turns; None for all
+    normal : array, shape (3,), unit normal in the world of the plane in which its centre stays; None for none
+    up : array, shape (3,), unit vector in the body that stays near the vertical; None for none
+    tilt : angle that `up` and the vertical may enclose [rad]
+    """
+
+    axis: Array | None = None
+    normal: Array | None = None
+    up: Array | None = None
+    tilt: float = np.pi
+
+
 @dataclass(frozen=True)
 class RigidGroup:
     """A group of manipulators that move as one rigid body; a single free manipulator is a group of one.
@@ -57,6 +74,7 @@ class RigidGroup:
     start, goal : poses at start and goal
     start_twist : array, shape (6,), velocity of the frame's centre [m per duration] and angular velocity [rad per
         duration] at the start, along the axes of the world; zero unless the movement continues another one
+    mask : what else of its pose is kept
     """
 
     members: tuple[int, ...]
@@ -66,6 +84,7 @@ class RigidGroup:
     start: GroupPose
     goal: GroupPose
     start_twist: Array = field(default_factory=lambda: np.zeros(6))
+    mask: Mask = field(default_factory=lambda: Mask())
 
     @property
     def points(self) -> Array:

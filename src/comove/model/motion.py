@@ -36,7 +36,8 @@ class CoordinatedMotion:
     coordinates : coordinates that describe its configurations
     basis : basis functions of its transformed system
     boundary : array, shape (4, n_columns): start, start velocity, goal, goal velocity of q
-    weights : array, shape (n_columns, n_basis), shape weights
+    weights : array, shape (n_columns, n_basis), shape weights; what moves bodies in ways that their coordinates mask
+        is left out
     """
 
     __repr__ = brief
@@ -50,6 +51,8 @@ class CoordinatedMotion:
     def __post_init__(self) -> None:
         for name in ("boundary", "weights"):  # own read-only copies, so that checks stay valid
             array = np.array(getattr(self, name), dtype=float)
+            if name == "weights" and self.coordinates.free is not None:
+                array = self.coordinates.blocks.mask @ array
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 

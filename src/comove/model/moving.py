@@ -1,33 +1,62 @@
-"""The motion of obstacles: `motion` of a scene file, and the positions and velocities that follow from it.
+"""The motion of obstacles: `motion` of a scene file, and the poses and velocities that follow from it.
 
-Obstacles keep their orientation. Kernels take a motion as the *offset* of the obstacle's centre from its position in
-the file: a body is as far from a moving obstacle as the body, moved back by the offset, is from a resting one.
+The pose of an obstacle is that of the file, displaced: its centre by an *offset*, its orientation by a *turn* about
+an axis that does not change. A body is as far from a displaced obstacle as the body, displaced back, is from a
+resting one.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, model_validator
+from pydantic import AfterValidator, BeforeValidator, model_validator
 
-from comove.io.keys import NotNegative, Part, Positive, PositiveLength, Vector, Wrong, as_tuple, counted, show
+from comove.geometry.rotations import cross, exponential, matrices
+from comove.io.keys import (
+    NotNegative,
+    Number,
+    Part,
+    Positive,
+    PositiveLength,
+    Sparse,
+    Vector,
+    Wrong,
+    as_tuple,
+    counted,
+    show,
+)
 
 Array = NDArray[np.float64]
 
 FASTEST = 1000.0
 """Of obstacles; faster than sound, and faster than anything can be followed [m/s]."""
+FASTEST_TURN = 3600.0
+"""Of obstacles: ten turns a second [deg/s]."""
+SHORTEST_AXIS = 1e-9
 HOW = ("velocity", "waypoints", "circle")
 
 
 class ObstacleMotion(Protocol):
-    """The motion of an obstacle's centre, whose times are an array of shape (n_times,) [s]."""
+    """The motion of an obstacle, whose times are an array of shape (n_times,) [s]."""
 
     @property
     def kinks(self) -> tuple[float, ...]:
         """Return the times at which the velocity jumps [s]."""
+
+    @property
+    def speed(self) -> float:
+        """Return the largest speed of the centre [m/s]."""
+
+    @property
+    def spin(self) -> Array:
+        """Return the angular velocity; array, shape (3,) [rad/s]."""
+
+    def turns(self, time: Array) -> Array:
+        """Return the rotation vectors of the turn, multiples of `spin`; array, shape (n_times, 3) [rad]."""
 
     def offsets(self, time: Array) -> Array:
         """Return the offsets of the centre; array, shape (n_times, 3) [m]."""
@@ -39,6 +68,26 @@ class ObstacleMotion(Protocol):
         """Return bounds of the distance of the way from its chords; array, shape (n_times - 1,) [m]."""
 
 
+def rotations(turns: Array) -> Array:
+    """Return the rotation matrices of rotation vectors [rad]; (..., 3) -> (..., 3, 3)."""
+    return matrices(exponential(turns))
+
+
+def seen_from(points: Array, center: Array, offset: Array, turn: Array) -> Array:
+    """Return points in the frame of an obstacle that is displaced from `center`, as the obstacle sees them.
+
+    Parameters
+    ----------
+    points : array, shape (..., n_points, 3) [m]
+    center : array, shape (3,), the obstacle's centre in the file [m]
+    offset, turn : arrays, shape (..., 3), its displacement [m], [rad]
+    """
+    seen = points - offset[..., None, :]
+    if not turn.any():
+        return seen
+    return center + (seen - center) @ rotations(turn)
+
+
 class Circle(Part):
     """A circle of `radius` [m] in the xy plane that is passed counter-clockwise once in `period_s` [s]."""
 
@@ -46,25 +95,79 @@ class Circle(Part):
     period_s: Positive
 
 
-class Motion(Part):
-    """A motion of an obstacle, which is given in one of three ways.
+def _direction(numbers: tuple[float, ...]) -> tuple[float, ...]:
+    if len(numbers) != 3:
+        raise Wrong(f"{show(numbers)} has {counted(numbers, 'number')}", "write 3 (x, y, z)")
+    if not np.linalg.norm(numbers) >= SHORTEST_AXIS:
+        raise Wrong(f"{show(numbers)} points nowhere", "write a direction such as [0, 0, 1]")
+    return numbers
 
-    These are a constant `velocity` [m/s]; straight lines between `waypoints` [m], reached at `times` [s]; and a
-    `circle`, whose centre lies in the direction of -x from the obstacle's first position. Before its first and after
-    its last waypoint an obstacle stands still.
+
+def _rate(rate: float) -> float:
+    if rate == 0.0:
+        raise Wrong("0 turns nothing", "give another rate, or leave out turn")
+    if not abs(rate) <= FASTEST_TURN:
+        raise Wrong(f"{show(rate)} is out of range", f"write a rate of at most {FASTEST_TURN:g}, in deg/s")
+    return rate
+
+
+class Turn(Sparse):
+    """A turn at a constant rate about an axis in the world, counter-clockwise as seen from its tip.
+
+    The axis passes through `hinge`, a point that is given relative to the obstacle's centre at 0 s [m]; through the
+    centre unless given. In the plane it is z, and not given.
     """
 
+    LATER = ("axis", "hinge")
+    rate_deg_per_s: Annotated[Number, AfterValidator(_rate)]
+    axis: Annotated[tuple[Number, ...], BeforeValidator(as_tuple), AfterValidator(_direction)] | None = None
+    hinge: Vector | None = None
+
+    @cached_property
+    def spin(self) -> Array:
+        """Return the angular velocity; array, shape (3,) [rad/s]."""
+        axis = np.array(self.axis or (0.0, 0.0, 1.0))
+        return np.deg2rad(self.rate_deg_per_s) * axis / np.linalg.norm(axis)
+
+    @cached_property
+    def arm(self) -> Array:
+        """Return the centre relative to the hinge, at 0 s; array, shape (3,) [m]."""
+        arm = np.zeros(3)
+        if self.hinge is not None:
+            arm[: len(self.hinge)] = np.negative(self.hinge)
+        return arm
+
+    def arms(self, time: Array) -> Array:
+        """Return the centre relative to the hinge; array, shape (n_times, 3) [m]."""
+        return rotations(time[:, None] * self.spin) @ self.arm
+
+    @property
+    def speed(self) -> float:
+        """Return the speed of the centre about the hinge [m/s]."""
+        return float(np.linalg.norm(cross(self.spin, self.arm)))
+
+
+class Motion(Sparse):
+    """A motion of an obstacle: a path of its centre that is given in one of three ways, a `turn`, or both.
+
+    The ways are a constant `velocity` [m/s]; straight lines between `waypoints` [m], reached at `times` [s]; and a
+    `circle`, whose centre lies in the direction of -x from the obstacle's first position. Before its first and after
+    its last waypoint an obstacle keeps its place. A hinge goes along the path, and the centre turns about it.
+    """
+
+    LATER = ("turn",)
     velocity: Vector | None = None
     waypoints: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple)] | None = None
     times: Annotated[tuple[NotNegative, ...], BeforeValidator(as_tuple)] | None = None
     circle: Circle | None = None
+    turn: Turn | None = None
 
     @model_validator(mode="after")
     def _one_of_three(self) -> Motion:
         given = [key for key in HOW if getattr(self, key) is not None]
-        if len(given) != 1:
+        if len(given) > 1 or not (given or self.turn):
             said = f"{' and '.join(given)} are given" if given else "it does not say how"
-            raise Wrong(said, f"give one of {', '.join(HOW)}")
+            raise Wrong(said, f"give one of {', '.join(HOW)}; a turn may be added, or be all")
         if (self.waypoints is None) != (self.times is None):
             lone, other = ("waypoints", "times") if self.times is None else ("times", "waypoints")
             raise Wrong(f"{lone} are given without {other}", "give both, or neither")
@@ -92,9 +195,11 @@ class Motion(Part):
             angle = 2 * np.pi / self.circle.period_s * time
             result[:, 0] = self.circle.radius * (np.cos(angle) - 1.0)
             result[:, 1] = self.circle.radius * np.sin(angle)
-        else:
+        elif self.waypoints is not None:
             for axis, column in enumerate(np.array(self.waypoints).T):
                 result[:, axis] = np.interp(time, self.kinks, column) - column[0]
+        if self.turn is not None and self.turn.hinge is not None:
+            result += self.turn.arms(time) - self.turn.arm
         return result
 
     def velocities(self, time: Array) -> Array:
@@ -112,7 +217,18 @@ class Motion(Part):
             goes = (piece >= 0) & (piece < len(times) - 1)
             slopes = np.diff(points, axis=0) / np.diff(times)[:, None]
             result[goes, : points.shape[1]] = slopes[piece[goes]]
+        if self.turn is not None and self.turn.hinge is not None:
+            result += cross(self.turn.spin, self.turn.arms(np.maximum(time, 0.0)))
         return result
+
+    @property
+    def spin(self) -> Array:
+        """Return the angular velocity; array, shape (3,) [rad/s]."""
+        return np.zeros(3) if self.turn is None else self.turn.spin
+
+    def turns(self, time: Array) -> Array:
+        """Return the rotation vectors of the turn from the orientation at 0 s; array, shape (n_times, 3) [rad]."""
+        return np.maximum(time, 0.0)[:, None] * self.spin
 
     @property
     def kinks(self) -> tuple[float, ...]:
@@ -121,30 +237,38 @@ class Motion(Part):
 
     @property
     def speed(self) -> float:
-        """Return the largest speed [m/s]."""
+        """Return the largest speed of the centre, at most [m/s]."""
+        about = 0.0 if self.turn is None else self.turn.speed
         if self.velocity is not None:
-            return float(np.linalg.norm(self.velocity))
+            return about + float(np.linalg.norm(self.velocity))
         if self.circle is not None:
-            return 2 * np.pi / self.circle.period_s * self.circle.radius
+            return about + 2 * np.pi / self.circle.period_s * self.circle.radius
+        if self.waypoints is None:
+            return about
         ways = np.linalg.norm(np.diff(np.array(self.waypoints), axis=0), axis=1)
-        return float((ways / np.diff(self.kinks)).max(initial=0.0))
+        return about + float((ways / np.diff(self.kinks)).max(initial=0.0))
 
     def sagittas(self, time: Array) -> Array:
         """Return the largest distance of the centre from its chords between the times; array, shape (n_times - 1,)
         [m].
         """
         steps = np.diff(time)
-        if self.circle is not None:  # chord of a curve with a bound second derivative
-            rate = 2 * np.pi / self.circle.period_s
-            return self.circle.radius * (rate * steps) ** 2 / 8
         sagittas = np.zeros(len(steps))
+        if self.turn is not None:  # chords of curves with bound second derivatives
+            sagittas += self.turn.speed * np.linalg.norm(self.turn.spin) * steps**2 / 8
+        if self.circle is not None:
+            rate = 2 * np.pi / self.circle.period_s
+            sagittas += self.circle.radius * (rate * steps) ** 2 / 8
         if self.times is not None:  # the distance to a chord is convex between kinks: it is largest at one
             kinks = np.array([t for t in self.times if time[0] < t < time[-1]])
             if len(kinks):
                 piece = np.clip(np.searchsorted(time, kinks, side="right") - 1, 0, len(steps) - 1)
-                ends, share = self.offsets(time), (kinks - time[piece]) / steps[piece]
+                path = self if self.turn is None else self.model_copy(update={"turn": None})
+                ends, share = path.offsets(time), (kinks - time[piece]) / steps[piece]
                 chord = ends[piece] + share[:, None] * (ends[piece + 1] - ends[piece])
-                np.maximum.at(sagittas, piece, np.linalg.norm(self.offsets(kinks) - chord, axis=1))
+                strays = np.zeros(len(steps))
+                np.maximum.at(strays, piece, np.linalg.norm(path.offsets(kinks) - chord, axis=1))
+                sagittas += strays
         return sagittas
 
 

@@ -9,20 +9,34 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from comove.errors import SceneError
-from comove.geometry.rotations import levelling, matrices, rotation_in_plane, similarity, standing
+from comove.geometry.rotations import (
+    UP,
+    levelling,
+    matrices,
+    quaternion_of_rotation,
+    rotation_in_plane,
+    similarity,
+    standing,
+)
+from comove.io.keys import UNTURNED
 from comove.model.constraints import (
     Constraint,
+    DirectionConstraint,
     DistanceConstraint,
+    PlaneConstraint,
     RelativePoseConstraint,
+    RotationConstraint,
     SameHeightConstraint,
     UprightConstraint,
 )
-from comove.model.constraints.kinds import distance_tolerance
+from comove.model.constraints.kinds import PoseConstraint, distance_tolerance
 from comove.model.files.keys import ROUNDING, BarLoad, BoxLoad, Gripped, PartsLoad, PolygonLoad, SceneFile
 from comove.model.groups import (
     GroupPose,
+    Mask,
     Orientation,
     RigidGroup,
     connected,
@@ -45,6 +59,10 @@ KEYPOINT = 0.1  # m, from a line to the point beside it that tells how a body tu
 FLAT = 1e-3  # width of a body in lengths, below which it counts as a line
 HEADING = 1e-3  # m, by which hands that tell a heading must be beside each other
 TILT_ROUNDING = 1e-9  # rad
+PARALLEL = 1e-6  # sine of the angle up to which two axes are the same
+EDGE = (
+    0.001  # rad, by which a payload leans less at its ends than it may: what is between them has to be proved
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -289,7 +307,93 @@ class _Body:
         implied = self.implied(grasps)
         if orientation != "none" and self.has(UprightConstraint, SameHeightConstraint):
             group = self.upright(group)
-        return group, implied
+        return self.masked(group), implied
+
+    def masked(self, group: RigidGroup) -> RigidGroup:
+        """Return the group of a payload, which keeps of its pose what constraints say; the goal is moved onto them.
+
+        Raises
+        ------
+        SceneError
+            If an end needs what they keep.
+        """
+        own = [c for c in self.own if isinstance(c, PoseConstraint)]
+        if not own:
+            return group
+        turns = [c for c in own if isinstance(c, DirectionConstraint) and c.by_mask]
+        axes = [c.world for c in turns] + [UP] * (group.orientation == "vertical")
+        fixed = [c for c in own if isinstance(c, RotationConstraint)]
+        is_fixed = fixed or group.orientation in ("none", "fixed")
+        is_fixed = is_fixed or any(np.linalg.norm(np.cross(axes[0], axis)) > PARALLEL for axis in axes[1:])
+        start, goal, rotation = group.start, group.goal, group.goal.rotation
+        if is_fixed or axes:
+            turned = quaternion_of_rotation(rotation @ start.rotation.T)
+            twist = 0.0 if is_fixed else float(turned[1:] @ axes[0])
+            kept = np.append(turned[0], twist * axes[0]) if twist else np.array(UNTURNED)
+            rotation = matrices(kept / np.linalg.norm(kept)) @ start.rotation
+            self._require_turn(rotation @ goal.rotation.T, turned, [*fixed, *turns])
+        center, normal = goal.center, None
+        for c in (c for c in own if isinstance(c, PlaneConstraint)):
+            off, normal = (center - start.center) @ c.normal, c.normal
+            center = center - off * normal
+            if abs(off) > c.tolerance + ROUNDING:
+                there = f"write goal position: {center[: self.n_dims].round(6).tolist()}"
+                told = (
+                    f"the goal is {abs(off):.3g} m out of the plane in which the payload moves from its start"
+                )
+                raise self._error(told, self._key("planar"), f"{there}, or leave the constraint out")
+        goal, free = GroupPose(center, rotation), not is_fixed
+        is_level = free and bool(axes) and abs(axes[0] @ UP) > 1.0 - PARALLEL**2
+        if not free or is_level:
+            turn = start.rotation
+            grasps, corners = group.grasps @ turn.T, group.corners @ turn.T
+            start, goal = (GroupPose(pose.center, pose.rotation @ turn.T) for pose in (start, goal))
+            group = replace(
+                group, grasps=grasps, corners=corners, orientation="vertical" if free else "fixed"
+            )
+        elif group.orientation != "vertical":
+            group = replace(group, orientation="space")
+        mask = Mask(axes[0] if group.orientation == "space" and axes else None, normal)
+        for lean in (c for c in own if isinstance(c, DirectionConstraint) and not c.by_mask):
+            up = start.rotation.T @ lean.own
+            mask = mask._replace(up=up, tilt=lean.tolerance)
+            self._require_lean((start, goal), up, lean.tolerance)
+        return replace(
+            group, start=start, goal=goal, mask=mask if group.orientation == "space" else Mask(normal=normal)
+        )
+
+    def _key(self, *kinds: str) -> str:
+        """Return the key of the first constraint of some kinds."""
+        return f"constraints[{next(i for i, c in enumerate(self.file.constraints) if c.type in kinds)}]"
+
+    def _require_turn(self, missed: Array, turned: Array, keeping: list[PoseConstraint]) -> None:
+        """Refuse a goal that is turned, by the quaternion `turned` from the start, as constraints do not allow."""
+        off = float(np.linalg.norm(Rotation.from_matrix(missed).as_rotvec()))
+        allowed = min((c.tolerance for c in keeping), default=0.0) + TILT_ROUNDING
+        if off <= allowed:
+            return
+        axis = Rotation.from_quat(turned, scalar_first=True).as_rotvec()
+        about = (axis / np.linalg.norm(axis)).round(4) + 0.0
+        told = f"the goal turns the payload by {degrees(np.linalg.norm(axis)):.3g} deg about {about.tolist()}"
+        left_out = f"{degrees(off):.3g} deg of it out (tolerance {degrees(allowed):.3g} deg)"
+        raise self._error(
+            f"{told} from its start, and the constraints leave {left_out}",
+            self._key("no_rotation", "axis", "planar"),
+            f"write {{type: axis, axis: {about.tolist()}}} instead, or another orientation at the goal",
+        )
+
+    def _require_lean(self, poses: tuple[GroupPose, GroupPose], up: Array, tilt: float) -> None:
+        """Refuse a payload whose direction `up` leans too far at an end."""
+        for end, pose in zip(ENDS, poses, strict=True):
+            there = pose.rotation @ up
+            angle = float(np.arctan2(np.hypot(*there[:2]), there[2]))
+            if angle > tilt - EDGE:
+                raise self._error(
+                    f"the payload leans by {degrees(angle):.3g} deg from upright at the {end} (tolerance "
+                    f"{degrees(tilt):g} deg, of which an end needs {degrees(EDGE):g} to spare)",
+                    self._key("upright"),
+                    f"write tolerance_deg: {np.ceil(degrees(angle + EDGE)):g}, or another orientation at the {end}",
+                )
 
     def _require_held(self, end: str, held: Array, hands: Array) -> None:
         off = np.linalg.norm(held - hands, axis=1)

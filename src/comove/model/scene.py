@@ -17,24 +17,27 @@ import comove
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
+from comove.geometry.rotations import matrices
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
-from comove.io.keys import scaled
+from comove.io.keys import Wrong, scaled
 from comove.model.constraints import (
     Constraint,
     DistanceConstraint,
     Hands,
+    PlaneConstraint,
     SeparationConstraint,
     UprightConstraint,
     UprightKeys,
 )
+from comove.model.displacements import Displacements
 from comove.model.files.keys import DEFAULT_LIMITS, GraspChoice, GraspPart, PartsLoad, SceneFile, canonical
 from comove.model.files.reading import parsed, read_scene_file
 from comove.model.files.words import VERSION_1, Words
 from comove.model.grasp import Grasp, alternatives, chosen, far_grasps, grasp_of
 from comove.model.groups import GroupPose, RigidGroup, connected
-from comove.model.moving import ObstacleMotion
+from comove.model.moving import FASTEST, ObstacleMotion, rotations, seen_from
 from comove.model.resting import TOLERANCE, Rest, provable, recessions, rests_of
 from comove.model.rigid import ENDS, HEADING, LoadBodies
 from comove.model.shapes import (
@@ -222,23 +225,12 @@ class Scene:
         hands = later.nodes_at("start")[: len(self.manipulators), : self.n_dims]
         return replace(later, start=hands)
 
-    def standing(self, centers: Array | None = None) -> Scene:
-        """Return the scene in which obstacles that move stand at given places, or are left out.
-
-        Parameters
-        ----------
-        centers : array, shape (n_obstacles, 3), places of all obstacles' centres [m]; None to leave out those that
-            move
-        """
-        kept = np.flatnonzero(~self.moving) if centers is None else np.arange(len(self.motions))
+    def standing(self) -> Scene:
+        """Return the scene without the obstacles that move."""
+        kept = np.flatnonzero(~self.moving)
         rows = np.isin(self.owners, kept)
         table, owners = self.obstacles[rows].copy(), np.searchsorted(kept, self.owners[rows])
         obstacles = [self.file.obstacles[i] for i in kept.tolist()]
-        if centers is not None:
-            for i in np.flatnonzero(self.moving).tolist():
-                table[owners == i, sd.CENTER : sd.CENTER + 3] += centers[i] - self.centers[i]
-                place = tuple(centers[i, : self.n_dims].tolist())
-                obstacles[i] = obstacles[i].model_copy(update={"center": place, "motion": None})
         stands = replace(
             self,
             obstacles=table,
@@ -426,12 +418,25 @@ class Scene:
         time = self.begins + time
         return self._of_motions(lambda motion: motion.offsets(time), (len(time), 3))
 
-    def offsets_along(self, n_steps: int) -> Array:
-        """Return the obstacles' offsets by row of the table at even times of the movement, as kernels take them.
+    def displacements(self, time: Array) -> Displacements:
+        """Return the displacements of the obstacles by row of the table, as kernels take them.
 
-        Array, shape (n_steps, n_rows, 3) [m]; (0, n_rows, 3) where no obstacle moves.
+        Parameters
+        ----------
+        time : array, shape (n_times,) [s]
         """
-        return _offsets_along(self, n_steps)
+        centers = self.obstacles[:, sd.CENTER : sd.CENTER + 3]
+        offsets = self.by_row(self.offsets(time))
+        if not self.turning.any():
+            return Displacements.of(offsets, centers)
+        rates = np.linalg.norm(self.spins, axis=1, keepdims=True)
+        axes = np.where(rates > 0.0, self.spins / np.maximum(rates, 1e-300), [0.0, 0.0, 1.0])
+        angles = (self.turns(time) * axes).sum(axis=2)
+        return Displacements.of(offsets, centers, self.by_row(angles), axes[self.owners])
+
+    def displacements_along(self, n_steps: int) -> Displacements:
+        """Return the displacements at even times of the movement, without samples where no obstacle moves."""
+        return _displacements_along(self, n_steps)
 
     def obstacle_velocities(self, time: Array) -> Array:
         """Return the velocities of the obstacles' centres; array, shape (n_times, n_obstacles, 3) [m/s].
@@ -450,6 +455,47 @@ class Scene:
         return self._of_motions(lambda motion: motion.sagittas(time), (len(time) - 1,))
 
     @cached_property
+    def spins(self) -> Array:
+        """Return the angular velocities of the obstacles; array, shape (n_obstacles, 3) [rad/s]."""
+        return np.array([np.zeros(3) if motion is None else motion.spin for motion in self.motions]).reshape(
+            -1, 3
+        )
+
+    @cached_property
+    def turning(self) -> NDArray[np.bool_]:
+        """Return which obstacles turn; array of bool, shape (n_obstacles,)."""
+        return np.asarray(self.spins.any(axis=1))
+
+    def turns(self, time: Array) -> Array:
+        """Return the rotation vectors by which obstacles have turned from their orientations in the file.
+
+        Array, shape (n_times, n_obstacles, 3) [rad]; of each obstacle multiples of its spin.
+        """
+        time = self.begins + time
+        return self._of_motions(lambda motion: motion.turns(time), (len(time), 3))
+
+    @cached_property
+    def reaches(self) -> Array:
+        """Return the radii of balls about the centres that contain the obstacles; array, shape (n_obstacles,) [m]."""
+        reaches = np.zeros(len(self.motions))
+        np.maximum.at(reaches, self.owners, self.obstacles[:, sd.REACH])
+        return reaches
+
+    @cached_property
+    def obstacle_speeds(self) -> Array:
+        """Return upper bounds of the speeds of the obstacles' points; array, shape (n_obstacles,) [m/s]."""
+        centers = np.array([0.0 if motion is None else motion.speed for motion in self.motions])
+        return centers + np.linalg.norm(self.spins, axis=1) * self.reaches
+
+    def point_sagittas(self, time: Array) -> Array:
+        """Return bounds of the distances of the obstacles' points from their chords between the times.
+
+        Array, shape (n_times - 1, n_obstacles) [m].
+        """
+        bend = np.linalg.norm(self.spins, axis=1) ** 2 * self.reaches
+        return self.obstacle_sagittas(time) + bend * np.diff(time)[:, None] ** 2 / 8
+
+    @cached_property
     def obstacle_kinks(self) -> Array:
         """Return the times during the movement at which the velocity of an obstacle may jump [s].
 
@@ -463,13 +509,19 @@ class Scene:
         of_each = [still if motion is None else of(motion) for motion in self.motions]
         return np.stack(of_each, axis=1) if of_each else np.zeros((shape[0], 0, *shape[1:]))
 
-    def obstacles_at(self, time: float) -> Array:
-        """Return the table of the obstacles with their positions at an instant [s]."""
-        if not self.moving.any():
+    def obstacles_at(self, time: float, centers: Array | None = None) -> Array:
+        """Return the table of the obstacles with their poses at an instant [s].
+
+        Parameters
+        ----------
+        centers : array, shape (n_obstacles, 3), where their centres are, if not where the scene says [m]
+        """
+        if not self.moving.any() and centers is None:
             return self.obstacles
-        table = self.obstacles.copy()
-        table[:, sd.CENTER : sd.CENTER + 3] += self.by_row(self.offsets(np.array([time])))[0]
-        return table
+        now = np.array([time])
+        if centers is None:
+            centers = self.centers + self.offsets(now)[0]
+        return _placed(self.obstacles, self.owners, centers, self.turns(now)[0])
 
     @property
     def speed_limit(self) -> float:
@@ -587,24 +639,32 @@ class Scene:
 
         The nearest is -1 where it is the border of the workspace. Supports recede as in `clearance_at`.
         """
-        offsets = self.offsets(np.array([time]))[0]
+        now = np.array([time])
+        offsets = self.offsets(now)[0]
         if self.rests:
             offsets = offsets + recessions(self, nodes)
-        return self._nearest(nodes, offsets, among, *self.workspace)
+        return self._nearest(nodes, (offsets, self.turns(now)[0]), among, *self.workspace)
 
     def distance_from(self, obstacle: int, nodes: Array, offset: Array | float = 0.0) -> float:
         """Return the distance of one configuration from an obstacle that is displaced by `offset` [m]."""
-        offsets = np.zeros((len(self.motions), 3)) + offset
-        return self._nearest(nodes, offsets, [obstacle], np.full(3, -np.inf), np.full(3, np.inf))[0]
+        still = np.zeros((len(self.motions), 3))
+        anywhere = np.full(3, -np.inf), np.full(3, np.inf)
+        return self._nearest(nodes, (still + offset, still), [obstacle], *anywhere)[0]
 
     def _nearest(
-        self, nodes: Array, offsets: Array, among: Collection[int] | None, lower: Array, upper: Array
+        self,
+        nodes: Array,
+        displaced: tuple[Array, Array],
+        among: Collection[int] | None,
+        lower: Array,
+        upper: Array,
     ) -> tuple[float, int]:
-        """Return the result of `nearest_at` for obstacles displaced by `offsets`, (n_obstacles, 3) [m]."""
-        body, own = self.body, self.convex_rows
+        """Return the result of `nearest_at` for obstacles displaced by offsets [m] and turns [rad], each of shape
+        (n_obstacles, 3).
+        """
+        body, own, (offsets, turns) = self.body, self.convex_rows, displaced
         rows = np.flatnonzero(own if among is None else own & np.isin(self.owners, list(among)))
-        table = self.obstacles[rows]
-        table[:, sd.CENTER : sd.CENTER + 3] += offsets[self.owners[rows]]
+        table = _placed(self.obstacles[rows], self.owners[rows], self.centers + offsets, turns)
         found = sd.configuration_distance(nodes, body.edges, body.radii, table, lower, upper)
         if len(body.solids):
             found = min(found, solids_clearance(nodes, body.solids, table, lower, upper))
@@ -616,7 +676,7 @@ class Scene:
         hulls += [(solid, 0.0) for solid in body.solids]
         for mesh, obstacle in enumerate(self.surfaces.owner):
             if among is None or obstacle in among:
-                seen = nodes - offsets[obstacle]
+                seen = seen_from(nodes, self.centers[obstacle], offsets[obstacle], turns[obstacle])
                 for own, radius in hulls:
                     points, cutoff = np.ascontiguousarray(seen[own]), clearance + radius
                     distance = signed_distance(self.surfaces, mesh, points, cutoff) - radius
@@ -665,13 +725,19 @@ class Scene:
         return tuple(found)
 
 
+def _placed(table: Array, owners: NDArray[np.int64], centers: Array, turns: Array) -> Array:
+    """Return rows of the table at centres [m] and turned [rad], by obstacle; arrays, shape (n_obstacles, 3)."""
+    table, own = table.copy(), np.flatnonzero(turns[owners].any(axis=1))
+    table[:, sd.CENTER : sd.CENTER + 3] = centers[owners]
+    axes = table[own, sd.ROTATION : sd.ROTATION + 9].reshape(-1, 3, 3)
+    table[own, sd.ROTATION : sd.ROTATION + 9] = (rotations(turns[owners[own]]) @ axes).reshape(-1, 9)
+    return table
+
+
 @lru_cache(maxsize=8)  # a search asks for them in every generation
-def _offsets_along(scene: Scene, n_steps: int) -> Array:
-    offsets = np.zeros((0, len(scene.obstacles), 3))
-    if scene.moving.any():
-        offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, n_steps)))
-    offsets.setflags(write=False)  # in either case: kernels are compiled for what may be written, or may not
-    return offsets
+def _displacements_along(scene: Scene, n_steps: int) -> Displacements:
+    n_samples = n_steps if scene.moving.any() else 0
+    return scene.displacements(np.linspace(0.0, scene.duration, n_samples))
 
 
 def _worded(file: SceneFile, words: Words, folder: Path, path: Path | None) -> Scene:
@@ -691,7 +757,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
     }
     n_dims, n_hands = file.dimension, len(file.names)
     given = np.array([[m.start for m in file.manipulators], [m.goal for m in file.manipulators]], dtype=float)
-    explicit = _resolved(file, spatial(given[0]))
+    explicit = _resolved(file, spatial(given[0]), path)
     start, goal = spatial(given)
     bodies = LoadBodies(file, explicit, start, goal, path, held.get(LOAD))
     rigid = bodies.sets()
@@ -720,6 +786,7 @@ def _build(file: SceneFile, folder: Path, path: Path | None, words: Words) -> Sc
         excess=_excess(file, held),
         meshes=tuple(mesh.sha256 for mesh, _ in meshes.values()),
     )
+    _require_slow_tips(scene)
     moved = [scene.nodes_at(end)[:n_hands, :n_dims] for end in ENDS]
     for end, before, after in zip(ENDS, given, moved, strict=True):
         _say_shift(end, before, after, scene.manipulators)
@@ -739,16 +806,21 @@ def _excess(file: SceneFile, held: Mapping[int | str, ConvexDecomposition]) -> d
     return found
 
 
-def _resolved(file: SceneFile, start: Array) -> tuple[Constraint, ...]:
+def _resolved(file: SceneFile, start: Array, path: object) -> tuple[Constraint, ...]:
     """Return the constraints of the file with hands by number, in SI units, with all tolerances filled in."""
-    hands = Hands(file.names, file.holder_numbers, start)
-    constraints = [keys.resolved(hands) for keys in file.constraints]
-    tilts = file.load is not None and file.load.start is not None
-    if (
-        file.grasp is not None
-        and not tilts
-        and not any(isinstance(c, UprightConstraint) for c in constraints)
-    ):
+    pose = None if file.load is None else file.load.start
+    turned = None if pose is None else matrices(np.array(pose.quaternion_wxyz))
+    hands = Hands(file.names, file.holder_numbers, start, turned, file.dimension)
+    constraints = list[Constraint]()
+    for i, keys in enumerate(file.constraints):
+        try:
+            constraints.append(keys.resolved(hands))
+        except Wrong as error:
+            message, way_out = error.args
+            raise SceneError(message, file=path, key=f"constraints[{i}]", way_out=way_out) from None
+    constraints += [c.turn for c in constraints if isinstance(c, PlaneConstraint)]
+    kept = any(isinstance(c, UprightConstraint) for c in constraints)
+    if file.grasp is not None and turned is None and not kept:
         # Hands that keep their tilt also keep the tilt of the load.
         constraints.append(UprightKeys(type="upright").resolved(hands))
     return tuple(constraints)
@@ -762,6 +834,17 @@ def _say_shift(end: str, given: Array, moved: Array, names: tuple[str, ...]) -> 
             f"the {end} was moved onto the constraints, '{names[worst]}' most, by {shift[worst]:.3g} m",
             ComoveWarning,
             stacklevel=4,
+        )
+
+
+def _require_slow_tips(scene: Scene) -> None:
+    """Refuse obstacles that turn so fast that what is far from their axis would be faster than `FASTEST`."""
+    for i in np.flatnonzero(scene.turning & (scene.obstacle_speeds > FASTEST)):
+        raise SceneError(
+            f"points of the obstacle move at up to {scene.obstacle_speeds[i]:g} m/s",
+            file=scene.path,
+            key=f"obstacles[{i}].motion.turn",
+            way_out=f"let it turn more slowly: at most {FASTEST:g} m/s",
         )
 
 

@@ -22,11 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.cmaes import check_number, check_positive, check_whole
 from comove.optim.method import OptimiserRun, Reason, Request, Start
 from comove.optim.models import UNKNOWN, LinearModel, Local, bound_rows, nearest_feasible
-
-Array = NDArray[np.float64]
 
 TINY = 1e-150
 INSIDE = 1e-9  # part of an equality's tolerance that is kept for rounding

@@ -34,6 +34,7 @@ from typing import Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.cmaes import (
     CMAES,
     Covariance,
@@ -45,8 +46,6 @@ from comove.optim.cmaes import (
     check_whole,
 )
 from comove.optim.method import OptimiserRun, Reason, Request, Start
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -355,7 +354,6 @@ class CCMAESRun(OptimiserRun):
             self.bands = np.where(self._start.equality, narrower, 0.0)
 
     def _begin_anew(self) -> None:
-        """Begin at the present mean with an isotropic distribution and empty records."""
         start, es = self._start, self._es
         form = self._first_form()
         self._es = CMAES(es.mean, start.sigma, start.rng, parameters=es.parameters, covariance=form)

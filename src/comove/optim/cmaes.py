@@ -9,11 +9,9 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -412,7 +410,6 @@ def check_positive(key: str, value: object) -> None:
 
 
 def _finite(value: object) -> bool:
-    """Return whether a value is a real number that is finite, not a truth value."""
     number = isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
     return number and bool(np.isfinite(value))  # type: ignore[call-overload]
 

@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.cmaes import check_number, check_whole
 from comove.optim.method import OptimiserRun, Request, Start
 from comove.optim.models import LinearModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

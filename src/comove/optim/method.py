@@ -10,9 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.cmaes import CMAES, Covariance, FullCovariance, Parameters
-
-Array = NDArray[np.float64]
 
 VALUELESS = 10  # generations in a row without any value, after which a run ends
 
@@ -109,7 +108,6 @@ class AskAndTell:
         return self._request
 
     def _sample(self) -> None:
-        """Begin with the next samples, by a request for their values."""
         raise NotImplementedError
 
     def tell(self, objective: Array | None, constraints: Array | None) -> None:
@@ -121,7 +119,6 @@ class AskAndTell:
         self._request, self._then = request, then
 
     def _next(self) -> None:
-        """Draw the next samples as soon as somebody asks."""
         self._request = None
 
 
@@ -155,7 +152,6 @@ class OptimiserRun(AskAndTell):
 
     @property
     def _shape(self) -> FullCovariance:
-        """Return the covariance of a run that was started with none of its own."""
         assert isinstance(self._es.covariance, FullCovariance)
         return self._es.covariance
 

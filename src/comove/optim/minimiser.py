@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveWarning, OptionError
 from comove.optim.augmented_lagrangian import AugmentedLagrangian
 from comove.optim.cmaes import check_start, check_whole, default_population, numbers
@@ -21,8 +22,6 @@ from comove.optim.method import ConstrainedMethod, OptimiserRun, Reason, Request
 from comove.optim.restarts import BIPOP, Ended, Restarts, Setting
 from comove.optim.restoration import Restoration
 from comove.optim.simple import Plain, ProjectionRepair
-
-Array = NDArray[np.float64]
 
 SIGN = "h <= 0 is feasible"
 GROWING = BIPOP(3.0, before=4, least=1)  # where a run of a Lagrangian fails, few samples help soon, or many
@@ -606,7 +605,6 @@ def _checked_mask(equality: object, n_constraints: int) -> NDArray[np.bool_]:
 
 
 def _no_constraints(x: Array) -> Array:
-    """Return an empty row of constraints for every point."""
     return np.zeros((len(x), 0))
 
 

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.optim.cmaes import CMAES, FullCovariance
-
-Array = NDArray[np.float64]
 
 UNKNOWN = 1e-200  # slopes below are no slopes
 

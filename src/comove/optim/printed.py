@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.cmaes import Parameters
-
-Array = NDArray[np.float64]
 
 
 class PrintedCCMAES:

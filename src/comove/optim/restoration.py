@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.optim.method import AskAndTell, Request, Start
 from comove.optim.models import UNKNOWN, bound_rows, nearest_feasible
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,6 @@ class Restoration(AskAndTell):
         self._wait(Request(start.x[None], constraints=True), self._here_told)
 
     def _end(self) -> None:
-        """Request the objective at the point found, so that the best point has one."""
         self._wait(Request(self.x[None], objective=True, known=self._values[None]), self._objective_told)
 
     def _objective_told(self, objective: Array, _: Array | None) -> None:

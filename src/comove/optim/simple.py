@@ -7,13 +7,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError
 from comove.optim.cmaes import DiagonalCovariance, Parameters, check_positive, numbers
 from comove.optim.method import OptimiserRun, Request, Start, spread
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.dmp import DMP
 from comove.dmp.operations import scale
@@ -31,8 +31,6 @@ from comove.planning.clock import Budget
 from comove.planning.method import Method
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives import OBJECTIVES, Criterion
-
-Array = NDArray[np.float64]
 
 OBSTACLES = ("constraint", "cost")
 OUTSIDE = 0.01

@@ -6,7 +6,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.dmp import DMP, Library, Primitive, Variant, motion_basis
 from comove.dmp.operations import in_space
@@ -18,8 +17,6 @@ from comove.model.coordinates import load_coordinates
 from comove.model.scene import Scene
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives.paper import PaperCost
-
-Array = NDArray[np.float64]
 
 N_BASIS = 30  # shape weights a dimension of a transferred movement
 

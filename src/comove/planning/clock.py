@@ -16,11 +16,9 @@ from dataclasses import dataclass, replace
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
-
-Array = NDArray[np.float64]
 
 DEADLINE, LEFT, UP, LOOKS, WORK, MOST = range(6)  # columns of a clock
 STRIDE = 20_000  # computed distances, or as much work, between two readings of the time: some milliseconds

@@ -10,7 +10,7 @@ the separation counts as clearance.
 
 from __future__ import annotations
 
-from math import acos, pi, sin, sqrt
+from math import acos, cos, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from comove.compiled import kernel
 from comove.geometry.distances import point_distance, segment_distance
 from comove.geometry.solids import count_solids, empty_solid, solid_at, solid_distance
 from comove.geometry.surfaces import count_meshes, signed_distance
-from comove.model.blocks import place_one
+from comove.model.blocks import keep_mask, lean, place_one
 from comove.model.coordinates import (
     ANGLE,
     DIRECTION,
@@ -131,6 +131,7 @@ def lifted(scene: Scene, space: Space, q: Array, end: str, margin: float) -> Arr
         there = np.array(q)
         for center in blocks.center:
             there[center[: blocks.n_dims]] += share * high * way[: blocks.n_dims]
+        keep_mask(blocks, there)
         tried.append((min(clearance_of(space, there, nodes, 0.0), space.required + margin), there))
     return tried[first_largest([clearance for clearance, _ in tried])][1]
 
@@ -152,6 +153,10 @@ def clearance_of(space, q, nodes, floor):
         a, b = nodes[around.pairs[i, 0]], nodes[around.pairs[i, 1]]
         apart = sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
         clearance = min(clearance, space.required + 0.5 * (apart - around.separations[i]))
+    for b in range(space.blocks.tilt.shape[0]):
+        if space.blocks.tilt[b] < pi:  # which a span spends as it does distances
+            spare = space.blocks.tilt[b] - lean(space.blocks, b, q, np.empty(3))
+            clearance = min(clearance, space.required + space.reach[b] * spare)
     if clearance <= floor:
         return clearance
     clearance = min(clearance, from_border(around, nodes))
@@ -337,13 +342,31 @@ trees.answers(trees.length, Space)(span)
 
 @kernel
 def random_configuration(space, rng, out):
-    """Write a random configuration, uniform in the workspace and over orientations."""
+    """Write a random configuration, uniform in the workspace and over orientations, that keeps what it has to."""
     blocks, lower, upper = space.blocks, space.around.lower, space.around.upper
     for b in range(blocks.kind.shape[0]):
         for axis in range(blocks.n_dims):
             c = blocks.center[b, axis]
             out[c] = lower[axis] + rng.random() * (upper[axis] - lower[axis])
-        random_orientation(blocks.kind[b], blocks.n_dims, blocks.turn[b], rng, out)
+        random_turn(blocks, b, rng, out)
+    keep_mask(blocks, out)
+
+
+@kernel
+def random_turn(blocks, b, rng, out):
+    """Write a random orientation of one block, with its `up` near the vertical where it has to be."""
+    o, most = blocks.turn[b], blocks.tilt[b]
+    if most >= pi:
+        random_orientation(blocks.kind[b], blocks.n_dims, o, rng, out)
+        return
+    yaw, about, half = pi * rng.random(), 2 * pi * rng.random(), 0.5 * most * sqrt(rng.random())
+    w, x, y, z = blocks.level[b]
+    c, s = cos(yaw), sin(yaw)
+    w, x, y, z = c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w
+    a, b1 = sin(half) * cos(about), sin(half) * sin(about)
+    c = cos(half)
+    out[o], out[o + 1] = c * w - a * x - b1 * y, c * x + a * w + b1 * z
+    out[o + 2], out[o + 3] = c * y - a * z + b1 * w, c * z + a * y - b1 * x
 
 
 @kernel

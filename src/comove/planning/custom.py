@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import motion_basis, rollouts
 from comove.model.constraints import Constraint
 from comove.model.coordinated_dmp import CoordinatedDMP
@@ -20,8 +20,6 @@ from comove.planning.convex.limits import Limits
 from comove.planning.objective import N_STEPS
 from comove.planning.objectives.own import OwnFunctions, Samples
 from comove.planning.search import Search
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -144,7 +142,6 @@ class _Variations:
 
 
 def _with_free_weights(search: Search, start: CoordinatedMotion, n_basis: int) -> CoordinatedMotion:
-    """Return the motion in the basis that is searched, fitted to it."""
     basis = motion_basis(n_basis, "jerk")
     s = np.linspace(0.0, 1.0, len(basis.shape[0]))
     coordinates = load_coordinates(search.scene)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.planning.planner import PlannerSettings, plan
 from comove.verification.verify import Check
 
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from comove.planning.configurations import Space
     from comove.planning.convex.programme import Follower
     from comove.planning.objective import Evaluation, Objective
-
-Array = NDArray[np.float64]
 
 # Work, as computed distances that take about as long.
 FOLLOWED = 5e4  # of a rollout that arms follow

@@ -10,8 +10,8 @@ from itertools import count
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
@@ -55,9 +55,6 @@ from comove.planning.spacetime import (
 )
 from comove.ties import first_least
 from comove.verification.verify import Report
-
-Array = NDArray[np.float64]
-
 
 POLISHING = Schedule(sigma=0.02, generations=1000, patience=60, gain=0.002)
 UNPOLISHED = replace(POLISHING, generations=0)
@@ -347,11 +344,9 @@ class Comove(Method):
         )  # which no other way would shorten much
 
     def _will_do(self, search: Search) -> bool:
-        """Return whether the best motion that is not verified is good enough."""
         return False
 
     def _nodes(self, failures: int) -> int:
-        """Return the number of nodes for the next plan, which grows with the number of failures."""
         return min(self.settings.most_nodes, self.n_nodes * 2 ** (failures // self.n_restarts))
 
     def _certified_fit(
@@ -447,7 +442,6 @@ class Comove(Method):
         return False
 
     def _refined(self, search: Search, dmp: CoordinatedDMP) -> CoordinatedDMP:
-        """Return the same movement in the finer basis in which it is polished."""
         q = dmp.rollouts(dmp.weights[None], N_STEPS)[0].T
         finer = replace(dmp, basis=search.basis(self.n_basis, "velocity"))
         return finer.fitted(np.linspace(0.0, 1.0, N_STEPS), q)
@@ -526,7 +520,6 @@ class Plans(NamedTuple):
 
 
 def _unsampled(scene: Scene) -> Scene:
-    """Return a scene without the constraints that a search has to sample."""
     return replace(scene, constraints=tuple(c for c in scene.constraints if not c.sampled))
 
 

@@ -141,7 +141,7 @@ class Objective:
         size : size of the load, 1 for the real one
         """
         nodes = self.coordinates.nodes(q, size)
-        return self.evaluate_nodes(nodes, self.scene.offsets_along(nodes.shape[1]))
+        return self.evaluate_nodes(nodes, self.scene.displacements_along(nodes.shape[1]).offsets)
 
     def evaluate_nodes(self, nodes: Array, offsets: Array) -> Evaluation:
         """Evaluate a population of node positions over time.

@@ -11,10 +11,11 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.geometry.distances import CENTER, REACH, ROTATION, point_distance
+from comove.model.blocks import keep_mask
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, QUATERNION
 from comove.planning.clock import worked
 from comove.planning.configurations import (
@@ -24,12 +25,10 @@ from comove.planning.configurations import (
     in_an_obstacle,
     interpolate,
     random_configuration,
-    random_orientation,
+    random_turn,
     span,
 )
 from comove.planning.trees import copy_to, rrt_connect, shortened
-
-Array = NDArray[np.float64]
 
 
 class ForestSettings(NamedTuple):
@@ -297,6 +296,8 @@ def _slid(space, q, along, length, out):
     inside = True
     for axis in range(space.blocks.n_dims):
         out[axis] += length * along[axis]
+    keep_mask(space.blocks, out)
+    for axis in range(space.blocks.n_dims):
         inside &= space.around.lower[axis] < out[axis] < space.around.upper[axis]
     return inside
 
@@ -370,9 +371,10 @@ def _bridge(space, flat, rng, margin, out, work, settings):
         for trial in range(8):
             for axis in range(n_dims):
                 out[axis] = middle[axis]
-            random_orientation(space.blocks.kind[0], n_dims, n_dims, rng, out)
+            random_turn(space.blocks, 0, rng, out)
             if space.blocks.kind[0] == QUATERNION and trial % 2 == 0:
                 _fit(space, j, flat, rng, out[n_dims:])
+            keep_mask(space.blocks, out)
             if not _retract(space, out, margin, space.cap, (settings.settling, settings.in_place), rng, work):
                 continue
             moved = 0.0
@@ -542,6 +544,7 @@ def _perturb(space, q, size, slides, rng, out):
             norm += out[c] ** 2
         for c in range(n_dims, q.shape[0]):
             out[c] /= sqrt(norm)
+    keep_mask(space.blocks, out)
 
 
 @kernel

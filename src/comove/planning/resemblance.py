@@ -15,15 +15,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.probabilistic import ProMP
 from comove.model.adaptation import covariance_of_hands
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.objective import N_STEPS
-
-Array = NDArray[np.float64]
 
 
 def precision_root(promp: ProMP, scene: Scene, least_spread: float = 0.1) -> Array:

@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.dmp import DMP
 from comove.dmp.system import LinearPhase, Phase
@@ -29,9 +29,6 @@ from comove.planning.objectives import Criterion, OwnFunctions, PaperCost, Sampl
 from comove.planning.pace import in_least_time
 from comove.planning.solution import Progress, ProgressCallback
 from comove.verification.verify import Check, Verdict, verify
-
-Array = NDArray[np.float64]
-
 
 # Work, as computed distances that take about as long.
 ROLLOUT = 2e3  # of a rollout, besides its distances

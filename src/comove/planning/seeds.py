@@ -5,8 +5,8 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import MotionBasis
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, load_coordinates
@@ -14,8 +14,6 @@ from comove.model.scene import Scene
 from comove.planning.configurations import Space
 from comove.planning.objective import N_STEPS
 from comove.planning.planner import along
-
-Array = NDArray[np.float64]
 
 # (p, f): the share of the path at time t is min_jerk(1 - (1 - min(t/f, 1))^p); early arrival costs least, a steady
 # pace needs the least acceleration, so several are fitted and the best that is verified is kept.

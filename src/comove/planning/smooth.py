@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import motion_basis
 from comove.dmp.dmp import DMP
 from comove.model.coordinated_dmp import CoordinatedDMP
@@ -23,8 +23,6 @@ from comove.planning.pace import in_least_time
 from comove.planning.search import Search
 from comove.trajectory import interpolated
 from comove.verification.verify import verify
-
-Array = NDArray[np.float64]
 
 # Work, as computed distances that take about as long.
 STEP = 1e5  # of a step of the optimisation

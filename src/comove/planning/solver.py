@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.dmp import DMP
 from comove.dmp.operations import scale
@@ -54,9 +54,6 @@ from comove.planning.search import Interruption, Journal, OutOfTime, Search, Sea
 from comove.planning.solution import ProgressCallback, Solution
 from comove.processes import one_blas_thread
 from comove.verification.verify import Check, Verdict, verify
-
-Array = NDArray[np.float64]
-
 
 Demonstrated = DMP | PoseDMP | ProMP | Demonstration | Mapping | tuple[DMP, ...]
 """What is followed: a movement of one end effector, or one for each; of poses; a distribution of movements."""
@@ -358,7 +355,6 @@ def _by_some_choice(problem: Problem) -> Procedure:
 
 
 def _in_least_time(problem: Problem) -> Problem:
-    """Return the problem of the fastest motion within the limits that one states, whatever its duration."""
     free = with_limits(problem.scene, NONE).timed(None)
     return replace(problem, scene=free, taught=None, objective=LeastTime())
 
@@ -523,14 +519,12 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> P
 
 
 def _followed(motion: CoordinatedMotion, objective: Criterion, evaluated: Objective) -> Followed | None:
-    """Return the distances of the hands from the demonstration, None if it is not followed."""
     if evaluated.demonstration is None or objective.pull(True) == 0:
         return None
     return followed(motion, evaluated.demonstration, evaluated.precision)
 
 
 def _open(scene: Scene, kinematics: Kinematics) -> tuple[Scene, Scene]:
-    """Return a scene with limits and open duration, and the same scene with the duration of the search."""
     asked = with_limits(scene).timed(None)
     return asked, asked.timed(kinematics.duration)
 

@@ -16,7 +16,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove.errors import ResultError, shortened
 from comove.model.scene import Scene
@@ -25,8 +24,6 @@ from comove.results.sealed import NUMBER, TEXT, TEXTS, TRUTH, Arrays, ResultKind
 from comove.ties import first_largest
 from comove.verification.measures import WEIGHTS, unit_terms_of
 from comove.verification.record import ExecutionReport, Record, verify_execution
-
-Array = NDArray[np.float64]
 
 FITS = 1e-9  # m, s and of a quaternion's length, to which what a run says twice agrees
 SAME = 1e-6  # relative, by which measures may differ from those of the summary

@@ -235,7 +235,6 @@ class ResultKind:
     def _broken(
         self, summary: Mapping[str, Any], arrays: Mapping[str, Any]
     ) -> Iterator[tuple[str, str | None, str]]:
-        """Yield the files whose checksums do not fit, with the key that holds it, and why."""
         if summary.get(self.checksum) != checksum(arrays):
             yield self.arrays, None, f"its checksum is not the one in {self.summary}"
         if summary.get(SEAL) != self.seal(summary):

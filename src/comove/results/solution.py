@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 import comove
+from comove.arrays import Array
 from comove.brief import brief
 from comove.dmp.basis import Metric, MotionBasis, motion_basis
 from comove.dmp.system import ExponentialPhase, LinearPhase, Phase
@@ -41,8 +41,6 @@ from comove.trajectory import Trajectory
 from comove.verification.measures import WEIGHTS, smoothness, unit_terms
 from comove.verification.verify import Report, Verdict, verify
 
-Array = NDArray[np.float64]
-
 RESULT = Contents(
     what="result",
     marks=frozenset({"solution.json", "run.json", "robot_run.json"}),
@@ -72,7 +70,6 @@ SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
 
 
 def _require_entries(summary: Summary, file: Path) -> None:
-    """Refuse a summary with missing entries, or entries of another type."""
     require_types(summary, _TYPES, file)
     require_types(summary["cost_terms"], dict.fromkeys(WEIGHTS, NUMBER), file, "cost_terms.")
     require_types(summary.get("cost_weights") or {}, {}, file, "cost_weights.", others=NUMBER)
@@ -246,7 +243,6 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
 
 
 def _near(name: str, value: float) -> float:
-    """Return by how much a measure may differ from the one in the summary."""
     return SAME * max(1e-3, abs(value))
 
 

@@ -62,7 +62,6 @@ def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
 
 
 def _said_of(objective: object) -> dict[str, Any]:
-    """Return the summary's description of the objective."""
     if not isinstance(objective, OwnFunctions):
         return {"type": NAMES[type(objective)], **vars(objective)}
     function = None if objective.function is None else name_of(objective.function)
@@ -80,6 +79,5 @@ def _weights_of(terms: Mapping[str, float], motion: CoordinatedMotion) -> dict[s
 
 
 def _unit_terms(motion: CoordinatedMotion) -> dict[str, float]:
-    """Compute the terms of J that follow from the motion alone, each with weight 1."""
     cost = Objective(motion.scene, motion.coordinates, PaperCost(1.0, 1.0, 1.0)).cost(motion)
     return {name: getattr(cost, name) for name in RECOMPUTED}

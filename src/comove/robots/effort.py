@@ -22,9 +22,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.interpolate import PPoly
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.motion import (
@@ -36,8 +36,6 @@ from comove.robots.motion import (
     largest_velocity,
     subdivided,
 )
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9  # share of a payload
 

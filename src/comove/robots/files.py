@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.arrays import Array, Integers
 from comove.brief import brief
 from comove.errors import InputError, ResultError, RobotError, shortened
 from comove.io.drafts import steadily
@@ -46,8 +46,6 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.checks import unfit_joints
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
-
-Array = NDArray[np.float64]
 
 SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")
 FITS = 1e-10  # rad and rad/s, to which samples agree with each other
@@ -351,7 +349,6 @@ def verify_stored(
 
 
 def _near(name: str, value: float) -> float:
-    """Return by how much a measure may differ from the one in the summary."""
     return SAME_CLEARANCE if name.startswith("clearance") else SAME * max(1e-3, abs(value))
 
 
@@ -434,8 +431,7 @@ def _edited_samples(joints: JointMotion, arrays: Arrays) -> list[str]:
     return reasons
 
 
-def _shared(broken: NDArray[np.int64], n_intervals: int) -> int:
-    """Return the sample that broken intervals have in common."""
+def _shared(broken: Integers, n_intervals: int) -> int:
     if len(broken) > 1:
         return int(broken[0]) + 1
     return n_intervals if broken[0] == n_intervals - 1 else int(broken[0])

@@ -17,6 +17,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.model.scene import Scene
 from comove.planning.clock import clock_until
 from comove.planning.trees import ARRIVED, BLOCKED, FREE, rrt_connect, shortened
@@ -25,9 +26,6 @@ from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.links import FATTEST, ROUGH
 from comove.robots.search.outline import Outline
 from comove.robots.verification.bodies import HULL_OF, SCENE, SELF, Bodies
-
-Array = NDArray[np.float64]
-
 
 # m, clearances beyond what is required, of which a pair keeps the first that it has at both ends
 SPARES = (0.02, 0.01, 0.004)
@@ -237,11 +235,11 @@ class _Pairs:
     kinematics: Any
     geometry: Any
     data: Any
-    numbers: NDArray[np.int64]
+    numbers: Integers
     required: Array
 
     @classmethod
-    def of(cls, bodies: Bodies, numbers: NDArray[np.int64], required: Array) -> _Pairs:
+    def of(cls, bodies: Bodies, numbers: Integers, required: Array) -> _Pairs:
         """Return some pairs of bodies, which are copied."""
         which, model = np.isin(np.arange(len(bodies.kind)), numbers), bodies.robot.model
         geometry = bodies.some(which).geometry

@@ -16,8 +16,8 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.brief import brief
 from comove.errors import ComoveWarning, RobotError, near_name
 from comove.robots.description import (
@@ -39,8 +39,6 @@ from comove.robots.supplements import (
     with_guessed_masses,
 )
 from comove.robots.urdf import OF_JOINT, Mimic, Source, errors_of_reader, for_pinocchio, read_source
-
-Array = NDArray[np.float64]
 
 LARGEST_BODY = 50.0  # m, radius of a collision body
 FREEDOMS = 6  # of a hand's pose
@@ -65,7 +63,7 @@ class Arm:
 
     name: str
     tip: str
-    columns: NDArray[np.int64]
+    columns: Integers
     tool: Array
     home: Array
     fingers: tuple[str, ...]
@@ -661,7 +659,7 @@ def _arm(
     name: str,
     arm: ArmDescription,
     chain: list[str],
-    columns: NDArray[np.int64],
+    columns: Integers,
     states: Sequence[GroupState],
     limits: dict[str, Array],
 ) -> Arm:

@@ -13,15 +13,14 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline, PPoly
 
+from comove.arrays import Array, Integers
 from comove.brief import brief
 from comove.dmp.arguments import is_number
 from comove.errors import OptionError
 from comove.ties import first_largest
-
-Array = NDArray[np.float64]
 
 SAMPLE_RATE = 100.0  # Hz
 SLOWEST, FASTEST = 20.0, 1e4  # Hz, of commands: below, hands would leave their distance between them
@@ -245,13 +244,12 @@ def places(curve: PPoly) -> tuple[Array, Array]:
 
 
 def _over(numerator: Array, denominator: Array) -> Array:
-    """Divide, with 0 where the quotient is not finite."""
     with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
         quotient = numerator / denominator
     return np.where(np.isfinite(quotient), quotient, 0.0)
 
 
-def subdivided(samples: Array, parts: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+def subdivided(samples: Array, parts: Integers) -> tuple[Array, Integers]:
     """Divide the time between every two samples evenly into `parts`, an array of shape (n_intervals,).
 
     Returns
@@ -296,7 +294,7 @@ class Ranges:
         return result
 
 
-def commands(joints: JointMotion, rate: float, columns: NDArray[np.int64]) -> Iterator[JointCommand]:
+def commands(joints: JointMotion, rate: float, columns: Integers) -> Iterator[JointCommand]:
     """Return an iterator over the commands of some joints at a rate [Hz], from rest at the start to rest at the goal.
 
     The last command is at the end of the motion, also where the cycles do not divide it.
@@ -315,7 +313,7 @@ def commands(joints: JointMotion, rate: float, columns: NDArray[np.int64]) -> It
     return _commands(joints, float(rate), columns)
 
 
-def _commands(joints: JointMotion, rate: float, columns: NDArray[np.int64]) -> Iterator[JointCommand]:
+def _commands(joints: JointMotion, rate: float, columns: Integers) -> Iterator[JointCommand]:
     block = 1000  # commands computed at once
     count = int(np.ceil(joints.duration * rate - 1e-9))
     for first in range(0, count + 1, block):

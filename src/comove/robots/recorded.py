@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from comove.dmp.demonstrations import Demonstration
@@ -22,8 +21,6 @@ from comove.errors import ComoveWarning, listed
 from comove.robots.model import Arm, Robot
 from comove.robots.soundness import ends_of
 from comove.robots.urdf import OF_JOINT
-
-Array = NDArray[np.float64]
 
 BEYOND = 0.05
 """How far a joint may be recorded beyond its limits without a warning [rad, m for prismatic joints]."""
@@ -134,7 +131,6 @@ def _columns_of(axes: Sequence[str], joints: Sequence[str]) -> list[int | None]:
 
 
 def _words(name: str) -> list[str]:
-    """Return the words of a joint's name, without those that name no joint."""
     words = [word.lower() for word in re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", name)]
     words = words[1:] if words[:1] == ["k"] and len(words) > 1 else words  # as kLeftElbow
     while len(words) > 1 and words[-1] in _IDLE_WORDS:

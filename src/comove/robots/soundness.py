@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError, shortened
 
 LIMITED = ("revolute", "prismatic")
@@ -179,7 +179,6 @@ def _check_mimics(joints: list[ET.Element]) -> None:
 
 
 def _first_of(names: Iterable[str | None], error: CycleError) -> str | None:
-    """Return the first of some names that is in the circle of which an error tells."""
     circle = set(error.args[1])
     return next(name for name in names if name in circle)
 
@@ -223,7 +222,7 @@ def _check_inertia(inertial: ET.Element, told: str) -> None:
         )
 
 
-def _moments(inertial: ET.Element) -> NDArray[np.float64]:
+def _moments(inertial: ET.Element) -> Array:
     """Compute the principal moments of inertia, the least first; array, shape (3,) [kg m^2]."""
     inertia = inertial.find("inertia")
     keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -232,7 +231,7 @@ def _moments(inertial: ET.Element) -> NDArray[np.float64]:
         return np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
 
 
-def _listed(moments: NDArray[np.float64]) -> str:
+def _listed(moments: Array) -> str:
     return f"{', '.join(f'{moment:.3g}' for moment in moments)} kg m^2"
 
 

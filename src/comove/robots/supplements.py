@@ -28,8 +28,8 @@ from typing import Any
 import coal
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError
 from comove.robots.description import JointLimits
 from comove.robots.soundness import LIMITED, RATES, ends_of, local_name, number
@@ -153,7 +153,6 @@ def in_radians_or_metres(lower: float, upper: float, *, slides: bool) -> tuple[f
 
 
 def _hard(joint: ET.Element) -> tuple[float, float]:
-    """Return the limits of a joint's <limit>, infinite where it states none."""
     limit = joint.find("limit")
     texts = [None if limit is None else limit.get(key) for key in ("lower", "upper")]
     if joint.get("type") not in LIMITED:
@@ -187,7 +186,7 @@ MAX_TOLD = 6
 MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
 
-def moved_masses(model: Any, without: float | NDArray[np.float64] = 0.0) -> NDArray[np.float64]:
+def moved_masses(model: Any, without: float | Array = 0.0) -> Array:
     """Return the masses that the joints of a model move; array, shape (n_joints + 1,), the universe first [kg].
 
     Parameters
@@ -217,7 +216,7 @@ def mass_beyond(joint: str, urdfs: Iterable[str]) -> float:
     return sum(masses.get(name, 0.0) for name in beyond)
 
 
-def masses_of(urdf: str, links: Collection[str], model: Any) -> NDArray[np.float64]:
+def masses_of(urdf: str, links: Collection[str], model: Any) -> Array:
     """Return the masses of some links of a URDF by the joint that moves each; array, shape (n_joints + 1,) [kg]."""
     masses = np.zeros(model.njoints)
     for link, mass in _link_masses(urdf).items() if links else ():

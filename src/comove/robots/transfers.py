@@ -14,9 +14,9 @@ from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline, PPoly
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.errors import OptionError, RobotError
 from comove.model.scene import Scene
@@ -32,8 +32,6 @@ from comove.robots.verification.carried import Carried
 from comove.robots.verification.kinematics import Bases
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.verification.verify import Sealed
-
-Array = NDArray[np.float64]
 
 HEIGHT, GRIP_TIME = 0.08, 1.0  # m and s, unless a caller says otherwise
 SHARES = (1.0, 0.5, 0.25)  # of the height, tried in turn where an arm or what is near leaves less
@@ -296,7 +294,6 @@ class Retreat:
 
 
 def _anew(end: str) -> str:
-    """Return how joints are found at an end that leave room for approach or release, in words."""
     return f"solve the scene with {OPTIONS[end]}, which looks for other joints at the {end}"
 
 
@@ -409,7 +406,6 @@ def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Ar
 
 
 def _joined(robot: Robot, wait: float, parts: list[Array]) -> JointMotion:
-    """Join several parts into one motion, after a time at rest."""
     still = np.repeat(parts[0][:1], round(wait * SAMPLE_RATE), axis=0)
     position = np.concatenate([still, parts[0], *(part[1:] for part in parts[1:])])
     return _unchanging(JointMotion(np.arange(len(position)) / SAMPLE_RATE, robot.joint_names, position))
@@ -421,7 +417,6 @@ def _reversed(motion: JointMotion) -> JointMotion:
 
 
 def _unchanging(motion: JointMotion) -> JointMotion:
-    """Make the motion's arrays read-only, so that nobody can change what was judged, and return the motion."""
     for array in (motion.time, motion.position):
         array.setflags(write=False)
     return motion

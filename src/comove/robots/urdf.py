@@ -267,7 +267,6 @@ def errors_of_reader() -> Iterator[list[str]]:
 
 
 def _stl(data: bytes, suffix: str) -> bytes:
-    """Convert a mesh to binary STL."""
     try:
         return as_stl(*triangles_of(data, suffix))
     except MeshError as error:

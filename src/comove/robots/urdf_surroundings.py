@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError, shortened
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.files.keys import Turned
@@ -16,8 +16,6 @@ from comove.robots.description import errors_in
 from comove.robots.formats import URDF, elements_in
 from comove.robots.soundness import ends_of, require_sound
 from comove.robots.urdf import drop_extensions, resolve
-
-Array = NDArray[np.float64]
 
 
 def obstacles_in(path: Path) -> list[dict[str, Any]]:

@@ -11,9 +11,9 @@ from dataclasses import asdict, dataclass, replace
 from numbers import Real
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.arrays import Array, Integers
 from comove.errors import ExportError
 from comove.results.sealed import checksum
 from comove.results.solution import motion_arrays
@@ -21,8 +21,6 @@ from comove.robots.files import joint_arrays
 from comove.robots.motion import JointMotion
 from comove.robots.transfers import Transfers
 from comove.robots.verification.verify import VerifiedJointMotion
-
-Array = NDArray[np.float64]
 
 SAMPLE_RATE = 100.0  # Hz
 LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 0.01 mm, linear by 0.4 mm
@@ -64,7 +62,7 @@ class JointSamples:
     """
 
     joint_names: tuple[str, ...]
-    nanoseconds: NDArray[np.int64]
+    nanoseconds: Integers
     position: Array
     velocity: Array
     acceleration: Array

@@ -188,7 +188,6 @@ class Ros1Client:
                 stream.flush()
 
     def _answer(self, timeout: float) -> dict[str, Any]:
-        """Wait for the first event that says whether the robot is connected."""
         event = self._awaited(("connected", "refused"), timeout)
         if event is None or event["event"] == "ended":
             what = "it did not answer" if event is None else self._last_words()
@@ -228,7 +227,6 @@ class Ros1Client:
             self._lose(f"ended: {self._last_words()}")
 
     def _lose(self, why: str) -> None:
-        """Mark all arms as lost."""
         lost = ArmState(Status.LOST, f"the bridge to ROS {why}")
         self._state = replace(self._state, arms=dict.fromkeys(self._state.arms, lost))
 

@@ -300,7 +300,6 @@ def _deviation(state: RobotState, part: MotionPart) -> tuple[float, str]:
 
 
 def _stopped(client: TrajectoryClient, tolerances: Tolerances, clock: Clock) -> RobotState:
-    """Wait until no arm moves any more, for at most a second, and return the state."""
     until = clock() + 1.0
     state = client.state(tolerances.look)
     while any(arm.status.moves for arm in state.arms.values()) and clock() < until:

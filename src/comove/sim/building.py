@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
@@ -20,9 +20,6 @@ from comove.sim.servos import add_servos
 from comove.sim.settings import PLAN, Perturbation
 from comove.sim.urdf import for_mujoco
 from comove.sim.world import ROBOT, World, add_load, add_obstacles
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 TIMESTEP = 0.002  # s
 LIGHTEST = 1e-6  # kg, that a joint moves: what has no mass is given a thousandth of it (`sim.urdf`)

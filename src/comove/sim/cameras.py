@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import facing, matrices, quaternion_of_rotation
 from comove.sim.engine import engine, no_pictures, require_pictures
 from comove.sim.execution import Execution
 from comove.sim.pictures import View, front_of, furnish, in_sight, sight, stage
 
-Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
@@ -19,8 +20,6 @@ from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
 from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
 from comove.sim.world import THE_LOAD, World, lower_floor
-
-Array = NDArray[np.float64]
 
 
 def simulate(
@@ -268,7 +267,7 @@ class _Log:
         self.wrench[self.count, :, :3] = wrench[:, :3]
         self.wrench[self.count, :, 3:] = wrench[:, 3:] @ turned.T - np.cross(arms, wrench[:, :3])
 
-    def _hand_of_rows(self, data: Any) -> NDArray[np.int64]:
+    def _hand_of_rows(self, data: Any) -> Integers:
         """Return the number of the holder that each row of the constraints belongs to, -1 for none; array, shape
         (n_rows,).
         """

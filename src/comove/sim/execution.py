@@ -25,6 +25,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.model.scene import Scene
 from comove.robots.model import Robot
@@ -35,8 +36,6 @@ from comove.sim.settings import PLAN, Perturbation, Settings
 
 if TYPE_CHECKING:
     from comove.sim.grasps import GraspModel
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -384,6 +383,5 @@ def work_geometry(robot: Robot, scene: Scene, load: Load | None) -> tuple[Any, l
 
 
 def _hand_joints(robot: Robot, scene: Scene, load: Load | None) -> set[int]:
-    """Return the joints whose links move with a hand that holds the load."""
     arms = [robot.arm(scene.manipulators[i]) for i in (load.holders if load is not None else ())]
     return beyond_wrists(robot, arms)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError, RobotError
 from comove.planning.search import Interruption
 from comove.processes import one_blas_thread
@@ -20,8 +20,6 @@ from comove.sim.loads import hand_poses, load_of
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos
 from comove.sim.settings import PLAN, USUAL, Perturbation
 from comove.sim.world import World, moving_body
-
-Array = NDArray[np.float64]
 
 
 def steps_of(period: float) -> int:
@@ -131,7 +129,6 @@ def _command(executor: JointExecutor, measured: Array) -> Array:
 
 
 def _move_obstacles(world: World, data: Any, executor: JointExecutor) -> None:
-    """Put the obstacles that move to where they truly are."""
     centers = executor.observer.ground_truth(np.array([executor.time]))[0]
     for i in np.flatnonzero(executor.scene.moving):
         mocap = world.model.body(moving_body(int(i))).mocapid[0]

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.brief import brief
 from comove.model.scene import Scene
 from comove.robots.grippers import without_gripper
@@ -31,8 +31,6 @@ from comove.ties import first_least
 
 if TYPE_CHECKING:
     from comove.robots.online.executor import JointExecutor
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-6  # by which a share of a limit may exceed 1
 MET = (

@@ -231,7 +231,6 @@ def _obj(pieces: list[Triangles]) -> bytes:
 
 
 def _read_whole(path: Path) -> bytes | None:
-    """Return the body of an entry, None where it is missing or damaged."""
     try:
         body, _, seal = path.read_bytes().rpartition(SEAL)
     except OSError:

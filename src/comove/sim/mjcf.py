@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveWarning, MeshError, RobotError
 from comove.geometry.rotations import matrices
 from comove.geometry.triangles import as_stl, elements_of
@@ -36,8 +36,6 @@ from comove.sim.mjcf_actuators import drives_of
 from comove.sim.mjcf_left_out import LeftOut
 from comove.sim.mjcf_surroundings import ModelSurroundings, Roles, fragment
 from comove.sim.urdf import text_of, write_origin
-
-Array = NDArray[np.float64]
 
 ROOT = "world"
 MESHES = "meshes"  # folder beside the URDF

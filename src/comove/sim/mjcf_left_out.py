@@ -124,7 +124,6 @@ class LeftOut:
                     break
 
     def _motors(self) -> Iterator[tuple[str, str]]:
-        """Yield actuators that drive no joint."""
         model = self.model
         for actuator in range(model.nu):
             if not any(True for _ in driven(self.mj, model, actuator)):

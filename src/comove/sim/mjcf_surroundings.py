@@ -14,12 +14,10 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.sim.mjcf_actuators import Drive
-
-Array = NDArray[np.float64]
 
 FLOOR, THICK = 10.0, 0.1  # m, half the width of a plane without an end, and its thickness as a box
 
@@ -107,7 +105,6 @@ class ModelSurroundings:
                 yield body
 
     def _geoms(self, body: int) -> Iterator[int]:
-        """Yield the geoms of a body that collide with something."""
         model, first = self.model, int(self.model.body_geomadr[body])
         for geom in range(first, first + int(model.body_geomnum[body])):
             if model.geom_contype[geom] or model.geom_conaffinity[geom]:

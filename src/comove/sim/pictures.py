@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from comove.arrays import Array
 from comove.errors import ExtraError, OptionError, ResultError
 from comove.geometry.rotations import matrices
 from comove.io.files import whole_file, whole_path
@@ -30,8 +31,6 @@ from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import Load, hand_poses, load_of
 from comove.sim.settings import PLAN, Perturbation
 from comove.sim.world import World, lower_floor, moving_body
-
-Array = NDArray[np.float64]
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width

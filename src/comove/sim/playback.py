@@ -11,8 +11,8 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.effort import loaded_model, torques
 from comove.robots.model import Robot
@@ -27,8 +27,6 @@ from comove.sim.loads import (
     require_fit,
 )
 from comove.sim.settings import USUAL, Settings
-
-Array = NDArray[np.float64]
 
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s^2
 
@@ -87,7 +85,6 @@ def _with_load(load: Load | None, hands: Array, time: Array) -> tuple[Array, Arr
 
 
 def _loaded(robot: Robot, scene: Scene, load: Load | None) -> Any:
-    """Return the robot's model with the load shared out among its holders."""
     if load is None:
         return robot.model
     arms = tuple(robot.arm(scene.manipulators[i]) for i in load.holders)

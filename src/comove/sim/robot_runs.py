@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.arrays import Array
 from comove.errors import ResultError, shortened
 from comove.model.files.keys import canonical
 from comove.model.scene import Scene
@@ -42,8 +42,6 @@ from comove.sim.loads import carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
     from comove.robots.online.executor import OnlineLog
-
-Array = NDArray[np.float64]
 
 FITS = 1e-9  # m and s, to which what a run says twice agrees
 SAME = 1e-6  # relative, by which measures may differ from those of the summary
@@ -230,7 +228,6 @@ def _require_shapes(stored: StoredRobotRun, scene: Scene, robot: Robot) -> None:
 
 
 def _has_arrived(scene: Scene, arrays: Arrays) -> bool:
-    """Return whether the commanded hands end at their goals, at rest."""
     hands = arrays["nodes"][-2:, : len(scene.manipulators), : scene.n_dims]
     speed = np.linalg.norm(np.diff(hands, axis=0)[0], axis=1).max() / np.diff(arrays["time"])[-1]
     off = np.linalg.norm(hands[-1] - scene.goal, axis=1).max()

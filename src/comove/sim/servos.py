@@ -12,8 +12,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError, RobotError
 from comove.model.scene import Scene
 from comove.robots.effort import carried_masses, loaded_model, torques
@@ -21,8 +21,6 @@ from comove.robots.model import Robot
 from comove.robots.verification.kinematics import joint_axes
 from comove.sim.engine import add_servo
 from comove.sim.world import World
-
-Array = NDArray[np.float64]
 
 FULL_EFFORT = (0.025, 0.001)  # error at which a servo gives all it can where nothing is said [rad; m]
 INERTIA = (0.3, 3.0)  # of what a servo is damped for [kg m^2; kg]

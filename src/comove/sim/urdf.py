@@ -10,15 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import matrices
 from comove.robots.description import Placement
 from comove.robots.urdf import Source, resolve
 from comove.sim.meshes import coloured_parts, convex_parts_of
-
-Array = NDArray[np.float64]
 
 COMPILER = {
     "balanceinertia": "true",

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.geometry.distances import ROTATION
 from comove.geometry.polytopes import vertices_in
 from comove.geometry.rotations import quaternion_of_rotation
@@ -20,9 +21,6 @@ from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.sim.engine import STIFF, THE_LOAD, engine
 from comove.sim.loads import Load
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 ROBOT, OTHER = (1, 2), (2, 3)  # contype, conaffinity
 GROUP = 2  # of obstacles, floor and load; shapes that links collide with are in 0, those that are drawn in 1
@@ -53,19 +51,19 @@ class World:
     model: Any
     robot: Robot
     load: Load | None
-    qpos: Ints
-    dofs: Ints
-    servos: Ints
+    qpos: Integers
+    dofs: Integers
+    servos: Integers
     lead: Array
-    sites: Ints
+    sites: Integers
     holder_names: tuple[str, ...]
-    holder_sites: Ints
-    held_sites: Ints
+    holder_sites: Integers
+    held_sites: Integers
     fingers: tuple[tuple[str, ...], ...]
     load_body: int
     load_qpos: int
     load_dof: int
-    hand_of_geom: Ints
+    hand_of_geom: Integers
     watched: NDArray[np.bool_]
 
     @property

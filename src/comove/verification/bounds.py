@@ -53,7 +53,7 @@ def node_bounds(motion: CoordinatedMotion) -> NodeBounds:
         _, _, second, third = derivative_bounds(center)
         swing, twist = np.zeros(N_INTERVALS), np.zeros(N_INTERVALS)
         if part.kind != POINT:
-            swing, twist = _turning_bounds(part.kind, turn)
+            swing, twist = turning_bounds(part.kind, turn)
         points = part.points[:, :2] if part.kind == ANGLE else part.points
         reach = lengths(points)
         with np.errstate(invalid="ignore"):
@@ -75,7 +75,7 @@ def turn_jerk(motion: CoordinatedMotion, node: int) -> Array:
     part = next(part for part in motion.coordinates.parts if node in part.nodes)
     if part.kind == POINT:
         return np.zeros(N_INTERVALS)
-    return _turning_bounds(part.kind, motion.knots[:, :, part.columns][:, :, motion.coordinates.n_dims :])[1]
+    return turning_bounds(part.kind, motion.knots[:, :, part.columns][:, :, motion.coordinates.n_dims :])[1]
 
 
 def largest_speed(motion: CoordinatedMotion, velocity: Array, jerk: Array) -> float:
@@ -221,7 +221,7 @@ def _slopes(columns: Array) -> Array:
     return (columns[2, 1:] * np.exp(OMEGA * INTERVAL) - columns[2, :-1]) / INTERVAL
 
 
-def _turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
+def turning_bounds(kind: int, turn: Array) -> tuple[Array, Array]:
     """Return bounds of the second and third derivative of a turning point at unit distance from the centre.
 
     With a1, a2, a3 the bounds of the derivatives of v divided by the least |v|, a unit vector u = v/|v| has

@@ -12,8 +12,14 @@ beyond the middle the distance stays above the line through the middle and the o
 clear enough are halved along their larger term. The least bound over all cells, less the chord deviation and the
 radius of the load, is a lower bound of the clearance at every instant.
 
-A moving obstacle is treated in its own frame: the load moves by the relative motion of the two. The obstacle's centre
-strays from the chord of its own path between two knots by a known *sagitta*, which is added to the chord deviation.
+A moving obstacle is treated in its own frame, from which the body is seen at the knots: it moves by the relative
+motion of the two. The obstacle's centre strays from the chord of its own path between two knots by a known *sagitta*,
+which is added to the chord deviation. If the obstacle turns by an angle a between two knots, a point that goes
+straight from z to z' relative to its centre is seen to stray from its chord by at most
+
+    (a^2 max(|z|, |z'|) + 2 a |z' - z|) / 8,
+
+with z and z' taken perpendicular to the axis, as the second derivative of ``R(-a t) (z + t (z' - z))`` shows.
 
 A solid box between two knots stays within the largest chord deviation of its corners of the box of their chords,
 whose centre b and half edges e_k are linear in time. The gap along a fixed direction n between this box and an
@@ -33,6 +39,7 @@ checked for being inside.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -41,18 +48,23 @@ from numpy.typing import NDArray
 
 from comove.dmp.system import INTERVAL, N_INTERVALS
 from comove.model.motion import CoordinatedMotion
+from comove.model.moving import seen_from
 from comove.model.resting import recession_sagittas, recessions
 from comove.model.scene import Scene
-from comove.verification.bounds import NodeBounds, node_bounds
+from comove.verification.bounds import NodeBounds, lengths, node_bounds
 from comove.verification.clearance_kernels import (
-    Around,
+    ClearanceFound,
     CurveArrays,
-    MeshWay,
+    MeshAround,
     Need,
-    Paths,
-    certified_clearance,
+    Rows,
+    certified_border,
+    certified_edges,
     certified_solids,
     certified_surface,
+    edges_at_knots,
+    hulls_at_knots,
+    solids_at_knots,
 )
 
 Array = NDArray[np.float64]
@@ -68,6 +80,8 @@ class CertificateSettings:
     ----------
     loose, tight : how far the bound may stay below the true clearance, in general and close to the required one [m]
     common : sides of workspaces for which these are made; for others they grow and shrink along [m]
+    strays, most_knots : distance of points of turning obstacles from their chords for which knots are added [m], and
+        how many at most
     most_cells, most_halves : cells of edges, and halves of intervals of solids and triangles, each of which takes a
         search for a direction; a bound that needs more is given up as it stands, lower than it might be
     """
@@ -75,6 +89,8 @@ class CertificateSettings:
     loose: float = 1e-4
     tight: float = 1e-7
     common: tuple[float, float] = (0.3, 10.0)
+    strays: float = 2e-5
+    most_knots: int = 20_000
     most_cells: int = 2_000_000
     most_halves: int = 300_000
 
@@ -82,12 +98,39 @@ class CertificateSettings:
         """Return the accuracy required of the bound for a body with these nodes, array of shape (..., 3) [m]."""
         side = float((scene.upper - scene.lower).max())
         unit = 1.0 if self.common[0] <= side <= self.common[1] else side
-        rounding = ROUNDING * max(1.0, side, float(np.abs(nodes).max()))
+        far = np.abs(scene.centers[scene.turning]).max(initial=0.0)  # nodes are turned about these
+        rounding = ROUNDING * max(1.0, side, far, float(np.abs(nodes).max()))
         most = self.most_cells, self.most_halves
         return Need(scene.clearance, self.loose * unit, self.tight * unit, rounding, *most)
 
+    def turned(self, scene: Scene) -> Array:
+        """Return normalised times between which points of turning obstacles stray from their chords by little."""
+        bend = np.linalg.norm(scene.spins, axis=1) * scene.obstacle_speeds
+        finest = scene.duration * np.sqrt(bend.max(initial=0.0) / (8 * self.strays))
+        return np.linspace(0.0, 1.0, int(min(np.ceil(finest), self.most_knots)) + 1)
+
 
 SETTINGS = CertificateSettings()
+
+
+class Paths(NamedTuple):
+    """The motions of all obstacles at some instants.
+
+    Attributes
+    ----------
+    offset : array, shape (n_knots, n_obstacles, 3), offsets of the centres from their positions in the file [m]
+    turn : array, shape (n_knots, n_obstacles, 3), rotation vectors along constant axes, linear in between [rad]
+    sagitta : array, shape (n_knots - 1, n_obstacles), largest distance of the centres from their chords [m]
+    """
+
+    offset: Array
+    turn: Array
+    sagitta: Array
+
+    @classmethod
+    def of(cls, scene: Scene, time: Array) -> Paths:
+        """Return the motions by the scene; array, shape (n_knots,) [s]."""
+        return cls(scene.offsets(time), scene.turns(time), scene.obstacle_sagittas(time))
 
 
 class Clearance(NamedTuple):
@@ -123,17 +166,17 @@ def certify(
     scene, q = motion.scene, motion.knots[0]
     s = INTERVAL * np.arange(N_INTERVALS + 1, dtype=np.float64)
     deviation = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
-    if len(scene.obstacle_kinks) or since > 0:  # between kinks obstacles go straight, or on circles
-        s = np.union1d(s, np.append(scene.obstacle_kinks / scene.duration, since))
+    if len(scene.obstacle_kinks) or since > 0 or scene.turning.any():
+        # Between kinks obstacles go straight, or on circles; those that turn fast are looked at more often.
+        s = np.concatenate([s, scene.obstacle_kinks / scene.duration, [since], settings.turned(scene)])
+        s = np.unique(s)
         s = s[s >= since]
         q = motion.at(s)[0]
-        deviation = deviation[np.minimum((0.5 * (s[1:] + s[:-1]) / INTERVAL).astype(int), N_INTERVALS - 1)]
+        k = np.minimum((0.5 * (s[1:] + s[:-1]) / INTERVAL).astype(int), N_INTERVALS - 1)
+        deviation = deviation[k] * ((s[1:] - s[:-1]) / INTERVAL)[:, None] ** 2
     nodes = motion.coordinates.nodes(np.ascontiguousarray(q.T[None]))[0]
     time = s * scene.duration
-    paths = Paths(np.zeros((0, len(scene.obstacles), 3)), np.zeros((0, len(scene.obstacles))))
-    if scene.moving.any():
-        paths = Paths(scene.by_row(scene.offsets(time)), scene.by_row(scene.obstacle_sagittas(time)))
-    return certify_curve(scene, CurveArrays(nodes, deviation), time, paths, settings)
+    return certify_curve(scene, CurveArrays(nodes, deviation), time, Paths.of(scene, time), settings)
 
 
 def certify_curve(
@@ -153,23 +196,30 @@ def certify_curve(
         return Clearance(-np.inf, -np.inf, float(time[0]), -1)
     if scene.rests:
         paths = _receded(scene, curve, paths)
-    body, own, need = scene.body, scene.convex_rows, settings.need(scene, curve.nodes)
-    moving = Paths(*(np.ascontiguousarray(array[:, own]) for array in paths))
-    around = Around(scene.obstacles[own], moving, *scene.workspace, need)
-    found = certified_clearance(curve, body.edges, body.radii, around)
-    if len(body.solids):
-        found = certified_solids(curve, body.solids, around, found)
-    if found.nearest >= 0:
-        found = found._replace(nearest=int(scene.owners[own][found.nearest]))
-    parts = (body.edges, body.radii), (body.solids, np.zeros(len(body.solids)))
-    for mesh, (obstacle, row) in enumerate(zip(scene.surfaces.owner, scene.surfaces.row, strict=True)):
-        way = np.zeros(curve.nodes[:, 0].shape), np.zeros(len(curve.deviation))
-        if len(paths.offset):
-            way = np.ascontiguousarray(paths.offset[:, row]), np.ascontiguousarray(paths.sagitta[:, row])
-        for hulls, radii in parts:
-            if len(hulls):
-                moves = MeshWay(scene.surfaces, mesh, int(obstacle), *way)
-                found = certified_surface(curve, hulls, radii, moves, need, found)
+    body, need = scene.body, settings.need(scene, curve.nodes)
+    ends = np.concatenate([body.edges.ravel(), body.solids.ravel()])
+    radii = np.zeros(len(ends))
+    radii[: body.edges.size] = np.repeat(body.radii, 2)
+    found = ClearanceFound(np.inf, np.inf, 0, -1)
+    found = certified_border(curve, ends, radii, np.array(scene.workspace), need, found)
+    hulls = [(body.edges, body.radii), (body.solids, np.zeros(len(body.solids)))]
+    hulls = [(own, thick) for own, thick in hulls if len(own)]
+    for at_knots in (True, False):  # first what the clearance is about, which spares much of the rest
+        for seen, rows, meshes in _views(scene, curve, paths):
+            if at_knots:
+                found = edges_at_knots(seen.nodes, body.edges, body.radii, rows, need, found)
+                if len(body.solids):
+                    found = solids_at_knots(seen.nodes, body.solids, rows, need, found)
+            else:
+                found = certified_edges(seen, body.edges, body.radii, rows, need, found)
+                if len(body.solids):
+                    found = certified_solids(seen, body.solids, rows, need, found)
+            for mesh in meshes:
+                for own, thick in hulls:
+                    if at_knots:
+                        found = hulls_at_knots(seen.nodes, own, thick, mesh, need, found)
+                    else:
+                        found = certified_surface(seen, own, thick, mesh, need, found)
     lower, upper, k, nearest = found
     if body.filled or len(scene.surfaces.root):  # at the start, a body inside may touch no border
         at_start, _ = scene.clearance_at(curve.nodes[0], float(time[0]))
@@ -177,10 +227,41 @@ def certify_curve(
     return Clearance(lower, upper, float(time[k]), nearest)
 
 
+def _views(
+    scene: Scene, curve: CurveArrays, paths: Paths
+) -> Iterator[tuple[CurveArrays, Rows, list[MeshAround]]]:
+    """Yield the curve as obstacles see it, and these obstacles: first all that stand, then each one that moves."""
+    moves = np.any(paths.offset, axis=(0, 2)) | np.any(paths.turn, axis=(0, 2))
+    moves = np.atleast_1d(moves | np.any(paths.sagitta, axis=0))
+    for own in (np.flatnonzero(~moves), *np.flatnonzero(moves)[:, None]):
+        rows = scene.convex_rows & np.isin(scene.owners, own)
+        meshes = np.flatnonzero(np.isin(scene.surfaces.owner, own))
+        if rows.any() or len(meshes):
+            yield (
+                _seen(curve, scene, paths, int(own[0])) if moves[own[0]] else curve,
+                Rows(scene.obstacles[rows], scene.owners[rows]),
+                [MeshAround(scene.surfaces, int(i), int(scene.surfaces.owner[i])) for i in meshes],
+            )
+
+
+def _seen(curve: CurveArrays, scene: Scene, paths: Paths, obstacle: int) -> CurveArrays:
+    """Return a curve as an obstacle that moves sees it, in the frame of its pose in the file."""
+    center, spin = scene.centers[obstacle], scene.spins[obstacle]
+    offset, turn, sagitta = (array[:, obstacle] for array in paths)
+    nodes = np.ascontiguousarray(seen_from(curve.nodes, center, offset, turn))
+    deviation = curve.deviation + sagitta[:, None]
+    if spin.any():
+        across = curve.nodes - offset[:, None] - center
+        axis = spin / np.linalg.norm(spin)
+        across -= (across @ axis)[..., None] * axis
+        reach, way = lengths(across), lengths(np.diff(across, axis=0))
+        angle = lengths(np.diff(turn, axis=0))[:, None]
+        deviation += angle * (angle * np.maximum(reach[1:], reach[:-1]) + 2 * way) / 8
+    return CurveArrays(nodes, deviation)
+
+
 def _receded(scene: Scene, curve: CurveArrays, paths: Paths) -> Paths:
     """Return the paths of obstacles where supports recede from a payload that rests on them."""
     moved = recessions(scene, curve.nodes)
-    sagitta = scene.by_row(recession_sagittas(scene, curve.nodes, curve.deviation, moved))
-    if not len(paths.offset):
-        return Paths(scene.by_row(moved), sagitta)
-    return Paths(paths.offset + scene.by_row(moved), paths.sagitta + sagitta)
+    sagitta = recession_sagittas(scene, curve.nodes, curve.deviation, moved)
+    return paths._replace(offset=paths.offset + moved, sagitta=paths.sagitta + sagitta)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.geometry.distances import point_distance, points_apart
-from comove.geometry.solids import empty_solid, gap, move_solid, solid_at, solid_distance
+from comove.geometry.solids import empty_solid, gap, solid_at, solid_distance
 from comove.geometry.surfaces import (
     DEPTH,
     Surfaces,
@@ -48,7 +48,7 @@ class Need(NamedTuple):
 
 
 class CurveArrays(NamedTuple):
-    """The nodes of a body at some instants, and how far they stray from their chords in between.
+    """The nodes of a body at some instants, in any frame, and how far they stray from their chords in between.
 
     Attributes
     ----------
@@ -60,35 +60,17 @@ class CurveArrays(NamedTuple):
     deviation: Array
 
 
-class Paths(NamedTuple):
-    """The motions of obstacles by row of their table, as kernels take them; empty where all obstacles stand still.
+class Rows(NamedTuple):
+    """Convex obstacles that stand in the frame from which a body is seen.
 
     Attributes
     ----------
-    offset : array, shape (n_knots, n_rows, 3), offsets of the centres from their first positions [m]
-    sagitta : array, shape (n_knots - 1, n_rows), largest distance of the centres from their chords between knots [m]
+    table : array, shape (n_rows, n_columns), rows of the table of obstacles
+    owner : array of int, shape (n_rows,), the obstacles' numbers in the scene's file
     """
 
-    offset: Array
-    sagitta: Array
-
-
-class Around(NamedTuple):
-    """Everything that a body must keep clear of, and how accurately that is to be bounded.
-
-    Attributes
-    ----------
-    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
-    paths : motions of the obstacles
-    lower, upper : arrays, shape (3,), the workspace [m]
-    need : accuracy required of the bound
-    """
-
-    obstacles: Array
-    paths: Paths
-    lower: Array
-    upper: Array
-    need: Need
+    table: Array
+    owner: Numbers
 
 
 class ClearanceFound(NamedTuple):
@@ -124,74 +106,59 @@ class EdgeSweep(NamedTuple):
 
 
 @kernel
-def certified_clearance(curve: CurveArrays, edges: Numbers, radii: Array, around: Around) -> ClearanceFound:
-    """Return a certified lower bound of the clearance, the least clearance found, its knot and its obstacle.
+def certified_edges(
+    curve: CurveArrays, edges: Numbers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
+) -> ClearanceFound:
+    """Return what is certified, of edges among obstacles that stand in the curve's frame too.
 
-    Of several obstacles that are equally near, it is the first.
+    Of several obstacles that are equally near, the first is named.
 
     Parameters
     ----------
     edges, radii : arrays, shapes (n_edges, 2) and (n_edges,), the body
+    found : what is certified so far
     """
-    (nodes, deviation), (obstacles, paths, _, _, need) = curve, around
-    found = _edges_at_border(curve, edges, radii, around)
-    found = _first_look(nodes, edges, radii, around, found)
+    (nodes, deviation), (obstacles, _) = curve, rows
     ends, stack = np.empty((4, 3)), np.empty((STACK, 4))
     cells = np.int64(0)  # a literal 0 has a type of its own, for which all below would be compiled once more
     for k in range(deviation.shape[0]):
         for e in range(edges.shape[0]):
             m, n = edges[e, 0], edges[e, 1]
-            strays = max(deviation[k, m], deviation[k, n]) + need.rounding
-            _seen_from(nodes, k, m, n, (0.0, 0.0, 0.0), ends[:2])
-            _seen_from(nodes, k + 1, m, n, (0.0, 0.0, 0.0), ends[2:])
+            swell = max(deviation[k, m], deviation[k, n]) + need.rounding
+            ends[0], ends[1], ends[2], ends[3] = nodes[k, m], nodes[k, n], nodes[k + 1, m], nodes[k + 1, n]
             length = max(points_apart(ends[0], ends[1]), points_apart(ends[2], ends[3]))
             move = max(points_apart(ends[0], ends[2]), points_apart(ends[1], ends[3]))
             for j in range(obstacles.shape[0]):
-                swell = strays
-                if paths.offset.shape[0] > 0:  # as seen from the obstacle
-                    _seen_from(nodes, k, m, n, _offset(paths, k, j), ends[:2])
-                    _seen_from(nodes, k + 1, m, n, _offset(paths, k + 1, j), ends[2:])
-                    move = max(points_apart(ends[0], ends[2]), points_apart(ends[1], ends[3]))
-                    swell = strays + paths.sagitta[k, j]
                 x, y, z = _on_surface(ends, 0.5, 0.5)
                 distance = point_distance(obstacles, j, x, y, z) - radii[e]
                 if distance - 0.5 * move - 0.5 * length - swell > found.met:
                     continue  # far away: most cells
                 sweep = EdgeSweep(ends, length, radii[e], swell)
-                found, cells = _while_swept(around, j, k, sweep, found, stack, cells)
+                found, cells = _while_swept(rows, need, j, k, sweep, found, stack, cells)
     return found
 
 
 @kernel
-def _edges_at_border(curve: CurveArrays, edges: Numbers, radii: Array, around: Around) -> ClearanceFound:
-    """Return the bound of the distance of edges from the border of the workspace."""
-    (nodes, deviation), found = curve, ClearanceFound(np.inf, np.inf, 0, -1)
-    n_intervals = deviation.shape[0]
-    for e in range(edges.shape[0]):
-        for k in range(n_intervals + 1):
-            worst = 0.0
-            for i in range(2):
-                n = edges[e, i]
-                if k > 0:
-                    worst = max(worst, deviation[k - 1, n])
-                if k < n_intervals:
-                    worst = max(worst, deviation[k, n])
-                found = _at_border(nodes, k, n, around, radii[e], worst, found)
-    return found
-
-
-@kernel
-def _at_border(
-    nodes: Array, k: int, n: int, around: Around, swell: float, worst: float, found: ClearanceFound
+def certified_border(
+    curve: CurveArrays, which: Numbers, radii: Array, workspace: Array, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is found with the distances of a node from the sides of the workspace, less `swell` [m].
+    """Return what is certified, of the distance of nodes from the border of the workspace.
 
-    From there the node strays by `worst` at most [m].
+    Parameters
+    ----------
+    which, radii : arrays, shape (n,), numbers of the nodes and the radii of what is about them [m]
+    workspace : array, shape (2, 3), its corners [m]
     """
-    for axis in range(3):
-        border = min(nodes[k, n, axis] - around.lower[axis], around.upper[axis] - nodes[k, n, axis])
-        found = _with_distance(found, border - swell, k, -1, around.need)
-        found = _with_bound(found, border - swell - worst)
+    (nodes, deviation), n_intervals = curve, curve.deviation.shape[0]
+    for i in range(which.shape[0]):
+        n = which[i]
+        for k in range(n_intervals + 1):
+            strays = max(deviation[max(k - 1, 0), n], deviation[min(k, n_intervals - 1), n])
+            for axis in range(3):
+                x = nodes[k, n, axis]
+                border = min(x - workspace[0, axis], workspace[1, axis] - x) - radii[i]
+                found = _with_distance(found, border, k, -1, need)
+                found = _with_bound(found, border - strays)
     return found
 
 
@@ -212,39 +179,44 @@ def _with_bound(found: ClearanceFound, bound: float) -> ClearanceFound:
 
 
 @kernel
-def _first_look(
-    nodes: Array, edges: Numbers, radii: Array, around: Around, found: ClearanceFound
+def edges_at_knots(
+    nodes: Array, edges: Numbers, radii: Array, rows: Rows, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is found at every fourth knot: a good upper bound, so that few cells need halving."""
-    obstacles = around.obstacles
+    obstacles, owner = rows
     for k in range(0, nodes.shape[0], 4):
         for e in range(edges.shape[0]):
             p, q = nodes[k, edges[e, 0]], nodes[k, edges[e, 1]]
             for j in range(obstacles.shape[0]):
-                x, y, z = _offset(around.paths, k, j)
                 for i in range(3):
                     s = 0.5 * i
                     distance = point_distance(
                         obstacles,
                         j,
-                        p[0] + s * (q[0] - p[0]) - x,
-                        p[1] + s * (q[1] - p[1]) - y,
-                        p[2] + s * (q[2] - p[2]) - z,
+                        p[0] + s * (q[0] - p[0]),
+                        p[1] + s * (q[1] - p[1]),
+                        p[2] + s * (q[2] - p[2]),
                     )
-                    found = _with_distance(found, distance - radii[e], k, j, around.need)
+                    found = _with_distance(found, distance - radii[e], k, owner[j], need)
     return found
 
 
 @kernel
 def _while_swept(
-    around: Around, j: int, k: int, sweep: EdgeSweep, found: ClearanceFound, stack: Array, cells: int
+    rows: Rows,
+    need: Need,
+    j: int,
+    k: int,
+    sweep: EdgeSweep,
+    found: ClearanceFound,
+    stack: Array,
+    cells: int,
 ) -> tuple[ClearanceFound, int]:
     """Bound the clearance from obstacle j while an edge sweeps from knot k to the next, halving cells where needed.
 
     `stack` is scratch, `cells` the number of cells looked at so far, which is returned as well.
     """
-    obstacles, need = around.obstacles, around.need
-    ends, length, radius, swell = sweep
+    (obstacles, owner), (ends, length, radius, swell) = rows, sweep
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = 0.0, 1.0, 0.0, 1.0
     top = 1
     while top > 0:
@@ -254,7 +226,7 @@ def _while_swept(
         t, s = 0.5 * (t0 + t1), 0.5 * (s0 + s1)
         x, y, z = _on_surface(ends, t, s)
         distance = point_distance(obstacles, j, x, y, z) - radius
-        found = _with_distance(found, distance, k, j, need)
+        found = _with_distance(found, distance, k, owner[j], need)
         along = distance - 0.5 * (s1 - s0) * length
         moved = 0.5 * (t1 - t0) * max(_move(ends, s0), _move(ends, s1))
         enough = found.met - _slack(found.met, need)
@@ -263,7 +235,7 @@ def _while_swept(
             first = point_distance(obstacles, j, x, y, z) - radius
             x, y, z = _on_surface(ends, t, s1)
             last = point_distance(obstacles, j, x, y, z) - radius
-            found = _with_distance(found, min(first, last), k, j, need)
+            found = _with_distance(found, min(first, last), k, owner[j], need)
             along = max(along, min(distance, 2 * distance - first, 2 * distance - last))
         if along - moved >= enough or top + 2 >= STACK or cells > need.most_cells:
             found = _with_bound(found, along - moved - swell)
@@ -281,32 +253,27 @@ def _while_swept(
 
 @kernel
 def certified_solids(
-    curve: CurveArrays, solids: Numbers, around: Around, found: ClearanceFound
+    curve: CurveArrays, solids: Numbers, rows: Rows, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return the results of `certified_clearance` for the whole body, solids included.
+    """Return what is certified, of solids among obstacles that stand in the curve's frame too.
 
     Parameters
     ----------
     solids : array of int, shape (n_solids, 8) for boxes or (n_solids, n) for hulls, nodes at their corners
-    found : results for the rest of the body
     """
-    (nodes, deviation), (obstacles, paths, _, _, need) = curve, around
-    bound, met, knot, nearest = _solids_at_first(curve, solids, around, found)
+    (nodes, deviation), (obstacles, owner) = curve, rows
+    bound, met, knot, nearest = found
     begin, end, solid = empty_solid(solids), empty_solid(solids), empty_solid(solids)
     normal, other = np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0])
     stack, cells = np.empty((STACK, 2)), 0
     for corners in solids:
         for j in range(obstacles.shape[0]):
-            _solid_seen_from(paths, 0, j, nodes[0], corners, end)
+            solid_at(nodes[0], corners, end)
             solid_distance(obstacles, j, end, np.inf, normal)
             for k in range(deviation.shape[0]):
                 begin, end = end, begin
-                _solid_seen_from(paths, k + 1, j, nodes[k + 1], corners, end)
-                swell = need.rounding
-                for n in corners:
-                    swell = max(swell, deviation[k, n] + need.rounding)
-                if paths.offset.shape[0] > 0:
-                    swell += paths.sagitta[k, j]
+                solid_at(nodes[k + 1], corners, end)
+                swell = _largest(deviation[k], corners) + need.rounding
                 stack[0, 0], stack[0, 1] = 0.0, 1.0
                 top = 1
                 while top > 0:
@@ -321,7 +288,7 @@ def certified_solids(
                         at_middle, distance = solid_distance(obstacles, j, solid, np.inf, other)
                         if distance < met:
                             if distance < met - need.rounding:
-                                knot, nearest = k, j
+                                knot, nearest = k, owner[j]
                             met = distance
                             slack = _slack(met, need)
                         anew = _gap_throughout(obstacles, j, begin, end, t0, t1, solid, other)
@@ -340,66 +307,59 @@ def certified_solids(
 
 
 @kernel
-def _solids_at_first(
-    curve: CurveArrays, solids: Numbers, around: Around, found: ClearanceFound
+def solids_at_knots(
+    nodes: Array, solids: Numbers, rows: Rows, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return what is found of the corners of solids at the border, and of solids at every fourth knot."""
-    nodes, deviation = curve
-    solid, normal, n_intervals = empty_solid(solids), np.array([1.0, 0.0, 0.0]), deviation.shape[0]
+    """Return what is found of solids at every fourth knot."""
+    obstacles, owner = rows
+    solid, normal = empty_solid(solids), np.array([1.0, 0.0, 0.0])
     for corners in solids:
-        for k in range(n_intervals + 1):
-            for n in corners:
-                worst = max(deviation[max(k - 1, 0), n], deviation[min(k, n_intervals - 1), n])
-                found = _at_border(nodes, k, n, around, 0.0, worst, found)
-        for k in range(0, n_intervals + 1, 4):
-            for j in range(around.obstacles.shape[0]):
-                _solid_seen_from(around.paths, k, j, nodes[k], corners, solid)
-                distance = solid_distance(around.obstacles, j, solid, found.met, normal)[1]
-                found = _with_distance(found, distance, k, j, around.need)
+        for k in range(0, nodes.shape[0], 4):
+            solid_at(nodes[k], corners, solid)
+            for j in range(obstacles.shape[0]):
+                distance = solid_distance(obstacles, j, solid, found.met, normal)[1]
+                found = _with_distance(found, distance, k, owner[j], need)
     return found
 
 
-class MeshWay(NamedTuple):
-    """A mesh that moves.
+class MeshAround(NamedTuple):
+    """A mesh among the obstacles.
 
     Attributes
     ----------
     surfaces, mesh : the scene's meshes, and the number of the mesh among them
     obstacle : number of the obstacle that it is
-    offset, sagitta : arrays, shapes (n_knots, 3) and (n_knots - 1,), its motion, as in `Paths` [m]
     """
 
     surfaces: Surfaces
     mesh: int
     obstacle: int
-    offset: Array
-    sagitta: Array
 
 
 @kernel
 def certified_surface(
-    curve: CurveArrays, hulls: Numbers, radii: Array, way: MeshWay, need: Need, found: ClearanceFound
+    curve: CurveArrays, hulls: Numbers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
-    """Return the lower bound and the least clearance for the whole body and one more mesh.
+    """Return what is certified, of hulls and a mesh that stands in the curve's frame.
 
     Parameters
     ----------
     hulls : array of int, shape (n_hulls, n), nodes of every convex part of the body
     radii : array, shape (n_hulls,), radii by which the parts are thickened [m]
-    found : results for the obstacles before
     """
-    (nodes, _), (surfaces, mesh, obstacle, offset, _), n_points = curve, way, hulls.shape[1]
-    bound, met, knot, who = _hulls_at_first(curve, hulls, radii, way, need, found)
+    (nodes, _), (surfaces, mesh, obstacle), n_points = curve, around, hulls.shape[1]
+    bound, met, knot, who = found
     begin, end, middle = np.empty((n_points, 3)), np.empty((n_points, 3)), np.empty((n_points, 3))
     normal, other, scratch = np.array([1.0, 0.0, 0.0]), np.empty(3), np.empty((3, 4, 3))
     box_of_both, boxes, parts = np.empty((2, 3)), np.empty(DEPTH, dtype=np.int64), np.empty((STACK, 2))
     cells = 0
     for h in range(hulls.shape[0]):
-        _hull_seen_from(nodes[0], hulls[h], offset[0], end)
+        _hull_at(nodes[0], hulls[h], end)
         for k in range(nodes.shape[0] - 1):
             begin, end = end, begin
-            _hull_seen_from(nodes[k + 1], hulls[h], offset[k + 1], end)
-            swell = radii[h] + _swell(curve, hulls[h], way, k) + need.rounding
+            _hull_at(nodes[k + 1], hulls[h], end)
+            swell = radii[h] + surfaces.slack[mesh] + need.rounding
+            swell += _largest(curve.deviation[k], hulls[h])
             _span_box(begin, end, box_of_both)
             boxes[0], top = surfaces.root[mesh], 1
             while top > 0:
@@ -455,26 +415,26 @@ def certified_surface(
 
 
 @kernel
-def _hulls_at_first(
-    curve: CurveArrays, hulls: Numbers, radii: Array, way: MeshWay, need: Need, found: ClearanceFound
+def hulls_at_knots(
+    nodes: Array, hulls: Numbers, radii: Array, around: MeshAround, need: Need, found: ClearanceFound
 ) -> ClearanceFound:
     """Return what is found of hulls at every fourth knot."""
-    hull = np.empty((hulls.shape[1], 3))
+    hull, (surfaces, mesh, obstacle) = np.empty((hulls.shape[1], 3)), around
     for h in range(hulls.shape[0]):
-        for k in range(0, curve.nodes.shape[0], 4):
-            _hull_seen_from(curve.nodes[k], hulls[h], way.offset[k], hull)
-            distance = surface_distance(way.surfaces, way.mesh, hull, found.met + radii[h]) - radii[h]
-            found = _with_distance(found, distance, k, way.obstacle, need)
+        for k in range(0, nodes.shape[0], 4):
+            _hull_at(nodes[k], hulls[h], hull)
+            distance = surface_distance(surfaces, mesh, hull, found.met + radii[h]) - radii[h]
+            found = _with_distance(found, distance, k, obstacle, need)
     return found
 
 
 @kernel
-def _swell(curve: CurveArrays, hull: Numbers, way: MeshWay, k: int) -> float:
-    """Return how far a hull and a mesh stray from their chords after knot k, and how inexact the mesh is [m]."""
+def _largest(deviation: Array, hull: Numbers) -> float:
+    """Return the largest distance of a hull's nodes from their chords [m]."""
     worst = 0.0
     for node in hull:
-        worst = max(worst, curve.deviation[k, node])
-    return worst + way.sagitta[k] + way.surfaces.slack[way.mesh]
+        worst = max(worst, deviation[node])
+    return worst
 
 
 @kernel
@@ -486,11 +446,10 @@ def _span_box(begin: Array, end: Array, out: Array) -> None:
 
 
 @kernel
-def _hull_seen_from(nodes: Array, hull: Numbers, offset: Array, out: Array) -> None:
-    """Write in `out` the nodes of a hull in the frame of a mesh that has moved by `offset`."""
+def _hull_at(nodes: Array, hull: Numbers, out: Array) -> None:
+    """Write in `out` the nodes of a hull."""
     for i in range(hull.shape[0]):
-        for axis in range(3):
-            out[i, axis] = nodes[hull[i], axis] - offset[axis]
+        out[i] = nodes[hull[i]]
 
 
 @kernel
@@ -505,30 +464,6 @@ def _hull_gap(
     first = triangle_gap(triangle, scratch, normal)
     _between(begin, end, t1, scratch)
     return min(first, triangle_gap(triangle, scratch, normal))
-
-
-@kernel
-def _offset(paths: Paths, k: int, j: int) -> tuple[float, float, float]:
-    """Return the offset of the centre of obstacle j at knot k [m]."""
-    if paths.offset.shape[0] == 0:
-        return 0.0, 0.0, 0.0
-    return paths.offset[k, j, 0], paths.offset[k, j, 1], paths.offset[k, j, 2]
-
-
-@kernel
-def _seen_from(nodes: Array, k: int, m: int, n: int, offset: tuple[float, float, float], out: Array) -> None:
-    """Write in `out` two nodes at knot k in the frame of an obstacle that has moved by `offset` [m]."""
-    for axis in range(3):
-        out[0, axis] = nodes[k, m, axis] - offset[axis]
-        out[1, axis] = nodes[k, n, axis] - offset[axis]
-
-
-@kernel
-def _solid_seen_from(paths: Paths, k: int, j: int, nodes: Array, corners: Numbers, solid: Array) -> None:
-    """Write in `solid` the solid at knot k in the frame of obstacle j."""
-    solid_at(nodes, corners, solid)
-    x, y, z = _offset(paths, k, j)
-    move_solid(solid, -x, -y, -z)
 
 
 @kernel

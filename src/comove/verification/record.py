@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from comove.brief import brief
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
-from comove.model.constraints import Course, RelativePoseConstraint, UprightConstraint
+from comove.model.constraints import Course
 from comove.model.scene import Scene
-from comove.verification.certificate import Clearance, certify_curve
-from comove.verification.clearance_kernels import CurveArrays, Paths
+from comove.verification.certificate import Clearance, Paths, certify_curve
+from comove.verification.clearance_kernels import CurveArrays
 from comove.verification.verify import Report, broken_limits, examine, measures, support_measures
 
 Array = NDArray[np.float64]
@@ -103,6 +103,13 @@ class Record:
         axes = slice(0, 2) if self.scene.n_dims == 3 else slice(2, 3)
         return 0.5 * np.linalg.norm(self.spins[:, g, axes], axis=1) * np.diff(self.time)
 
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return a direction fixed in a hand's body at every step, and how far it leaves its chords within one."""
+        (g,) = {g for g, nodes in enumerate(self.scene.nodes_of_groups) if hand in nodes}
+        turns = matrices(self.quaternion[:, g])
+        stray = (self.spins[:, g] ** 2).sum(axis=1) * np.diff(self.time) ** 2 / 8
+        return turns @ (self.scene.groups[g].start.rotation.T @ own), stray
+
 
 @dataclass(frozen=True, eq=False)
 class RecordSamples:
@@ -134,7 +141,7 @@ class RecordSamples:
                 key="position",
                 way_out=f"give {shape[1]} hands in {shape[2]} dimensions at every time, 3 or more",
             )
-        unknown = [c for c in scene.constraints if isinstance(c, (UprightConstraint, RelativePoseConstraint))]
+        unknown = [c for c in scene.constraints if c.turning]
         if scene.body.n_nodes > len(scene.manipulators) or (unknown and scene.n_dims == 3):
             raise OptionError(
                 "hands do not tell how this load is turned", key="scene", way_out="take a bar or a frame"
@@ -169,6 +176,10 @@ class RecordSamples:
     def tilting(self, hands: Sequence[int]) -> Array:
         """Return zeros: the direction between two hands that go straight turns one way in a step."""
         return np.zeros(len(self.time) - 1)
+
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return infinite deviations, as nothing is known of how bodies are turned."""
+        return np.tile(own, (len(self.time), 1)), np.full(len(self.time) - 1, np.inf)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,8 +250,7 @@ def clearance_of(record: Record | RecordSamples) -> Clearance:
         share = ((cut - time[k]) / (time[k + 1] - time[k]))[:, None, None]
         nodes, chord_deviations = (1 - share) * nodes[k] + share * nodes[k + 1], chord_deviations[k[:-1]]
         obstacles, sagitta, time = scene.centers + scene.offsets(cut), scene.obstacle_sagittas(cut), cut
-    offsets = scene.by_row(obstacles - scene.centers)
-    paths = Paths(offsets if offsets.any() else offsets[:0], scene.by_row(sagitta))
+    paths = Paths(obstacles - scene.centers, scene.turns(time), sagitta)
     return certify_curve(scene, CurveArrays(nodes, chord_deviations), time, paths)
 
 
@@ -283,3 +293,7 @@ class _RecordCourse(Course):
     def tilting(self, hands: Sequence[int]) -> Array:
         """Return by how much lines between hands may tilt more within a step than at its ends."""
         return self.record.tilting(hands)
+
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return a direction of a body that a record knows."""
+        return self.record.direction(hand, own)

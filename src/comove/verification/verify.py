@@ -19,6 +19,7 @@ import comove
 from comove.brief import brief
 from comove.dmp.system import INTERVAL, N_INTERVALS
 from comove.errors import OptionError
+from comove.model.blocks import turned
 from comove.model.constraints import Constraint, Course
 from comove.model.coordinates import ANGLE, DIRECTION, POINT, Block, coordinates_for
 from comove.model.motion import CoordinatedMotion
@@ -33,6 +34,7 @@ from comove.verification.bounds import (
     largest_speed,
     lengths,
     node_bounds,
+    turning_bounds,
 )
 from comove.verification.certificate import Clearance, certify
 
@@ -105,6 +107,19 @@ class MotionCourse(Course):
         part, _ = self._block(hands[0])
         kept = set(hands) <= set(part.nodes.tolist()) and self._keeps_tilt(part)
         return np.full(N_INTERVALS, 0.0 if kept or self._is_level(hands) else np.inf)
+
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return a direction fixed in a hand's body, and how far its second derivative lets it leave its chords."""
+        part, _ = self._block(hand)
+        turn = self.motion.knots[:, :, part.columns][:, :, self.n_dims :]
+        if part.kind == POINT:
+            return np.tile(own, (N_INTERVALS + 1, 1)), np.zeros(N_INTERVALS)
+        if part.kind == DIRECTION:
+            return np.tile(own, (N_INTERVALS + 1, 1)), np.full(N_INTERVALS, np.inf)
+        first = turned(part.kind, turn[:, :1], np.eye(3))[0, 0].T
+        there = turned(part.kind, turn, (first.T @ own)[None])[0, :, 0]
+        reach = np.linalg.norm(own[:2]) if part.kind == ANGLE else 1.0
+        return there, CHORD_DEVIATION * reach * turning_bounds(part.kind, turn)[0]
 
     def _is_level(self, hands: Sequence[int]) -> bool:
         """Return whether hands in space are at one height, whatever q is."""

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from comove.arrays import Array, Integers
 from comove.data.carried import executed, figures_of, restored_carry
 from comove.data.runs import StoredCarry, StudyRun
 from comove.data.study_file import SimulationPart
@@ -21,8 +21,6 @@ from comove.robots import VerifiedJointMotion
 from comove.sim import Execution
 from comove.trajectory import interpolated
 from comove.verification.verify import VerifiedMotion
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class EpisodeJoints:
 
     robot: str
     names: tuple[str, ...]
-    columns: tuple[NDArray[np.int64], ...]
+    columns: tuple[Integers, ...]
     measured: Array
     wanted: Array
     hands: Array

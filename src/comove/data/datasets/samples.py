@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.data.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
 from comove.data.episode import DAMAGED, restored, sample_times
 from comove.data.runs import MEASURES, RUNS, StoredMotion, StudyRun, StudyStore
@@ -30,8 +30,6 @@ from comove.verification.verify import VerifiedMotion, verify
 if TYPE_CHECKING:
     from comove.data.datasets.joints import EpisodeJoints
     from comove.data.generation import Study
-
-Array = NDArray[np.float64]
 
 LEAST_RATE, USUAL_RATE, LARGEST_RATE = 1, 50, 1000
 """Samples a second [Hz]."""

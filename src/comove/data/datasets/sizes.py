@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.rotations import matrices
 from comove.model.files.keys import BarLoad, BoxLoad, PartsLoad, PolygonLoad
 from comove.model.scene import Scene
 from comove.model.shapes import parts_of
-
-Array = NDArray[np.float64]
 
 
 def obstacle_names(scene: Scene) -> list[str]:

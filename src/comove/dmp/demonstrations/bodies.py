@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations.columns import (
     EULER,
     MATRIX,
@@ -28,8 +28,6 @@ from comove.dmp.demonstrations.samples import AXES, QUATERNION, UNIT, fault
 from comove.dmp.demonstrations.units import TIMES, base_unit, in_base_unit, is_angle
 from comove.errors import DemonstrationError, OptionError, listed, near_name
 from comove.geometry.rotations import exponential, quaternion_product
-
-Array = NDArray[np.float64]
 
 _TURN = 2.2 * np.pi
 """Angles of orientations beyond this are not radians."""
@@ -275,7 +273,6 @@ def sides_of(columns: Sequence[Column]) -> dict[int, str]:
 
 
 def _without_side(name: str, side: str) -> str:
-    """Return the name of a joint without the side that it begins or ends with."""
     if not side:
         return name
     mark = f"(?:{side}|{side[0]})"

@@ -112,7 +112,6 @@ def _parts(found: Sequence[tuple[Column, NDArray]]) -> tuple[int, int] | None:
 
 
 def _n_alike(one: str, other: str) -> int:
-    """Return with how many equal characters two names begin."""
     return next((i for i, pair in enumerate(zip(one, other, strict=False)) if len(set(pair)) > 1), len(one))
 
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations.samples import (
     HZ,
     IN_MEMORY,
@@ -28,8 +29,6 @@ from comove.dmp.demonstrations.samples import (
 )
 from comove.dmp.demonstrations.units import ANGLES, LENGTHS, TIMES
 from comove.errors import DemonstrationError, OptionError
-
-Array = NDArray[np.float64]
 
 SLOW = 1.0
 """Steps of a recorded movement are shorter than this [s]."""

@@ -15,7 +15,7 @@ from comove.geometry.triangles.reader import (
     ANEW,
     MAX_DEPTH,
     Array,
-    Ints,
+    Integers,
     elements_of,
     fans,
     numbers,
@@ -27,7 +27,7 @@ MAX_NODES = 10_000
 _EMPTY = ("lines", "linestrips")
 
 
-def read_collada(data: bytes) -> tuple[Array, Ints]:
+def read_collada(data: bytes) -> tuple[Array, Integers]:
     """Return vertices [m] and faces of the scene that the file shows."""
     root = elements_of(data)
     for element in root.iter():
@@ -188,7 +188,7 @@ def _whole(element: ET.Element, key: str, default: int | None = None) -> int:
     return int(text)
 
 
-def _indices(text: str | None, stride: int) -> Ints:
+def _indices(text: str | None, stride: int) -> Integers:
     """Return whole numbers from 0 on, in rows of `stride`."""
     values = numbers((text or "").encode().split())
     if len(values) % stride or (values != np.round(values)).any() or values.min(initial=0.0) < 0:
@@ -198,7 +198,7 @@ def _indices(text: str | None, stride: int) -> Ints:
     return values.astype(np.int64).reshape(-1, stride)
 
 
-def _whole_rows(corners: Ints) -> Ints:
+def _whole_rows(corners: Integers) -> Integers:
     if len(corners) % 3:
         raise MeshError("its last triangle is not whole", way_out=ANEW)
     return corners.reshape(-1, 3)

@@ -9,8 +9,9 @@ import re
 
 import numpy as np
 
+from comove.arrays import Array, Integers
 from comove.errors import MeshError
-from comove.geometry.triangles.reader import ANEW, Array, Ints, fans, numbers, shown
+from comove.geometry.triangles.reader import ANEW, fans, numbers, shown
 
 LEFT_ALONE = frozenset(
     b"vt vn vp g o s l p mg mtllib usemtl maplib usemap lod bevel c_interp d_interp shadow_obj trace_obj".split()
@@ -18,7 +19,7 @@ LEFT_ALONE = frozenset(
 _INDEX = re.compile(rb"-?[0-9]{1,10}(?=/|$)")
 
 
-def read_obj(data: bytes) -> tuple[Array, Ints]:
+def read_obj(data: bytes) -> tuple[Array, Integers]:
     """Return vertices and faces; negative numbers in a face count back from its line."""
     places: list[bytes] = []
     sizes: list[int] = []

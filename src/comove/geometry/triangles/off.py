@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from comove.arrays import Array, Integers
 from comove.errors import MeshError
-from comove.geometry.triangles.reader import ANEW, Array, Ints, fans, numbers, shown, whole
+from comove.geometry.triangles.reader import ANEW, fans, numbers, shown, whole
 
 
-def read_off(data: bytes) -> tuple[Array, Ints]:
+def read_off(data: bytes) -> tuple[Array, Integers]:
     """Return vertices and faces; colours after a face are ignored."""
     lines = [line.partition(b"#")[0].split() for line in data.replace(b"\r", b"\n").split(b"\n")]
     lines = [words for words in lines if words]

@@ -6,8 +6,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from comove.arrays import Array, Integers
 from comove.errors import MeshError
-from comove.geometry.triangles.reader import ANEW, Array, Ints, fans, numbers, shown, whole
+from comove.geometry.triangles.reader import ANEW, fans, numbers, shown, whole
 
 MAX_HEADER = 65_536  # bytes
 MAX_PARTS = 256  # elements, and properties of one
@@ -42,7 +43,7 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
 
-def read_ply(data: bytes) -> tuple[Array, Ints]:
+def read_ply(data: bytes) -> tuple[Array, Integers]:
     """Return vertices and faces; further elements and properties are ignored."""
     order, elements, start = _header(data)
     body = _Body(data, start, order)
@@ -102,7 +103,7 @@ def _property(words: list[bytes]) -> _Property:
     raise MeshError(f"it has the property '{shown(b' '.join(words))}'", way_out=ANEW)
 
 
-Columns = dict[str, tuple[Ints, Array]]
+Columns = dict[str, tuple[Integers, Array]]
 """By property: how many numbers each row has, and all of them."""
 
 
@@ -113,7 +114,7 @@ def _vertices(element: _Element, columns: Columns) -> Array:
     return np.stack([columns[axis][1] for axis in "xyz"], axis=1)
 
 
-def _faces(columns: Columns) -> Ints:
+def _faces(columns: Columns) -> Integers:
     for name in INDICES:
         if name in columns:
             sizes, corners = columns[name]

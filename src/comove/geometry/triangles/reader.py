@@ -17,12 +17,9 @@ from typing import Any
 from xml.parsers import expat
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.errors import MeshError
-
-Array = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 MAX_FACES = 1_000_000
 ANEW = "write it anew: it is cut off or damaged"
@@ -66,7 +63,7 @@ def shown(text: bytes) -> str:
     return "".join(c if c.isprintable() else "?" for c in words) + ("..." if len(text) > 40 else "")
 
 
-def fans(sizes: Ints, corners: Ints) -> Ints:
+def fans(sizes: Integers, corners: Integers) -> Integers:
     """Return the triangles (n, 3) of polygons, each split into a fan from its first corner.
 
     A fan also covers a concave polygon.
@@ -167,7 +164,7 @@ def read_bytes(path: Path) -> bytes:
         raise MeshError(f"it cannot be read: {error.strerror}", way_out="check its rights") from error
 
 
-def triangles_of(data: bytes, suffix: str) -> tuple[Array, Ints]:
+def triangles_of(data: bytes, suffix: str) -> tuple[Array, Integers]:
     """Return vertices and faces of a mesh, from a file's bytes and the suffix of its name.
 
     Returns
@@ -200,15 +197,15 @@ def triangles_of(data: bytes, suffix: str) -> tuple[Array, Ints]:
     return vertices, faces
 
 
-def _reader(name: str) -> Callable[[bytes], tuple[Array, Ints]]:
+def _reader(name: str) -> Callable[[bytes], tuple[Array, Integers]]:
     """Return the reader of a format."""
-    reader: Callable[[bytes], tuple[Array, Ints]] = getattr(
+    reader: Callable[[bytes], tuple[Array, Integers]] = getattr(
         import_module(f"comove.geometry.triangles.{name}"), f"read_{name}"
     )
     return reader
 
 
-def as_stl(vertices: Array, faces: Ints) -> bytes:
+def as_stl(vertices: Array, faces: Integers) -> bytes:
     """Return triangles as a binary STL."""
     rows = np.zeros(len(faces), dtype=[("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("rest", "<u2")])
     rows["corners"] = vertices[faces]

@@ -6,8 +6,9 @@ import re
 
 import numpy as np
 
+from comove.arrays import Array, Integers
 from comove.errors import MeshError
-from comove.geometry.triangles.reader import ANEW, Array, Ints, numbers, require_few, shown
+from comove.geometry.triangles.reader import ANEW, numbers, require_few, shown
 
 HEADER, FACE = 84, 50  # bytes
 _NAMES = re.compile(rb"^[ \t]*(end)?solid\b[^\r\n]*", re.MULTILINE)
@@ -18,7 +19,7 @@ _WORDS = {
 _FACET = 21  # words
 
 
-def read_stl(data: bytes) -> tuple[Array, Ints]:
+def read_stl(data: bytes) -> tuple[Array, Integers]:
     """Return vertices, three per face, and faces; the normals in the file are ignored."""
     claimed = int.from_bytes(data[HEADER - 4 : HEADER], "little")
     held = (len(data) - HEADER) // FACE

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import SceneError
 from comove.geometry.rotations import conjugate, exponential, logarithm, matrices, quaternion_product
 from comove.lab.examples import scene_contents, wall
@@ -25,7 +25,6 @@ from comove.model.shapes import spatial
 from comove.planning.seeds import minimum_jerk
 from comove.verification.record import ExecutionReport, RecordSamples, verify_execution
 
-Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 TILTS = (np.pi, 0.6, 0.4, 0.25, 0.15, 0.08, 0.03, 0.0)  # rad, tried around the pose that fits an opening best

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ResultError
 from comove.io.folders import Contents, whole_folder
 from comove.lab.bench.store import Configuration, Run, RunStore
@@ -23,8 +23,6 @@ from comove.lab.summaries import (
 )
 from comove.view.figures.motion import draw_legend
 from comove.view.figures.style import COLOURS, new_figure, save
-
-Array = NDArray[np.float64]
 
 REPORT, SHARES, RATIOS = "report.md", "shares.png", "costs.png"
 CONTENTS = Contents("report of runs", frozenset({REPORT}), frozenset({REPORT, SHARES, RATIOS}))

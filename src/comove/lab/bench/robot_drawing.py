@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.data.carried import robot_of
 from comove.dmp.basis import motion_basis
 from comove.errors import SceneError
@@ -25,8 +25,6 @@ from comove.planning.configurations import configuration_space
 from comove.planning.seeds import fit, targets_along
 from comove.robots import JointMotion, JointVerdict, RobotCarrier, verify_joints
 from comove.verification.verify import verify
-
-Array = NDArray[np.float64]
 
 N_BASIS = 20  # shape weights a column of a witness, as files hold them
 RIDGE, STEADY = 2, -1  # of the fits of `seeds.fit`: which damping and which profile of speed a witness has
@@ -141,7 +139,6 @@ class RobotDraft:
         return witness if self._clear(witness, scene) else None
 
     def _clear(self, witness: JointWitness, scene: Scene) -> bool:
-        """Return whether a witness is verified, with the clearance to spare."""
         return witness.judged(scene.limited(clearance=self.difficulty.spare), slack=1.0).verified is not None
 
     def obstructed(self, witness: JointWitness) -> bool:

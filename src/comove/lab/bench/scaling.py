@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import motion_basis, rollouts
 from comove.errors import OptionError, near_name
 from comove.io.folders import Contents, whole_folder
@@ -32,8 +32,6 @@ from comove.planning.objective import N_STEPS, Objective
 from comove.planning.objectives import PaperCost
 from comove.planning.solver import solve
 from comove.view.figures.style import COLOURS, new_figure, save
-
-Array = NDArray[np.float64]
 
 REPORT, PICTURE = "scaling.md", "scaling.png"
 CONTENTS = Contents("report of growth", frozenset({REPORT}), frozenset({REPORT, PICTURE}))

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError, near_name
 from comove.io.folders import Contents, whole_folder
 from comove.lab.bench.drawing import DIFFICULTIES, drawn
@@ -22,8 +22,6 @@ from comove.model.scene import Scene
 
 if TYPE_CHECKING:
     from comove.lab.bench.robot_drawing import JointWitness
-
-Array = NDArray[np.float64]
 
 OWN = "own"  # name of the set in which scenes of one's own are
 WITNESSES = "witnesses.yaml"

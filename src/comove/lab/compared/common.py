@@ -12,8 +12,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import motion_basis
 from comove.errors import OptionError
 from comove.model.coordinated_dmp import CoordinatedDMP
@@ -25,8 +25,6 @@ from comove.planning.objective import N_STEPS
 from comove.planning.search import Search
 from comove.planning.seeds import minimum_jerk
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ def count_execution(search: Search, hands: Array) -> None:
     sampled = interpolated(even, np.arange(len(hands), dtype=np.float64), hands.reshape(len(hands), -1))
     nodes = spatial(sampled.reshape(1, N_STEPS, *hands.shape[1:]))
     search.count(1)
-    value = search.objective.evaluate_nodes(nodes, scene.offsets_along(N_STEPS))
+    value = search.objective.evaluate_nodes(nodes, scene.displacements_along(N_STEPS).offsets)
     search.tell(float(value.cost[0]), float(value.penalty[0]))
 
 

@@ -43,12 +43,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.dmp.arguments import require_positive
 from comove.errors import OptionError
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 SLOWEST, FASTEST = 0.05, 20.0  # paces, in 1/duration
 LONGEST = 20.0  # longest cycle, in durations

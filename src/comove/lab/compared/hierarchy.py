@@ -14,9 +14,8 @@ from typing import NamedTuple
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from comove.arrays import Array
 
 ENDLESS = 1e30  # infinite to the solver
 REGULAR = 1e-7  # added to the quadratic form: keeps small what a task does not determine

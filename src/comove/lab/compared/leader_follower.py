@@ -31,8 +31,8 @@ from math import exp, sqrt
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.dmp.arguments import is_number, require_count, require_positive
 from comove.dmp.system import OMEGA
@@ -49,8 +49,6 @@ from comove.model.coordinates import arms_coordinates
 from comove.model.scene import Scene
 from comove.planning.method import Method, require_distances
 from comove.planning.search import Search
-
-Array = NDArray[np.float64]
 
 TINY = 1e-9  # m, distance below which the direction is undefined
 

@@ -14,15 +14,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge
 from comove.geometry.distances import distance_and_gradient
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
-
-Array = NDArray[np.float64]
 
 
 class Approach(NamedTuple):
@@ -106,9 +104,7 @@ def _apart_rows(scene: Scene, hands: Array, approach: Approach) -> tuple[Array, 
 
 
 @kernel
-def _near(
-    nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, cutoff: float
-) -> tuple[Array, int]:
+def _near(nodes: Array, edges: Integers, radii: Array, table: Array, cutoff: float) -> tuple[Array, int]:
     """Find the points of edges that are nearest to obstacles, and the ends of these edges, up to `cutoff` [m] away.
 
     Returns

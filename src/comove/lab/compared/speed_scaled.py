@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.arguments import is_number, require_count, require_positive
 from comove.dmp.basis import motion_basis
 from comove.errors import OptionError
@@ -34,8 +34,6 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.method import Method
 from comove.planning.search import Search
-
-Array = NDArray[np.float64]
 
 N_SAMPLES = 401  # samples of the phase
 
@@ -157,7 +155,6 @@ class SpeedScaled(Method):
             yield skill, cycle
 
     def _first(self, scene: Scene, taught: CoordinatedMotion) -> Skill:
-        """Return the skill before the first cycle."""
         return Skill.taught(middles(scene, taught.hands(np.linspace(0.0, 1.0, N_SAMPLES))), self.laws)
 
     def _intentions(self, search: Search, path: Array) -> Callable[[], Intention]:

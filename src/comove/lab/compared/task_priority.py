@@ -30,8 +30,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import is_number, require_positive
 from comove.dmp.online import rate_for_lag
 from comove.errors import OptionError
@@ -52,8 +53,6 @@ from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.method import Method
 from comove.planning.search import Search
-
-Array = NDArray[np.float64]
 
 OUTSIDE = 1.0 - 1e-6  # xi from which on an error counts as outside its bound
 
@@ -172,7 +171,6 @@ class TaskPriority(Method):
         judge_execution(search, s, hands, self.fitting, controller.carried_out)
 
     def _controller(self, search: Search, period: float, taught: CoordinatedMotion) -> Controller:
-        """Return the controller of free hands, or of the joints where a robot carries."""
         if not search.kinematics.has_limits:
             return Controller(self, search.scene, period)
         from comove.lab.compared.task_priority_joints import JointController  # which needs robots

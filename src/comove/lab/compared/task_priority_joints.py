@@ -15,8 +15,8 @@ hands are those of the joints, so that errors do not add up.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.control.safety.qp_workspace import Rates, Sighting
 from comove.lab.compared.hierarchy import PriorityTask
 from comove.lab.compared.task_priority import Controller, Performance, TaskPriority
@@ -26,8 +26,6 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.online.link_rows import LinkNeeds, empty_rows, hand_jacobians, link_rows
 from comove.robots.search.chains import place_arm, pose_error
 from comove.robots.search.tracking import sampled_nodes
-
-Array = NDArray[np.float64]
 
 TURNING = Performance(first=0.05, last=2e-3, decay=2.0, gain=100.0)
 """Prescribed performance of a hand's orientation on the load, in radians for metres."""

@@ -17,8 +17,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp import DMP, LinearPhase, Variant, motion_basis
 from comove.dmp.operations import refitted
 from comove.dmp.variants import adaptation
@@ -41,8 +41,6 @@ from comove.planning.solution import ProgressCallback
 from comove.processes import one_blas_thread
 from comove.ties import first_largest
 from comove.verification.verify import Check, VerifiedMotion, verify
-
-Array = NDArray[np.float64]
 
 IMPROVING = Schedule(sigma=0.5, generations=400, patience=40, gain=0.003, population=32)
 

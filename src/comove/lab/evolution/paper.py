@@ -23,8 +23,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.system import Phase
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, arms_coordinates, load_coordinates
@@ -36,8 +36,6 @@ from comove.planning.method import Method, require_distances
 from comove.planning.methods import GROWING, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
-
-Array = NDArray[np.float64]
 
 OPTIMISER = CCMAES(passes=8, patience=1e6, reduction=Reduction(size=0.2))
 

@@ -15,6 +15,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.basis import motion_basis
 from comove.dmp.system import ExponentialPhase, Phase
 from comove.model.coordinated_dmp import CoordinatedDMP
@@ -24,8 +25,6 @@ from comove.optim.printed import PrintedCCMAES as Algorithm
 from comove.planning.method import Method, require_distances
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.search import Search
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

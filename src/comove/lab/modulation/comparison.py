@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from comove._version import __version__
+from comove.arrays import Array
 from comove.control.executor import Executor, Pace
 from comove.control.observers import Functions, Known
 from comove.control.safety.twists import poses_of
@@ -31,8 +32,6 @@ from comove.model.scene import Scene
 from comove.model.shapes import spatial
 from comove.planning.search import Interruption
 from comove.verification.record import ExecutionReport, Record, verify_execution
-
-Array = NDArray[np.float64]
 
 MODULATED = {
     "no modulation": (Sharing.NONE, True),

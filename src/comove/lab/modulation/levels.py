@@ -23,12 +23,10 @@ from __future__ import annotations
 from math import exp, log, sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.distances import CENTER, ELLIPSOID, KIND, N_COLUMNS, REACH, TINY, distance_and_gradient
-
-Array = NDArray[np.float64]
 
 LEVEL, EXPONENT, REFERENCE, VELOCITY, TURN = range(N_COLUMNS, N_COLUMNS + 15, 3)
 GROUP, N_LEVEL_COLUMNS = N_COLUMNS + 15, N_COLUMNS + 16
@@ -128,7 +126,7 @@ def levels_at(table: Array, points: Array) -> tuple[Array, Array]:
 
 
 @kernel
-def common_point(table: Array, members: NDArray[np.int64], x: Array) -> float:
+def common_point(table: Array, members: Integers, x: Array) -> float:
     """Write in `x` (3) a point deep inside all obstacles `members`, and return the greatest of their levels there.
 
     The greatest of convex functions is convex. The ellipsoid method (Yudin & Nemirovski, 1976) converges to its

@@ -34,8 +34,9 @@ from math import sqrt
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.dmp.arguments import is_number
 from comove.errors import OptionError
@@ -44,7 +45,6 @@ from comove.lab.modulation.levels import GROUP, REFERENCE, TURN, VELOCITY, level
 from comove.lab.modulation.obstacles import MovingObstacle, points_of, table_of
 from comove.model.shapes import spatial
 
-Array = NDArray[np.float64]
 E = TypeVar("E", bound=StrEnum)
 
 GRAZING = 1e-3  # least n^T r at which the reference direction is used; else the normal
@@ -294,7 +294,7 @@ def _fields(
 
 
 @kernel
-def _heads(table: Array) -> NDArray[np.int64]:
+def _heads(table: Array) -> Integers:
     """Return, for each obstacle, the first one of its group, its head, which represents the group."""
     head = np.empty(table.shape[0], dtype=np.int64)
     for j in range(table.shape[0]):
@@ -337,7 +337,7 @@ def _directions(
 
 
 @kernel
-def _weigh(level: Array, head: NDArray[np.int64], excess: Array, share: Array, weight: Array) -> None:
+def _weigh(level: Array, head: Integers, excess: Array, share: Array, weight: Array) -> None:
     """Write the weights of obstacles within their groups in `share`, and those of groups in `weight`.
 
     The weights within a group sum to 1.
@@ -363,9 +363,7 @@ def _weigh(level: Array, head: NDArray[np.int64], excess: Array, share: Array, w
 
 
 @kernel
-def _mean_velocity(
-    carried: Array, head: NDArray[np.int64], share: Array, weight: Array
-) -> tuple[float, float, float]:
+def _mean_velocity(carried: Array, head: Integers, share: Array, weight: Array) -> tuple[float, float, float]:
     """Return the mean (3) of the obstacles' velocities by their weights."""
     vx, vy, vz, total = 0.0, 0.0, 0.0, 0.0
     for j in range(head.shape[0]):

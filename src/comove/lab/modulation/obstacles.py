@@ -10,8 +10,9 @@ from functools import cached_property
 from itertools import combinations, product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp.arguments import is_number, numbers, vector
 from comove.errors import ComoveWarning, OptionError
 from comove.geometry import distances as sd
@@ -20,8 +21,6 @@ from comove.lab.modulation import levels as lv
 from comove.lab.modulation.shapes import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
-
-Array = NDArray[np.float64]
 
 PLANAR_CAPSULE = np.array(
     [[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]]

@@ -14,14 +14,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.lab.modulation.comparison import Compared
 from comove.view.figures.motion import FINE, OFF, TOUCHES, MovingBorders, draw_frame, draw_standing, views_of
 from comove.view.figures.run import load_lines, moving_scene
 from comove.view.figures.style import COLOURS, MOVING, Mover, new_figure, write_gif
-
-Array = NDArray[np.float64]
 
 TITLES = {
     "no modulation": "no modulation",
@@ -199,7 +197,6 @@ def _shown(compared: Sequence[Compared]) -> float:
 
 
 def _tone(one: Compared, step: int) -> str:
-    """Return the colour of the load at a step."""
     return TOUCHES if one.touching[step] else OFF if one.off[step] else FINE
 
 

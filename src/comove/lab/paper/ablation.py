@@ -25,7 +25,6 @@ WHOLE = "paper"
 
 
 def _with(**changes: Any) -> Paper:
-    """Return the paper's method with changed settings of its optimiser."""
     return Paper(optimiser=replace(OPTIMISER, **changes))
 
 
@@ -125,7 +124,6 @@ def _percent(share: Interval) -> str:
 
 
 def _verdict(without: Interval, whole: Interval) -> str:
-    """Return whether a repair is needed, in words, judged by whether the intervals are disjoint."""
     if without.high < whole.low:
         return "worse"
     return "better" if without.low > whole.high else "no difference seen"

@@ -571,7 +571,6 @@ def _graded(
 
 
 def _delivers(runs: Runs, who: str) -> bool:
-    """Return whether Baxter reliably delivers the stick in each passage by one method."""
     shares = [np.mean([t.done for t in runs.carried(scene, who)]) for scene in PASSAGES]
     return bool(min(shares) >= RELIABLE)
 

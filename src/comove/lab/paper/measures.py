@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.lab.systems import distance_errors
 from comove.model.motion import CoordinatedMotion
 from comove.planning import Solution
 from comove.verification.certificate import certify
 from comove.verification.verify import verify
-
-Array = NDArray[np.float64]
 
 N_JERK, N_ALONG = 4001, 801  # samples of a motion, for its jerk and for what happens along it
 

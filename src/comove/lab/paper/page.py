@@ -535,7 +535,6 @@ hands {_outcome(runs, "nearest hand's matrix")}. No physical robot was used: Fig
 
 
 def _outcome(runs: Runs, method: str) -> str:
-    """Describe the result of one method against the moving obstacle, in words."""
     e = runs.encounter(method)
     touched = f"is hit by {-1e3 * e.clearance:.0f} mm" if e.clearance < 0 else "touches nothing"
     return f"{touched}, and the distance is off by {1e3 * e.distance_error:.2g} mm"

@@ -9,8 +9,8 @@ from types import ModuleType
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.dmp.basis import motion_basis
 from comove.errors import ExtraError
@@ -24,8 +24,6 @@ from comove.model.scene import Scene
 from comove.model.shapes import spatial
 from comove.planning.seeds import minimum_jerk, steady
 from comove.verification.record import END_SPEED
-
-Array = NDArray[np.float64]
 
 DIFFERENCE = 1e-6  # m, of slopes
 
@@ -135,7 +133,7 @@ def growing(size: float, most: float) -> Iterator[float]:
 
 @kernel
 def _clearances(
-    nodes: Array, edges: NDArray[np.int64], radii: Array, table: Array, lower: Array, upper: Array
+    nodes: Array, edges: Integers, radii: Array, table: Array, lower: Array, upper: Array
 ) -> Array:
     result = np.empty(nodes.shape[0])
     for t in range(nodes.shape[0]):

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.lab.peers.common import (
     Best,
     Peer,
@@ -26,8 +26,6 @@ from comove.lab.peers.common import (
     needed,
 )
 from comove.lab.systems import WEIGHTS, Offers, SystemProblem
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

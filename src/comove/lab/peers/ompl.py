@@ -14,18 +14,17 @@ from math import sqrt
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.lab.peers.common import Best, Peer, independent_distances, needed, timed
 from comove.lab.systems import Offers, SystemProblem
+from comove.model.blocks import Unmasked, width_of
 from comove.model.coordinates import ANGLE, QUATERNION, Blocks, load_coordinates, place, write_pose
 from comove.model.scene import Scene
 from comove.planning.configurations import Space, clearance_of, configuration_space, interpolate, span
 from comove.planning.planner import along
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 MODULES = ("ompl.base", "ompl.geometric", "ompl.util")
 
@@ -261,6 +260,7 @@ class OmplLoad:
             np.array(scene.nodes_of_groups[0], dtype=np.int64),
             np.ascontiguousarray(group.points),
             self.n_dims,
+            *Unmasked.of(self.n_dims + width_of(kind, self.n_dims), 1),
         )
         self.space: Space = configuration_space(scene, load_coordinates(scene))._replace(blocks=blocks)
         self.start, self.goal = (write_pose(kind, pose, self.n_dims) for pose in (group.start, group.goal))
@@ -343,7 +343,7 @@ def motion_is_free(space: Space, p: Array, q: Array, step: float, margin: float)
 
 @kernel
 def distance_errors(
-    x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, errors: Array, slopes: Array
+    x: Array, pairs: Integers, wanted: Array, n_dims: int, errors: Array, slopes: Array
 ) -> None:
     """Compute the errors of distances [m] and their derivatives, in place.
 
@@ -366,9 +366,7 @@ def distance_errors(
 
 
 @kernel
-def _project(
-    x: Array, pairs: NDArray[np.int64], wanted: Array, n_dims: int, tolerance: float, most: int
-) -> bool:
+def _project(x: Array, pairs: Integers, wanted: Array, n_dims: int, tolerance: float, most: int) -> bool:
     n = pairs.shape[0]
     errors, slopes = np.zeros(n), np.zeros((n, x.shape[0]))
     for _ in range(most):
@@ -470,6 +468,7 @@ def _free_hands(scene: Scene, step: float) -> Callable[[Array], bool]:
         np.arange(n),
         np.zeros((n, 3)),
         n_dims,
+        *Unmasked.of(n * n_dims, n),
     )
     space = space._replace(blocks=blocks, reach=np.zeros(n))
     ends = min(clearance_of(space, q.ravel(), nodes, -1.0) for q in (scene.start, scene.goal))

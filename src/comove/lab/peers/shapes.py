@@ -16,8 +16,8 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.dmp.basis import motion_basis
 from comove.lab.peers.common import (
     Best,
@@ -36,8 +36,6 @@ from comove.model.coordinates import arms_coordinates
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
 
-Array = NDArray[np.float64]
-
 
 class Demand(NamedTuple):
     """One demand on a movement.
@@ -52,7 +50,7 @@ class Demand(NamedTuple):
 
     spare: Array
     kept: float
-    at: NDArray[np.int64]
+    at: Integers
 
 
 @dataclass(frozen=True)
@@ -76,12 +74,12 @@ class SamplingSettings:
     scale: float = 10.0
 
     @property
-    def at(self) -> NDArray[np.int64]:
+    def at(self) -> Integers:
         """Return the samples at which there are constraints."""
         return np.arange(2, self.n_steps - 2, 2)
 
     @property
-    def at_limits(self) -> NDArray[np.int64]:
+    def at_limits(self) -> Integers:
         """Return the samples at which there are constraints on speed and acceleration."""
         return self.at[::4]
 

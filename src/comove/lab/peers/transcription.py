@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from comove.arrays import Array
 from comove.geometry import distances as sd
 from comove.lab.peers.common import (
     Best,
@@ -28,8 +28,6 @@ from comove.lab.peers.common import (
 )
 from comove.lab.systems import WEIGHTS, Offers, SystemProblem
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 SMOOTH = 1e-9  # m^2, under square roots
 OPTIONS = {

@@ -6,7 +6,10 @@ constraint     requirement
 distance       two hands stay a given distance apart
 relative pose  two hands move as one rigid body, also about the line through them
 separation     two hands stay at least a given distance apart
-upright        the load turns about the vertical only (in the plane: not at all)
+upright        the load turns about the vertical only, or leans little (in the plane: not at all)
+no rotation    the payload keeps its orientation
+axis           the payload turns about one axis only
+planar         the payload moves in a plane and turns about its normal only
 same height    two hands are at the same height
 ============== =================================================================================
 """
@@ -19,7 +22,10 @@ from comove.model.constraints.constraint import (
     PairConstraint,
     PairKeys,
 )
+from comove.model.constraints.kinds import AxisKeys, DirectionConstraint
 from comove.model.constraints.kinds import DistanceConstraint, DistanceKeys
+from comove.model.constraints.kinds import NoRotationKeys, RotationConstraint
+from comove.model.constraints.kinds import PlanarKeys, PlaneConstraint
 from comove.model.constraints.kinds import RelativePoseConstraint, RelativePoseKeys
 from comove.model.constraints.kinds import SameHeightConstraint, SameHeightKeys
 from comove.model.constraints.kinds import SeparationConstraint, SeparationKeys
@@ -31,6 +37,9 @@ KINDS: dict[str, type[ConstraintKeys]] = {
     "separation": SeparationKeys,
     "upright": UprightKeys,
     "same_height": SameHeightKeys,
+    "no_rotation": NoRotationKeys,
+    "axis": AxisKeys,
+    "planar": PlanarKeys,
 }
 """The keys of every kind of constraint, by its name in scene files."""
 
@@ -39,11 +48,14 @@ __all__ = [
     "Constraint",
     "ConstraintKeys",
     "Course",
+    "DirectionConstraint",
     "DistanceConstraint",
     "Hands",
     "PairConstraint",
     "PairKeys",
+    "PlaneConstraint",
     "RelativePoseConstraint",
+    "RotationConstraint",
     "SameHeightConstraint",
     "SeparationConstraint",
     "UprightConstraint",

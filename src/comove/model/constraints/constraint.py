@@ -33,11 +33,15 @@ class Hands(NamedTuple):
     names : names of the hands
     holders : numbers of the hands that hold the load
     start : array, shape (n_hands, 3), [m]
+    payload : array, shape (3, 3), orientation at the start of a payload whose poses are given; None for others
+    n_dims : 2 in the plane, 3 in space
     """
 
     names: tuple[str, ...]
     holders: tuple[int, ...]
     start: Array
+    payload: Array | None = None
+    n_dims: int = 3
 
     def numbers(self, names: Sequence[str]) -> tuple[int, ...]:
         """Return the numbers of hands."""
@@ -78,6 +82,28 @@ class Course(ABC):
         Array, shape (n_intervals,) [rad]; infinite where nothing is known.
         """
 
+    @abstractmethod
+    def direction(self, hand: int, own: Array) -> tuple[Array, Array]:
+        """Return a direction that is fixed in the body which moves a hand, and how far it strays from its chords.
+
+        Arrays, shapes (n_knots, 3) and (n_intervals,); infinite where nothing is known.
+
+        Parameters
+        ----------
+        own : array, shape (3,), the direction in the world at the first knot
+        """
+
+    def leans(self, hand: int, own: Array, world: Array) -> float:
+        """Return an upper bound of the angle between a body's direction and one of the world at every instant [rad].
+
+        Directions within an angle of another form a convex cone, which holds a chord if it holds its ends.
+        """
+        there, stray = self.direction(hand, own)
+        angle = np.arctan2(np.linalg.norm(np.cross(there, world), axis=1), there @ world)
+        with np.errstate(invalid="ignore"):
+            beyond = np.arcsin(np.minimum(stray / np.maximum(nearest_on_chords(there), 1e-9), 1.0))
+        return float(np.where(stray < 0.5, np.maximum(angle[1:], angle[:-1]) + beyond, np.inf).max())
+
     def apart(self, first: int, second: int) -> tuple[float, float]:
         """Return a lower and an upper bound of the distance of two hands at every instant [m]."""
         if self.rigid(first, second):
@@ -110,6 +136,7 @@ class Constraint(ABC):
     kind : the kind's name in scene files
     report : name of the kind's measure in reports
     sampled : whether the search has to sample the error; False where coordinates hold it or distances are measured
+    turning : whether hands alone do not tell it: it is about how a body is turned
     convex : whether the error along a chord is never larger than at its ends
     slope : upper bound of the change of the error per metre that one hand moves
     n_pieces : pieces into which a chord is cut where the error may be larger inside than at its ends
@@ -119,6 +146,7 @@ class Constraint(ABC):
     kind: ClassVar[str]
     report: ClassVar[str] = "constraint_excess_max"
     sampled: ClassVar[bool] = True
+    turning: ClassVar[bool] = False
     convex: ClassVar[bool] = False
     slope: ClassVar[float] = 1.0
     n_pieces: ClassVar[int] = 32

@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field, model_validator
 
-from comove.io.keys import Length, PositiveLength, Wrong, no_minus_zero
+from comove.io.keys import Direction, Length, PositiveLength, Sparse, Wrong, no_minus_zero
 from comove.model.constraints.constraint import (
     ROUNDING,
     Array,
@@ -85,6 +85,7 @@ class RelativePoseConstraint(PairConstraint):
     kind = "relative_pose"
     report = ""
     sampled = False
+    turning = True
 
     def error(self, position: Array, n_dims: int) -> Array:
         """Return 0: positions do not tell how hands are turned, and their distance is a constraint of its own."""
@@ -241,6 +242,9 @@ class SameHeightKeys(PairKeys):
 
 LEVEL = 1e-12
 """[m], by which hands at one height may differ by rounding."""
+UP = np.array([0.0, 0.0, 1.0])
+FREE = radians(1.0)
+"""Tolerance of a tilt above which a payload may lean on the way [rad]; up to it, the tilt of the start is kept."""
 
 
 @dataclass(frozen=True)
@@ -254,6 +258,7 @@ class UprightConstraint(Constraint):
     kind = "upright"
     report = "tilt_max"
     sampled = False
+    turning = True
 
     @property
     def hands(self) -> tuple[int, ...]:
@@ -296,15 +301,206 @@ class UprightConstraint(Constraint):
         return len(self.level(ends)) < len(self.members) - 1
 
 
-class UprightKeys(ConstraintKeys):
-    """A constraint that lets the load turn about the vertical only.
+@dataclass(frozen=True, eq=False)
+class PoseConstraint(Constraint):
+    """A constraint on the pose of a payload, which its holders, `members`, do not tell by where they are.
 
-    The goal may miss the tilt of the start by `tolerance_deg`.
+    Attributes
+    ----------
+    members : numbers of the holders
+    tolerance : [rad], of a plane [m]
     """
 
-    type: Literal["upright"]
-    tolerance_deg: Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)] = 0.1
+    members: tuple[int, ...]
+    tolerance: float
+    sampled = False
+    turning = True
 
-    def resolved(self, hands: Hands) -> UprightConstraint:
+    @property
+    def hands(self) -> tuple[int, ...]:
+        """Return the numbers of the holders."""
+        return self.members
+
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return 0: positions do not tell how a payload is turned."""
+        return np.zeros(len(position))
+
+    def needs_body(self, ends: Array) -> bool:
+        """Return True: only a body's coordinates hold it."""
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class DirectionConstraint(PoseConstraint):
+    """A constraint that keeps a payload's direction within `tolerance` of one of the world [rad].
+
+    Attributes
+    ----------
+    own, world : arrays, shape (3,), unit vectors in the world: where the payload's direction is at the start, and the
+        direction near which it stays
+    by_mask : whether coordinates hold it; else the direction is free within the tolerance
+    """
+
+    own: Array
+    world: Array
+    by_mask: bool = True
+    kind = "axis"
+
+    @property
+    def report(self) -> str:  # type: ignore[override]
+        """Return the name of its measure in reports."""
+        return "constraint_excess_max" if self.by_mask else "tilt_max"
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of the angle at every instant [rad]."""
+        return course.leans(self.members[0], self.own, self.world)
+
+    def measure(self, error: float) -> float:
+        """Return the tilt [rad], or by how much it exceeds the tolerance where coordinates hold it."""
+        return error - self.tolerance if self.by_mask else error
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words how far the payload leans."""
+        off = f"by up to {degrees(error):.3g} deg" if np.isfinite(error) else "by more than can be bounded"
+        return (
+            f"the payload leans {off} from {_listed(self.world)} (tolerance {degrees(self.tolerance):g} deg)"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RotationConstraint(PoseConstraint):
+    """A constraint that keeps the orientation of a payload, or all of it but the rotation about an axis."""
+
+    kind = "no_rotation"
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of how far any direction turns [rad]."""
+        return max(course.leans(self.members[0], axis, axis) for axis in np.eye(3)[: course.n_dims])
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words how far the payload turns."""
+        off = f"by up to {degrees(error):.3g} deg" if np.isfinite(error) else "by more than can be bounded"
+        return f"the payload turns {off} (tolerance {degrees(self.tolerance):g} deg)"
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneConstraint(PoseConstraint):
+    """A constraint that keeps a payload in a plane, within `tolerance` [m].
+
+    Attributes
+    ----------
+    normal : array, shape (3,), unit normal of the plane, which holds the payload at the start
+    turn : the constraint that the payload turns about the normal only
+    """
+
+    normal: Array
+    turn: DirectionConstraint
+    kind = "planar"
+
+    def error(self, position: Array, n_dims: int) -> Array:
+        """Return how far the first holder left the plane in which it was at the first sample [m]."""
+        return np.abs((position[:, self.members[0]] - position[0, self.members[0]]) @ self.normal)
+
+    def bound(self, course: Course) -> float:
+        """Return an upper bound of the distance from the plane at every instant [m]."""
+        error = self.error(course.position, course.n_dims)
+        return float((np.maximum(error[1:], error[:-1]) + course.stray(self.members[:1])).max())
+
+    def reason(self, error: float, names: Sequence[str]) -> str:
+        """Return in words how far the payload leaves the plane."""
+        return f"the payload leaves its plane by up to {error:.3g} m (tolerance {self.tolerance:g} m)"
+
+
+def _listed(vector: Array) -> str:
+    return f"[{', '.join(f'{x:.4g}' for x in (vector + 0.0).tolist())}]"
+
+
+Degrees = Annotated[float, Field(ge=0, le=45), AfterValidator(no_minus_zero)]
+
+
+class UprightKeys(ConstraintKeys, Sparse):
+    """A constraint that lets the load turn about the vertical, and lean from it by `tolerance_deg` at most.
+
+    Up to one degree the tilt of the start is kept, and the goal may miss it by the tolerance. `up`, in the payload's
+    frame, is the direction that stays near the vertical; unless given, the one that is vertical at the start.
+    """
+
+    LATER = ("up",)
+
+    type: Literal["upright"]
+    tolerance_deg: Degrees = 0.1
+    up: Direction | None = None
+
+    def resolved(self, hands: Hands) -> Constraint:
         """Return the constraint on all holders of the load."""
-        return UprightConstraint(hands.holders, radians(self.tolerance_deg))
+        tolerance = radians(self.tolerance_deg)
+        if self.up is None and (hands.payload is None or hands.n_dims == 2 or tolerance <= FREE):
+            return UprightConstraint(hands.holders, tolerance)
+        own = UP if self.up is None else _require_pose(hands, "up") @ _unit(self.up)
+        return DirectionConstraint(hands.holders, tolerance, own, UP, by_mask=False)
+
+
+class NoRotationKeys(ConstraintKeys):
+    """A constraint that keeps the orientation of the payload; the goal may miss it by `tolerance_deg`."""
+
+    type: Literal["no_rotation"]
+    tolerance_deg: Degrees = 0.1
+
+    def resolved(self, hands: Hands) -> RotationConstraint:
+        """Return the constraint on all holders of the load."""
+        _require_pose(hands, self.type, n_dims=2)
+        return RotationConstraint(hands.holders, radians(self.tolerance_deg))
+
+
+class AxisKeys(ConstraintKeys):
+    """A constraint that lets the payload turn about one axis only, which is given in the world, or in its own frame.
+
+    The goal may miss it by `tolerance_deg`.
+    """
+
+    type: Literal["axis"]
+    axis: Direction
+    frame: Literal["world", "payload"] = "world"
+    tolerance_deg: Degrees = 0.1
+
+    def resolved(self, hands: Hands) -> DirectionConstraint:
+        """Return the constraint on all holders of the load."""
+        turned = _require_pose(hands, self.type)
+        axis = _unit(self.axis) if self.frame == "world" else turned @ _unit(self.axis)
+        return DirectionConstraint(hands.holders, radians(self.tolerance_deg), axis, axis)
+
+
+class PlanarKeys(ConstraintKeys):
+    """A constraint that moves the payload in a plane, as a planar joint does: it turns about the `normal` only.
+
+    The goal may leave the start's plane by `tolerance` [m], and lean by `tolerance_deg`.
+    """
+
+    type: Literal["planar"]
+    normal: Direction = (0.0, 0.0, 1.0)
+    tolerance: Length = 1e-3
+    tolerance_deg: Degrees = 0.1
+
+    def resolved(self, hands: Hands) -> PlaneConstraint:
+        """Return the constraint on all holders of the load."""
+        _require_pose(hands, self.type)
+        normal = _unit(self.normal)
+        turn = DirectionConstraint(hands.holders, radians(self.tolerance_deg), normal, normal)
+        return PlaneConstraint(hands.holders, self.tolerance, normal, turn)
+
+
+def _unit(vector: Sequence[float]) -> Array:
+    return np.array(vector) / np.linalg.norm(vector)
+
+
+def _require_pose(hands: Hands, what: str, n_dims: int = 3) -> Array:
+    """Return the orientation of the payload at the start, or raise `Wrong` where it has none or is in the plane."""
+    if hands.n_dims < n_dims:
+        way_out = "leave it out; {type: no_rotation} keeps the orientation of a payload in the plane"
+        raise Wrong(f"'{what}' is for payloads in space, and the scene is planar", way_out)
+    if hands.payload is None:
+        raise Wrong(
+            f"'{what}' is about the pose of a payload, and the scene gives none",
+            "write it in version 2, with payload and grasps: comove scene upgrade FILE",
+        )
+    return hands.payload

@@ -161,6 +161,13 @@ def _motion_flaws(scene: SceneFile) -> Iterator[Flaw]:
                 f"the motion begins at {show(first)}, and the obstacle stands at {show(obstacle.center)}"
             )
             yield Flaw(("obstacles", i, "motion", "waypoints", 0), message, "begin at its center")
+        turn = obstacle.motion.turn if obstacle.motion else None
+        if turn is not None and scene.dimension == 2 and turn.axis is not None:
+            message = f"{show(turn.axis)} is an axis in space, and the scene is planar"
+            yield Flaw(("obstacles", i, "motion", "turn", "axis"), message, "leave it out")
+        if turn is not None and scene.dimension == 3 and turn.axis is None:
+            message = "in space a turn needs an axis"
+            yield Flaw(("obstacles", i, "motion", "turn"), message, "add one, such as axis: [0, 0, 1]")
 
 
 def _holder_flaws(scene: SceneFile) -> Iterator[Flaw]:

@@ -6,16 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 
 if TYPE_CHECKING:
     from comove.planning.objectives.least_jerk import LeastJerk
     from comove.planning.objectives.paper import PaperCost
-
-Array = NDArray[np.float64]
 
 N_SAMPLES = 101
 

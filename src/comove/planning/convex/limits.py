@@ -7,12 +7,10 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.planning.convex.costs import third_differences
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.planning.convex.limits import LinearLimits
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost, Seen
 from comove.planning.convex.quadratic import UNIT, Prices, Rows, Trust, minimum
 from comove.planning.convex.warp import warped
-
-Array = NDArray[np.float64]
 
 SOUND = 1e-9  # m, by which margins may be missed
 
@@ -216,7 +214,7 @@ def _wish(p: ConvexProgramme, seen: Seen, settings: ConvexSettings) -> float:
 
 
 def _further(
-    p: ConvexProgramme, owner: NDArray[np.int64], bound: Array, settings: ConvexSettings, radius: float
+    p: ConvexProgramme, owner: Integers, bound: Array, settings: ConvexSettings, radius: float
 ) -> Array:
     """Return the distance beyond the margin that is wished for [m], -inf for no wish; array of the shape of `owner`.
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.dmp.basis import MotionBasis
 from comove.dmp.system import N_INTERVALS
 from comove.model.blocks import Blocks
@@ -23,11 +23,10 @@ from comove.planning.convex.contacts import (
     linearised,
     moved_load,
 )
+from comove.planning.convex.leaning import Leaning
 from comove.planning.convex.limits import Limits
 from comove.planning.convex.quadratic import SETTINGS as QUADRATIC
 from comove.planning.convex.quadratic import QuadraticSettings
-
-Array = NDArray[np.float64]
 
 FOLLOWED = 2  # samples of which one is looked at by what follows
 GAUGE_EVERY = 4  # samples between those at which the lengths of directions and quaternions are evaluated
@@ -157,23 +156,29 @@ class Grid(NamedTuple):
     ----------
     shape : array, shape (n_samples, n_basis), values of the basis functions
     base : array, shape (n_samples, n_columns), configurations for zero shape weights
+    free : array, shape (n_columns, n_free), directions in which configurations may change; None for all columns
     """
 
     shape: Array
     base: Array
+    free: Array | None = None
 
     def q(self, z: Array) -> Array:
-        """Return configurations, array of shape (n_samples, n_columns); `z` has the shape (n_columns * n_basis,)."""
-        return self.base + self.shape @ z.reshape(self.base.shape[1], -1).T
+        """Return configurations, array of shape (n_samples, n_columns); `z` has the shape (n_free * n_basis,)."""
+        weights = z.reshape(-1, self.shape.shape[1])
+        return self.base + self.shape @ (weights if self.free is None else self.free @ weights).T
 
 
-def grid(basis: MotionBasis, boundary: Array, n_samples: int, order: int = 0) -> Grid:
+def grid(
+    basis: MotionBasis, boundary: Array, n_samples: int, order: int = 0, free: Array | None = None
+) -> Grid:
     """Return the map to `n_samples` even samples, or to their derivatives of an order by normalised time.
 
     `n_samples` - 1 must divide `N_INTERVALS`.
     """
     step = N_INTERVALS // (n_samples - 1)
-    return Grid(np.ascontiguousarray(basis.shape[order][::step]), basis.boundary[order][::step] @ boundary)
+    shape, base = np.ascontiguousarray(basis.shape[order][::step]), basis.boundary[order][::step] @ boundary
+    return Grid(shape, base, free)
 
 
 class Seen(NamedTuple):
@@ -183,8 +188,8 @@ class Seen(NamedTuple):
     ----------
     q, nodes : arrays, shapes (n_samples, n_columns) and (n_samples, n_nodes, 3), configurations and nodes [m]
     contacts : array, shape (n, N_FIELDS)
-    depth : array, shape (n_owners + 2 + n_kinds,), largest amount by which the margin of each owner is missed, and
-        each kind of distance of what follows [m]
+    depth : array, shape (n_owners + 2 + n_kinds,), largest amount by which the margin of each owner is missed, each
+        body's distance from leaning too far, and each kind of distance of what follows [m]
     postures, distances : what follows, at its samples, as in `Follower`
     """
 
@@ -223,9 +228,10 @@ class ConvexProgramme:
         self.follower: Follower | None = None
         self.scene, self.coordinates, self.basis, self.boundary = scene, coordinates, basis, boundary
         self.load = moved_load(scene, coordinates)
-        self.fine, self.coarse = grid(basis, boundary, n_fine), grid(basis, boundary, n_coarse)
-        self.fine_rate = grid(basis, boundary, n_fine, order=1)
-        self.offsets = scene.offsets_along(n_fine)
+        self.free, self.leaning = coordinates.free, Leaning.of(coordinates, boundary)
+        self.fine, self.coarse = (grid(basis, boundary, n, free=self.free) for n in (n_fine, n_coarse))
+        self.fine_rate = grid(basis, boundary, n_fine, order=1, free=self.free)
+        self.offsets = scene.displacements_along(n_fine).offsets
         self.limits = limits or Limits.of(scene, scene.duration)
         self.normed = [
             (
@@ -235,26 +241,33 @@ class ConvexProgramme:
             for part in coordinates.parts
             if part.kind in (DIRECTION, QUATERNION)
         ]
-        self.n = self.fine.base.shape[1] * basis.n_basis
+        n_free = coordinates.n_columns if self.free is None else self.free.shape[1]
+        self.n = n_free * basis.n_basis
         at = np.linspace(0, n_fine - 1, max(24, int(1.2 * basis.n_basis)) + 2).astype(int)[1:-1]
         self.watched = at
         self.scale = np.tile(_scale(coordinates), len(at))
-        moves = np.zeros((len(at), len(self.fine.base[0]), len(self.fine.base[0]), basis.n_basis))
+        moves = np.zeros((len(at), coordinates.n_columns, coordinates.n_columns, basis.n_basis))
         for column in range(moves.shape[1]):
             moves[:, column, column] = self.fine.shape[at]
-        self.moves = moves.reshape(-1, self.n)
+        self.moves = self.of_free(moves).reshape(-1, self.n)
         self._found = np.empty((4000, N_FIELDS))
 
     def motion(self, z: Array) -> CoordinatedMotion:
         """Return the motion with the shape weights `z`."""
         weights = z.reshape(-1, self.basis.n_basis)
+        weights = weights if self.free is None else self.free @ weights
         return CoordinatedMotion(self.scene, self.coordinates, self.basis, self.boundary, weights)
+
+    def of_free(self, slopes: Array) -> Array:
+        """Return derivatives by free directions; (..., n_columns, n_basis) -> (..., n_free, n_basis)."""
+        return slopes if self.free is None else self.free.T @ slopes
 
     def fit(self, q: Array, ridge: float) -> Array:
         """Return shape weights fitted to configurations, array of shape (n_fine, n_columns), by ridge regression."""
-        shape, base = self.fine
+        shape, base = self.fine.shape, self.fine.base
         square = shape.T @ shape / len(shape) + ridge * np.eye(shape.shape[1])
-        return np.asarray(np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T.ravel(), dtype=float)
+        found = np.asarray(np.linalg.solve(square, shape.T @ (q - base) / len(shape)).T, dtype=np.float64)
+        return self.of_free(found).ravel()
 
     def need(self, settings: ConvexSettings) -> Array:
         """Return the distance that is required from every owner, and those of what follows; array, shape
@@ -262,6 +275,7 @@ class ConvexProgramme:
         """
         need = np.full(self.load.n_owners + 2, self.scene.clearance + settings.margin)
         need[-2:] = self.scene.clearance + settings.border_margin, settings.border_margin
+        need = np.append(need, self.leaning.required(settings.margin))
         return need if self.follower is None else np.append(need, self.follower.required(settings.margin))
 
     def look(self, q: Array, cutoff: float, need: Array) -> Seen:
@@ -280,6 +294,7 @@ class ConvexProgramme:
             self._found = np.empty((2 * n, N_FIELDS))
             return self.look(q, cutoff, need)
         contacts, postures, distances = self._found[:n].copy(), np.zeros((0, 0)), np.zeros((0, 0))
+        least = np.append(least, self.leaning.spare(q[::FOLLOWED]).min(axis=0))
         if self.follower is not None:
             postures, distances = self.follower.follow(nodes[::FOLLOWED])
             least = np.append(least, distances.min(axis=0))
@@ -295,6 +310,7 @@ class ConvexProgramme:
         n_hands = len(self.scene.manipulators)
         slopes = hand_slopes(self.coordinates.blocks, self.load.block, nodes, q, n_hands)
         slopes = slopes.reshape(len(q), -1, q.shape[1])
+        slopes = slopes if self.free is None else slopes @ self.free
         return (slopes[:, :, :, None] * self.coarse.shape[:, None, None, :]).reshape(*slopes.shape[:2], -1)
 
     def value(self, cost: QuadraticCost, z: Array, gauge: float) -> tuple[float, Array]:
@@ -321,7 +337,7 @@ class ConvexProgramme:
             unit = p / np.linalg.norm(p, axis=1, keepdims=True)
             row = np.zeros((len(p), q.shape[1], self.basis.n_basis))
             row[:, turn] = weight * reach * unit[:, :, None] * self.coarse.shape[::GAUGE_EVERY, None, :]
-            rows.append(row.reshape(len(p), -1))
+            rows.append(self.of_free(row).reshape(len(p), -1))
         return np.concatenate(rows)
 
     def missed(self, seen: Seen, hands: Array, settings: ConvexSettings, cost: QuadraticCost) -> float:
@@ -343,23 +359,31 @@ class ConvexProgramme:
         _, distances = self.follower.follow(self.hands(self.fine.q(z))[0][::FOLLOWED])
         return bool((distances.min(axis=0) >= self.follower.required(0.0)).all())
 
-    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    def linear(self, seen: Seen, off: Array, need: Array) -> tuple[Array, Array, Integers]:
         """Return rows A and bounds b of the linearised clearances, ``A dz >= b``, and the owner of each row; kinds of
         distances of what follows count as owners after all others.
         """
-        rows, distance = np.empty((len(seen.contacts), self.n)), np.empty(len(seen.contacts))
+        n_contacts, n_columns = len(seen.contacts), self.coordinates.n_columns
+        rows, distance = np.empty((n_contacts, n_columns * self.basis.n_basis)), np.empty(n_contacts)
         linearised(self.coordinates.blocks, seen.contacts, seen.q, off, self.fine.shape, rows, distance)
+        rows = self.of_free(rows.reshape(n_contacts, n_columns, self.basis.n_basis)).reshape(-1, self.n)
         owner = seen.contacts[:, OWNER].astype(np.int64)
-        bound = need[owner] - distance
-        if self.follower is None:
-            return rows, bound, owner
-        q, away, shape = seen.q[::FOLLOWED], off[::FOLLOWED], self.fine.shape[::FOLLOWED]
-        slopes = self.follower.slopes(self.coordinates.blocks, q, seen.postures, seen.distances)
-        t, kind = np.nonzero(slopes.any(axis=2))
-        slope, also = slopes[t, kind], self.load.n_owners + 2 + kind
-        more = (slope[:, :, None] * shape[t][:, None, :]).reshape(len(t), self.n)
-        least = need[also] - seen.distances[t, kind] + (slope * away[t]).sum(axis=1)
-        return np.concatenate([rows, more]), np.append(bound, least), np.append(owner, also)
+        bound, first = need[owner] - distance, self.load.n_owners + 2
+        q, away = seen.q[::FOLLOWED], off[::FOLLOWED]
+        further = []
+        if len(self.leaning.blocks):
+            further.append((first, self.leaning.spare(q), self.leaning.slopes(q)))
+        if self.follower is not None:
+            slopes = self.follower.slopes(self.coordinates.blocks, q, seen.postures, seen.distances)
+            further.append((first + len(self.leaning.blocks), seen.distances, slopes))
+        for base, distances, slopes in further:
+            t, kind = np.nonzero(slopes.any(axis=2))
+            slope, also = slopes[t, kind], base + kind
+            more = slope[:, :, None] * self.fine.shape[::FOLLOWED][t][:, None, :]
+            least = need[also] - distances[t, kind] + (slope * away[t]).sum(axis=1)
+            rows = np.concatenate([rows, self.of_free(more).reshape(-1, self.n)])
+            bound, owner = np.append(bound, least), np.append(owner, also)
+        return rows, bound, owner
 
 
 def _scale(coordinates: Coordinates) -> Array:

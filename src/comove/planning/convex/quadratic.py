@@ -13,11 +13,9 @@ from typing import NamedTuple
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.planning.convex.limits import LinearLimits
-
-Array = NDArray[np.float64]
 
 FREE = 1e30  # infinite bound for DAQP
 UNIT = 1e-3  # m, unit of the slack in a programme
@@ -61,10 +59,10 @@ class Rows(NamedTuple):
 
     rows: Array
     bound: Array
-    owner: NDArray[np.int64]
+    owner: Integers
     further: Array
 
-    def with_more(self, rows: Array, bound: Array, owner: NDArray[np.int64], further: Array) -> Rows:
+    def with_more(self, rows: Array, bound: Array, owner: Integers, further: Array) -> Rows:
         """Return these rows followed by others."""
         more = (rows, bound, owner, further)
         return Rows(*(np.concatenate(pair) for pair in zip(self, more, strict=True)))
@@ -188,7 +186,7 @@ def minimum(
     return Minimum(x[:n], float(x[n]) * UNIT, short, slower, programmes)
 
 
-def _worst(broken: Array, few: int) -> NDArray[np.int64]:
+def _worst(broken: Array, few: int) -> Integers:
     """Return the indices of violated rows; of the worst `few` if there are more."""
     at = np.flatnonzero(broken > BROKEN)
     return at if len(at) <= few else np.sort(at[np.argsort(-broken[at], kind="stable")[:few]])

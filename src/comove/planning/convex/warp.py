@@ -10,11 +10,9 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.planning.convex.programme import ConvexProgramme, ConvexSettings, QuadraticCost
-
-Array = NDArray[np.float64]
 
 
 def warped(programme: ConvexProgramme, cost: QuadraticCost, z: Array, settings: ConvexSettings) -> Array:

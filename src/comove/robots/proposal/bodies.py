@@ -13,12 +13,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.search.capsules import vertices_of
 from comove.robots.verification.bodies import links_within, obstacle_object
-
-Array = NDArray[np.float64]
 
 ROOM = 20.0  # m, half the width of a scene that states none
 

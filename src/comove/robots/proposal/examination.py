@@ -8,9 +8,9 @@ from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
@@ -18,8 +18,6 @@ from comove.robots.grippers import without_gripper
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, placed_bodies, touching
 from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
-
-Array = NDArray[np.float64]
 
 FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
 
@@ -218,7 +216,6 @@ def _end_of_gripper(robot: Robot, arm: Arm) -> float:
 
 
 def _leave_out(robot: Robot, a: str, b: str) -> str:
-    """Return how two links are left out of the pairs that are kept apart, in words."""
     for arm in robot.arms:
         for hand, other in ((a, b), (b, a)):
             if hand in robot.gripper_links(arm) and robot.model.existFrame(other):
@@ -265,7 +262,6 @@ def _without_bodies(robot: Robot) -> list[str]:
 
 
 def _contacts(robot: Robot, rng: np.random.Generator) -> tuple[float, dict[tuple[str, str], float]]:
-    """Return the share of random configurations without contact, and pairs that often touch with their share."""
     drawn = rng.uniform(robot.lower, robot.upper, (N_TESTED, len(robot.lower)))
     touched = touching(robot, drawn)
     shares = zip(pairs_of(robot), touched.mean(axis=0), strict=True)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import RobotError, SceneError
 from comove.model.files.upgrade import as_text, upgraded
 from comove.model.grasp import HELD
@@ -28,7 +29,6 @@ from comove.robots.proposal.homes import base_of, floor_of
 from comove.robots.solving import solve_joints
 from comove.robots.transfers import plan_transfers
 
-Array = NDArray[np.float64]
 Cells = NDArray[np.bool_]
 Cell = tuple[int, int]
 

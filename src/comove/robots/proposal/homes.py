@@ -13,16 +13,14 @@ from math import radians
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.scene import Scene
 from comove.robots.free_space import SPARES
 from comove.robots.model import Arm, Robot
 from comove.robots.proposal.bodies import among, buried, link_of, placed_bodies
 from comove.robots.search.following import SEARCHING
 from comove.robots.verification.bodies import links_apart
-
-Array = NDArray[np.float64]
 
 DOWN = np.array([0.0, 0.0, -1.0])
 

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import yaml
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comove.arrays import Array
 from comove.errors import ComoveWarning, RobotError
 from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
@@ -33,7 +33,6 @@ from comove.robots.supplements import in_radians_or_metres
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.kinematics import joint_axes
 
-Array = NDArray[np.float64]
 Pair = tuple[str, str]
 
 ENDLESS = 3.14  # rad, limit either way of joints that turn without end or state none
@@ -266,7 +265,6 @@ def _read(urdf: str, file: Path) -> tuple[Path, dict[str, Any], ET.Element, Tree
 
 
 def _begins(name: str, stem: str) -> bool:
-    """Return whether a name begins with a stem, of which it leaves no word or number cut."""
     return re.match(rf"{re.escape(stem)}(?![^\W_])", name) is not None
 
 
@@ -449,7 +447,6 @@ def _tool(turn: Array, along: float) -> dict[str, Any]:
 
 
 def _axis_name(axis: Array) -> str:
-    """Return the name of a signed axis."""
     return f"{'-' if axis.sum() < 0 else ''}{'xyz'[int(np.abs(axis).argmax())]}"
 
 
@@ -643,7 +640,6 @@ def _left_out(
 
 
 def _named(part: _Part, left_out: dict[str, dict[Pair, str]]) -> list[tuple[Pair, str]]:
-    """Return a model's pairs that are left out, as the robot names their links, and the reasons."""
     pairs = left_out[part.entry["urdf"]].items()
     return [((part.prefix + a, part.prefix + b), reason) for (a, b), reason in pairs]
 

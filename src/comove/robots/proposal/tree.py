@@ -291,7 +291,6 @@ class Tree:
         return tuple(joint.name for joint in self.joints if joint.moves and joint.name not in known)
 
     def _all_from(self, joints: list[Joint]) -> Iterator[Joint]:
-        """Yield some joints, and all that move beyond them."""
         for joint in joints:
             yield joint
             yield from self._all_from(self.leaving(joint.child))

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.view.figures.style import COLOURS, new_figure
-
-Array = NDArray[np.float64]
 
 MARKERS = "osD^v"
 

@@ -11,15 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.patches import Rectangle
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.coordinates import load_coordinates
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.view.figures.shapes import hull_outline, load_pairs, outline
 from comove.view.figures.style import ARM, COLOURS, MOVING, draw_way, new_figure
-
-Array = NDArray[np.float64]
 
 FINE, OFF, TOUCHES = "#1a1a1a", "#f08c00", "#e3111b"  # a load that is well, a distance off, in something
 N_STATES = 26  # drawn along a motion
@@ -90,7 +88,6 @@ def draw_motion(
 
 
 def _draw_arms(axes: Axes, arms: Sequence[Array], view: tuple[int, int]) -> None:
-    """Draw the arms of a robot as lines behind all else, and widen the axes to show them."""
     for i, arm in enumerate(arms):
         for k, state in enumerate(arm):
             label = "arms at equal times" if i == k == 0 else None

@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import FigureBase
 from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.view.figures.shapes import hull_faces, load_pairs, obstacle_faces
 from comove.view.figures.style import ARM, COLOURS, GOAL, START
-
-Array = NDArray[np.float64]
 
 
 def draw_perspective(

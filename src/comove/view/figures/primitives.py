@@ -10,8 +10,9 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.dmp import DMP, Primitive, Variant
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.poses import PoseDMP
@@ -19,8 +20,6 @@ from comove.dmp.probabilistic import ProMP
 from comove.dmp.system import gaussians, mollifiers, von_mises
 from comove.trajectory import Trajectory
 from comove.view.figures.style import GOAL, START, new_figure
-
-Array = NDArray[np.float64]
 
 COLOURS = ("#2456a4", "#b5541c", "#0f7c80", "#7a3e9d", "#8a6d1a", "#2a7f3f", "#3c3c3c")
 RECORDED: dict[str, Any] = {"color": "0.62", "linewidth": 4.0, "solid_capstyle": "round"}

@@ -8,16 +8,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.view.figures.style import COLOURS, new_figure
 
 if TYPE_CHECKING:  # robots are an extra
     from comove.robots.model import Robot
     from comove.robots.motion import JointMotion
     from comove.robots.proposal import Examination
-
-Array = NDArray[np.float64]
 
 VIEWS = (("from above", 0, 1), ("from the front", 1, 2), ("from the side", 0, 2))
 AXES = (("#c0392b", "x"), ("#27ae60", "y: fingers open"), ("#2c5fb3", "z: approach"))

@@ -10,16 +10,14 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry.solids import N_CORNERS
 from comove.model.scene import Scene
 from comove.verification.record import Record
 from comove.view.figures.motion import MovingBorders, draw_frame, draw_legend, draw_standing, views_of
 from comove.view.figures.shapes import hull_outline, load_pairs
 from comove.view.figures.style import COLOURS, GOAL, Mover, draw_way, new_figure, write_gif
-
-Array = NDArray[np.float64]
 
 
 def draw_run(record: Record, *, n_states: int = 13) -> Figure:

@@ -5,13 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.geometry import distances as sd
 from comove.geometry.polytopes import vertices_in
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 def support_points(row: Array, directions: Array) -> Array:

@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.errors import ComoveError, ExtraError, MeshError, RobotError
 from comove.geometry.triangles import triangles_of
 from comove.model.scene import Scene
@@ -25,7 +25,6 @@ from comove.view.workbench.geometry import AROUND, Surface, ball, colour_of, rod
 if TYPE_CHECKING:
     from comove.robots import Robot
 
-Array = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 PLAIN = colour_of("#b4b9c1")  # of what a URDF gives no colour
@@ -129,8 +128,7 @@ def simplified(surface: Surface, cell: float) -> Surface:
     return Surface(middle[used], faces.reshape(-1, 3))
 
 
-def _keys(rows: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return a number for every row of three, which only equal rows share."""
+def _keys(rows: Integers) -> Integers:
     if not len(rows):
         return np.zeros(0, dtype=np.int64)
     rows = rows - rows.min(axis=0)

@@ -82,7 +82,6 @@ class Comparison:
             self._lay(first, self.stage)
 
     def _ask_method(self, first: Stage, draft: Draft, folder: Path) -> None:
-        """Ask for the motion of a method in the scene as it is now."""
         self._lay(first, Stage(first.api, first.scene, robot=first.robot))
         self._ask(replace(draft, method=self.chosen), folder)
 

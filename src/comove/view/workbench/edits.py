@@ -12,15 +12,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_of_rotation, quaternion_product
 from comove.methods import OWN
 from comove.model.scene import Scene
 from comove.planning.objectives import OBJECTIVES as AIMS
 
-Array = NDArray[np.float64]
 Contents = dict[str, Any]
 
 DIGITS = 6  # of metres that are written: a micrometre
@@ -188,7 +187,6 @@ def moved(contents: Contents, grip: Grip, to: Array, turn: Array | None = None) 
 
 
 def _poses(contents: Contents, grip: Grip) -> list[Contents]:
-    """Return the poses of the payload at the end of a grip, if its hands hold it and the scene gives any."""
     load = contents.get("load") or {}
     names = [contents["manipulators"][hand]["name"] for hand in grip.hands]
     if not load.get(grip.kind) or not set(load.get("held_by") or names) <= set(names):
@@ -233,7 +231,6 @@ def _hands(contents: Contents, grip: Grip) -> Array:
 
 
 def _upright(turn: Array) -> Array:
-    """Return the part of a turn that is about the vertical."""
     angle = math.atan2(turn[3], turn[0])
     return np.array([math.cos(angle), 0.0, 0.0, math.sin(angle)])
 

@@ -10,13 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.geometry.rotations import fit_quaternion
 from comove.model.scene import Scene
 from comove.view.figures.shapes import all_around, hull_faces, load_pairs, outline, support_points
 from comove.view.figures.style import COLOURS
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
 
 AROUND, ALONG = 32, 17  # directions in which round bodies are sampled, about the vertical and along it
 
@@ -64,7 +62,7 @@ class Surface:
     """
 
     vertices: Array
-    faces: Indices
+    faces: Integers
 
     @classmethod
     def of(cls, triangles: Array) -> Surface:

@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array
 from comove.control import ExecutionLog, Executor, Functions, Pace, write_run
 from comove.control.safety.twists import nodes_of
 from comove.errors import OptionError
@@ -22,8 +23,6 @@ from comove.verification.record import Record, verify_execution
 from comove.verification.verify import VerifiedMotion
 from comove.view.workbench.edits import Contents
 from comove.view.workbench.geometry import longest_side
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

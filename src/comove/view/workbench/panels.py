@@ -6,15 +6,14 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.methods import OWN
 from comove.model.scene import Scene
 from comove.view.figures.style import COLOURS, GOAL, MOVING, START
 from comove.view.workbench.edits import OBJECTIVES, SIZES, Draft, Grip, sizes_of
 from comove.view.workbench.playback import RecordedMotion
 
-Array = NDArray[np.float64]
 Told = Callable[[str, Any], None]
 
 SPEEDS = (0.25, 0.5, 1.0, 2.0, 4.0)

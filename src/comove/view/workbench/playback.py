@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveError, ExtraError
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
@@ -30,8 +30,6 @@ from comove.view.workbench.shelf import Item, parts_of, read_scene
 if TYPE_CHECKING:
     from comove.robots import JointMotion, JointReport, Robot
     from comove.sim.live_record import OnlineRecord
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,8 +14,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveError
 from comove.geometry.rotations import conjugate, quaternion_product
 from comove.model.scene import Scene
@@ -44,8 +44,6 @@ from comove.view.workbench.shelf import Item, Shelf, read_scene
 from comove.view.workbench.stage import ROBOT, Stage, clear, demonstrated
 from comove.view.workbench.teaching import Stroke, keep
 from comove.view.workbench.words import measures_words, named_in, plain_text, verdict_words
-
-Array = NDArray[np.float64]
 
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 VERIFIED = ("stored", "kept", "found", "solved", "ran")
@@ -398,7 +396,6 @@ class Session:
         self.commit(replace(self.history.now, taught=taught))
 
     def _put_down(self) -> None:
-        """Take the tool away that a movement was shown with."""
         if self.tool is not None:
             self.tool.remove()
             self.tool = None
@@ -480,7 +477,6 @@ class Session:
                 self._show_gizmo(grip, handle)
 
     def _remove(self, _: Any) -> None:
-        """Remove the obstacle that is taken."""
         grip = self.selected
         if grip is not None and grip.kind == "obstacle":
             self._let_go()
@@ -488,13 +484,11 @@ class Session:
             self.commit(draft.with_contents(without_obstacle(draft.contents, grip.number)))
 
     def _let_go(self) -> None:
-        """Take arrows and rings away."""
         if self.gizmo is not None:
             self.gizmo.remove()
         self.gizmo, self.selected = None, None
 
     def _go_to(self, history: History) -> None:
-        """Go back or forth in the history."""
         self.history = history
         self._renew()
 
@@ -650,7 +644,6 @@ class Session:
         return max(0.0 if recording is None else float(recording.time[-1]), self.comparison.end)
 
     def _stretch(self) -> None:
-        """Let the bar of times reach to the end of all that is shown, and show the instant."""
         if self.end > 0.0 and not self.live:
             self.panels.reach(self.end)
             self._show(min(self.time, self.end))

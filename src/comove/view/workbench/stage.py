@@ -10,8 +10,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.errors import ComoveError
 from comove.model.demonstration import demonstration_of
 from comove.model.scene import Scene
@@ -36,8 +36,6 @@ from comove.view.workbench.geometry import (
 )
 from comove.view.workbench.playback import RecordedMotion, Touch
 from comove.view.workbench.teaching import Taught, demonstration_from
-
-Array = NDArray[np.float64]
 
 STILL, GREY, PALE = colour_of("#9aa1ab"), colour_of("#b9bec6"), colour_of("#c9cdd3")
 BLOCKS = colour_of("#d7263d")

@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp import Library, learn
 from comove.dmp.demonstrations import Demonstration
 from comove.dmp.demonstrations.resampling import cutoff_of_noise
 from comove.errors import ComoveWarning, DemonstrationError
 from comove.model.demonstration import LIBRARY
 
-Array = NDArray[np.float64]
 Taught = tuple[tuple[float, ...], ...]
 """Rows of time [s] and position [m]."""
 

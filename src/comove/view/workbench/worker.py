@@ -266,7 +266,6 @@ class Worker:
             self._played(playback_of(solution), asked, "failed")
 
     def _verified(self, motion: CoordinatedMotion) -> Playback | None:
-        """Return a motion that a search has found, once it is verified."""
         if self.arms is not None:
             return self.arms.carried(motion)
         verified = verify(motion).verified
@@ -335,7 +334,6 @@ class Worker:
         self._played(playback, asked, "ran", holds=playback.holds)
 
     def _plan_on(self, scene: Scene) -> VerifiedMotion | None:
-        """Return the motion that is shown, if it is verified on a scene."""
         try:
             return None if self.kept is None else verify(self.kept.on(scene)).verified
         except (ComoveError, ValueError, IndexError):  # its coordinates are not those of this scene
@@ -367,13 +365,11 @@ class Worker:
         self._send(asked, "saved", target=asked["target"])
 
     def _found(self, playback: Playback, asked: Message, kind: str) -> None:
-        """Send a verified motion, and how long the first of this draft took."""
         if self._verified_after is None:
             self._verified_after = time.perf_counter() - self._begun
         self._played(playback, asked, kind, verified_after=self._verified_after)
 
     def _played(self, playback: Playback, asked: Message, kind: str, **further: Any) -> None:
-        """Send what is to be played, with what is known of it."""
         keys = ("recording", "verdict", "reasons", "rows", "proved", "against")
         told = {key: getattr(playback, key) for key in keys}
         self._send(asked, kind, **told, **further)

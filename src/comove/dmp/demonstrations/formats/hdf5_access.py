@@ -231,7 +231,6 @@ class HDF5File:
 
 
 def _is_no_position(dataset: DatasetShape) -> bool:
-    """Return whether the name of a dataset is one of speeds, forces and the like, or of time."""
     stem = dataset.key.rpartition("/")[2]
     return is_derived(stem) or read_columns([stem])[0].kind in (Kind.TIME, Kind.INDEX)
 

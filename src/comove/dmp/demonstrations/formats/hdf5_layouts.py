@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations.bodies import Body, bodies_of, chosen_body
 from comove.dmp.demonstrations.cleaning import MAX_DIMS
 from comove.dmp.demonstrations.clocks import time_of
@@ -30,8 +30,6 @@ from comove.dmp.demonstrations.samples import (
 from comove.dmp.demonstrations.units import unit_named
 from comove.errors import listed
 from comove.geometry.rotations import exponential
-
-Array = NDArray[np.float64]
 
 ROBOMIMIC_RATE = 20.0
 """Rate of robosuite's controllers unless `env_args` says otherwise [Hz]."""
@@ -355,7 +353,6 @@ class EpisodeReader:
         return samples if self.unit is None else samples.stating(self.unit)
 
     def _unit(self, key: str) -> str | None:
-        """Return the unit that a dataset's attribute states."""
         said = self.file.attribute(key, ("unit", "units"))
         text = said[1].decode(errors="replace") if said and isinstance(said[1], bytes) else said and said[1]
         return unit_named(text) if isinstance(text, str) else None

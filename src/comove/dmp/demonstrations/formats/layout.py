@@ -412,7 +412,6 @@ def _filled(row: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
 
 
 def _are_names(cells: Sequence[str], n_cells: int) -> bool:
-    """Return whether the cells of a comment name the columns of a recording."""
     if len(cells) != n_cells or any(map(is_number, cells)):
         return False
     kinds = {column.kind for column in read_columns(cells)}
@@ -420,7 +419,6 @@ def _are_names(cells: Sequence[str], n_cells: int) -> bool:
 
 
 def _are_units(cells: Sequence[str]) -> bool:
-    """Return whether a row holds nothing but units."""
     texts = [cell.strip("[]() ").lower() for cell in cells if cell.strip("[]() -")]
     return bool(texts) and all(
         text in UNITS or re.search(r"[/^]|^(n|nm|hz|%|v|mm\.n|n\.mm)$", text) for text in texts
@@ -448,7 +446,6 @@ def _statements(lines: Sequence[str], separator: str) -> dict[str, str]:
 
 
 def _markers(above: Sequence[tuple[int, str]]) -> list[str]:
-    """Return the names of markers in a preamble of QTM."""
     for _, line in above:
         cells = split(line, "\t")
         if cells[0].upper() == "MARKER_NAMES":

@@ -546,7 +546,6 @@ def _require_readable(path: object, vector: dict[str, Any], demos: Mapping[str, 
 
 
 def _vectors(demos: Mapping[str, RecordedSamples], dtype: str) -> dict[str, NDArray]:
-    """Return state and action of an episode, by feature."""
     blocks = [
         block for demo in demos.values() for block in (demo.position, demo.orientation) if block is not None
     ]

@@ -167,7 +167,6 @@ def movements_of(
 
 
 def _joint_name(column: Column, side: str) -> str:
-    """Return the name of a gripper among the joints of a side, as that of a joint."""
     (named,) = bodies_of([replace(column, kind=Kind.JOINT)]).values()
     return named.joints[0].axis if side else column.axis
 

@@ -375,7 +375,6 @@ def _check_row(path: Path, topic: str, sample: int, row: Any, names: Any) -> Non
 
 
 def _last_of(messages: Messages) -> tuple[Any, tuple[str, ...]]:
-    """Return the last message, with a note if there were others."""
     number, message = 0, None
     for number, (_, message) in enumerate(messages, start=1):  # noqa: B007
         pass
@@ -383,7 +382,6 @@ def _last_of(messages: Messages) -> tuple[Any, tuple[str, ...]]:
 
 
 def _framed(pick: Callable[[Any], tuple[float, ...]]) -> Callable[..., dict[str, Track]]:
-    """Return a reader of messages of one body, which its frames name."""
     return _reader(lambda m: [((getattr(m, "child_frame_id", ""), m.header.frame_id), pick(m))])
 
 

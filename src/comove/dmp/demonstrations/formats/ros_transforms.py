@@ -12,15 +12,14 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.dmp.demonstrations.cleaning import NORM_TOLERANCE, without_sign_changes
 from comove.dmp.demonstrations.resampling import slerp
 from comove.dmp.demonstrations.samples import fault
 from comove.errors import DemonstrationError, listed, near_name
 from comove.geometry.rotations import conjugate, matrices, quaternion_product
 
-Array = NDArray[np.float64]
 _Pose = tuple[Array, Array]
 """Positions (n_steps, 3) [m] and unit quaternions w x y z (n_steps, 4); n_steps is 1 for a constant pose."""
 
@@ -41,7 +40,7 @@ class Transforms:
 
     child: str
     parent: str
-    stamps: NDArray[np.int64]
+    stamps: Integers
     position: Array
     orientation: Array
     notes: tuple[str, ...] = ()
@@ -52,7 +51,7 @@ class Transforms:
         poses = np.concatenate((self.position, self.orientation), axis=1)
         return not bool((np.abs(poses - poses[0]) <= STILL).all())
 
-    def at(self, stamps: NDArray[np.int64]) -> _Pose:
+    def at(self, stamps: Integers) -> _Pose:
         """Return the poses at stamps between the first and the last, or the constant one."""
         if not self.is_moving:
             return self.position[:1], self.orientation[:1]
@@ -218,13 +217,12 @@ class TransformTree:
         return replace(one, orientation=one.orientation / norm)
 
 
-def _around(stamps: NDArray[np.int64], first: int, last: int) -> slice:
-    """Return the stamps between two instants, and the neighbours before and after."""
+def _around(stamps: Integers, first: int, last: int) -> slice:
     start = max(int(np.searchsorted(stamps, first, side="right")) - 1, 0)
     return slice(start, int(np.searchsorted(stamps, last)) + 1)
 
 
-def _product(chain: Sequence[Transforms], stamps: NDArray[np.int64]) -> _Pose:
+def _product(chain: Sequence[Transforms], stamps: Integers) -> _Pose:
     """Return the pose of the first child in the last parent of a chain."""
     pose: _Pose = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0, 0.0]])
     for one in chain:

@@ -327,7 +327,6 @@ def _messages(path: Path, bag: _Bag, topic: str, kind: str) -> Messages:
 
 
 def _sizes(tracks: Mapping[str, Track]) -> dict[str, str]:
-    """Return words about movements by their names."""
     return {
         name: ", ".join(filter(None, (listed(track.axes, 8), f"{len(track.stamps)} samples")))
         for name, track in tracks.items()

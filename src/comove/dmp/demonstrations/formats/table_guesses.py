@@ -8,14 +8,12 @@ from dataclasses import replace
 from itertools import islice, pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations.columns import MATRIX, Column, Kind
 from comove.dmp.demonstrations.formats.layout import Layout
 from comove.dmp.demonstrations.plausibility import EPOCHS
 from comove.dmp.demonstrations.samples import AXES, QUATERNION
-
-Array = NDArray[np.float64]
 
 _XYZW = (*QUATERNION[1:], QUATERNION[0])
 _TRIED = 1000

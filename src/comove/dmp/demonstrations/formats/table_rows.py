@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.demonstrations.formats.layout import (
     MAX_COLUMNS,
     SEPARATORS,
@@ -25,8 +26,6 @@ from comove.dmp.demonstrations.formats.layout import (
 )
 from comove.dmp.demonstrations.samples import MAX_ROWS, fault
 from comove.errors import ComoveWarning, DemonstrationError
-
-Array = NDArray[np.float64]
 
 MAX_LINE = 2**20
 """Bytes of one line."""

@@ -326,7 +326,6 @@ class _Table:
         raise self._no_time()
 
     def _chosen_numbers(self) -> set[int]:
-        """Return the numbers of the columns that the user names as positions."""
         return {
             column.number
             for name in self.request.columns or ()
@@ -360,11 +359,9 @@ class _Table:
         return bool(cells) and (self.layout.is_number(cells[0]) or is_time(cells[0]))
 
     def _grows(self, number: int) -> bool:
-        """Return whether the numbers of a column grow evenly in the first rows, as time does."""
         return grows_evenly(numbers_of(self.layout.sampled(number)))
 
     def _counts(self, number: int) -> bool:
-        """Return whether a column counts rows, one by one."""
         return bool((np.diff(numbers_of(self.layout.sampled(number))) == 1.0).all())
 
     def movements(self, bodies: dict[str, Body], clock: Clock) -> dict[str, RecordedSamples]:

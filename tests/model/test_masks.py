@@ -1,0 +1,217 @@
+"""What constraints keep of a pose is kept by construction, and certified; the oracle is scipy's Rotation."""
+
+import warnings
+from copy import deepcopy
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+from comove import solve
+from comove.dmp import motion_basis
+from comove.errors import ComoveWarning, SceneError
+from comove.model import CoordinatedMotion, Scene, load_coordinates
+from comove.model.constraints import DirectionConstraint
+from comove.model.coordinates import poses_at
+from comove.verification.bounds import node_bounds
+from comove.verification.verify import MotionCourse, verify
+
+SLANTED = np.array([1.0, 2.0, 2.0]) / 3.0
+START = Rotation.from_euler("xyz", [10.0, 20.0, 40.0], degrees=True)
+SCENE = {
+    "version": 2,
+    "name": "masked",
+    "duration": 4.0,
+    "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+    "payload": {"shape": "box", "size": [0.3, 0.1, 0.05], "start": {}, "goal": {}},
+    "grasps": {"a": {"position": [-0.15, 0, 0]}, "b": {"position": [0.15, 0, 0]}},
+}
+
+
+def pose(position, turn):
+    return {"position": [*map(float, position)], "quaternion_wxyz": turn.as_quat(scalar_first=True).tolist()}
+
+
+def held(constraint, turn=None, shift=(0.4, 0.3, 0.1), start=START, **further):
+    """Return a scene whose payload turns by a rotation of the world, and is shifted."""
+    data = deepcopy(SCENE) | further
+    first = np.array([0.3, 0.35, 0.45])
+    goal = start if turn is None else turn * start
+    data["payload"] |= {"start": pose(first, start), "goal": pose(first + shift, goal)}
+    return data | {"constraints": [constraint] if isinstance(constraint, dict) else constraint}
+
+
+def about(axis, degrees):
+    return Rotation.from_rotvec(np.deg2rad(degrees) * np.asarray(axis))
+
+
+SHIFT = np.array([2.0, -1.0, 0.0]) / 10.0  # in the plane across SLANTED
+KEPT = [
+    ({"type": "no_rotation"}, None, (0.4, 0.3, 0.1), None, None),
+    ({"type": "axis", "axis": [2, 4, 4]}, about(SLANTED, 70.0), (0.4, 0.3, 0.1), SLANTED, None),
+    ({"type": "axis", "axis": [0, 0, 1]}, about([0, 0, 1], -50.0), (0.4, 0.3, 0.1), np.eye(3)[2], None),
+    (
+        {"type": "axis", "axis": [1, 0, 0], "frame": "payload"},
+        about(START.apply([1, 0, 0]), 35.0),
+        (0.4, 0.3, 0.1),
+        START.apply([1, 0, 0]),
+        None,
+    ),
+    ({"type": "planar"}, about([0, 0, 1], 80.0), (0.4, 0.3, 0.0), np.eye(3)[2], np.eye(3)[2]),
+    ({"type": "planar", "normal": [1, 2, 2]}, about(SLANTED, -60.0), SHIFT, SLANTED, SLANTED),
+]
+
+
+@pytest.mark.parametrize(("constraint", "turn", "shift", "axis", "normal"), KEPT)
+def test_whatever_a_search_does_keeps_it_to_rounding(constraint, turn, shift, axis, normal):
+    """Any weights give a motion that keeps it, and its certificate says so; so are planes and axes of the payload."""
+    scene = Scene.from_dict(held(constraint, turn, shift))
+    coordinates, basis = load_coordinates(scene), motion_basis(12, "jerk")
+    weights = 0.05 * np.random.default_rng(0).normal(size=(coordinates.n_columns, 12))
+    motion = CoordinatedMotion(scene, coordinates, basis, coordinates.boundary(), weights)
+    s = np.linspace(0.0, 1.0, 1001)
+    hands = motion.hands(s)[0]
+    poses = poses_at(coordinates, motion.at(s)[0])
+    turned = Rotation.from_quat(poses.quaternion[:, 0], scalar_first=True)
+    turned *= turned[0].inv()
+    if axis is None:
+        assert np.abs(turned.as_rotvec()).max() < 1e-12
+    else:
+        assert np.linalg.norm(np.cross(turned.as_rotvec(), axis), axis=1).max() < 1e-12
+        assert turned.magnitude().max() > 0.5  # it does turn
+    if normal is not None:
+        assert np.abs((hands - hands[0]) @ normal).max() < 1e-12
+    assert np.ptp(hands, axis=0).max() > 0.1
+    verdict = verify(motion)
+    assert not [reason for reason in verdict.reasons if "payload" in reason]
+    assert verdict.report.constraint_excess_max <= 0.0
+
+
+def test_the_bound_of_a_free_motion_is_that_of_its_samples():
+    """The angle between a payload's direction and the world's is bounded by little more than its largest sample."""
+    free = Scene.from_dict(held([], about(SLANTED, 50.0)))
+    coordinates, basis = load_coordinates(free), motion_basis(12, "jerk")
+    weights = 0.05 * np.random.default_rng(1).normal(size=(coordinates.n_columns, 12))
+    motion = CoordinatedMotion(free, coordinates, basis, coordinates.boundary(), weights)
+    position = coordinates.motion(motion.knots)[0, :, :2]
+    course = MotionCourse(motion, node_bounds(motion), position)
+    own, world = START.apply([0.0, 1.0, 0.0]), np.eye(3)[0]
+    constraint = DirectionConstraint((0, 1), 0.1, own, world)
+    turned = Rotation.from_quat(
+        poses_at(coordinates, motion.at(np.linspace(0, 1, 5001))[0]).quaternion[:, 0], scalar_first=True
+    )
+    there = (turned * turned[0].inv()).apply(own)
+    worst = np.arccos(np.clip(there @ world, -1, 1)).max()
+    assert worst <= constraint.bound(course) < worst + 1e-3
+    assert "leans by up to" in constraint.reason(constraint.bound(course), ("a", "b"))
+
+
+PILLAR = {"shape": "box", "center": [0.5, 0.5, 0.5], "size": [0.08, 0.08, 1.0]}
+
+
+@pytest.mark.parametrize("normal", [[0, 0, 1], [1, 2, 2]])
+def test_a_plane_is_kept_around_an_obstacle(normal):
+    """The way around a pillar is planned and optimised in the plane."""
+    way = np.cross(normal, [0.0, 0.0, 1.0]) if normal[0] else np.array([1.0, 0.3, 0.0])
+    shift, unit = 0.6 * way / np.linalg.norm(way), np.array(normal) / np.linalg.norm(normal)
+    data = held({"type": "planar", "normal": normal}, about(unit, 40.0), shift, start=Rotation.identity())
+    for end, side in (("start", -0.5), ("goal", 0.5)):
+        data["payload"][end]["position"] = (np.full(3, 0.5) + side * shift).tolist()
+    solution = solve(Scene.from_dict(data | {"obstacles": [PILLAR]}), seed=0)
+    assert solution.verified, solution.reasons
+    position = solution.trajectory.position
+    assert np.abs((position - position[0]) @ unit).max() < 1e-12
+
+
+def test_a_payload_leans_within_its_tolerance():
+    """A goal that leans is reached exactly, and on the way the payload never leans further than it may."""
+    up = [0, 0, 1]
+    low = {"shape": "box", "center": [0.5, 0.5, 0.2], "size": [0.1, 1.0, 0.4]}
+    high = {"shape": "box", "center": [0.5, 0.5, 0.8], "size": [0.1, 1.0, 0.4]}
+    data = held({"type": "upright", "tolerance_deg": 12, "up": up}, start=Rotation.identity())
+    tilted = Rotation.from_euler("xyz", [0.0, 9.0, 90.0], degrees=True)
+    data["payload"] |= {"start": pose([0.2, 0.5, 0.5], about(up, 30)), "goal": pose([0.8, 0.5, 0.6], tilted)}
+    solution = solve(Scene.from_dict(data | {"obstacles": [low, high]}), seed=0)
+    assert solution.verified, solution.reasons
+    motion = solution.motion.motion
+    q = motion.at(np.linspace(0.0, 1.0, 2001))[0]
+    turned = Rotation.from_quat(poses_at(motion.coordinates, q).quaternion[:, 0], scalar_first=True)
+    leaning = np.arccos(turned.as_matrix()[:, 2, 2])
+    assert leaning[-1] == pytest.approx(np.deg2rad(9.0), abs=1e-9)
+    assert leaning.max() <= solution.report.tilt_max <= np.deg2rad(12.0)
+
+
+REFUSED = [
+    ({"type": "no_rotation"}, about(SLANTED, 30.0), (0.4, 0.3, 0.1)),
+    ({"type": "axis", "axis": [1, 0, 0]}, about([0, 0, 1], 30.0), (0.4, 0.3, 0.1)),
+    ({"type": "planar"}, about([0, 0, 1], 30.0), (0.3, 0.3, 0.2)),
+    ({"type": "upright", "tolerance_deg": 10}, about([1, 0, 0], 17.5), (0.4, 0.3, 0.1)),
+]
+
+
+@pytest.mark.parametrize(("constraint", "turn", "shift"), REFUSED)
+def test_a_goal_that_needs_what_is_kept_is_refused_with_advice_that_works(constraint, turn, shift):
+    """The message names the constraint and says what to write; what it says is accepted."""
+    data = held(constraint, turn, shift)
+    with pytest.raises(SceneError) as raised:
+        Scene.from_dict(data)
+    assert raised.value.key == "constraints[0]"
+    advice = raised.value.way_out
+    if "{type: axis" in advice:
+        data["constraints"] = [yaml.safe_load(advice[advice.index("{") : advice.index("}") + 1])]
+    elif "goal position" in advice:
+        data["payload"]["goal"]["position"] = yaml.safe_load(
+            advice[advice.index("[") : advice.index("]") + 1]
+        )
+    else:
+        data["constraints"][0]["tolerance_deg"] = float(advice.split("tolerance_deg: ")[1].split(",")[0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ComoveWarning)  # an axis is told with four digits
+        Scene.from_dict(data)
+
+
+def test_a_goal_within_the_tolerance_is_moved_onto_the_constraint():
+    """As with all constraints, and a warning names the shift."""
+    data = held({"type": "planar"}, about([0, 0, 1], 30.0), (0.4, 0.3, 5e-4))
+    with pytest.warns(ComoveWarning, match="goal was moved"):
+        scene = Scene.from_dict(data)
+    assert scene.groups[0].goal.center[2] == pytest.approx(scene.groups[0].start.center[2], abs=1e-12)
+
+
+def test_masks_are_for_payloads_with_poses_in_space():
+    """In the plane, and for loads without poses, they are refused with what to do."""
+    flat = {
+        "version": 2,
+        "name": "flat",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0], "upper": [1, 1]},
+        "payload": {
+            "shape": "box",
+            "size": [0.2, 0.1],
+            "start": {"position": [0.3, 0.3]},
+            "goal": {"position": [0.7, 0.6]},
+        },
+        "grasps": {"a": {"position": [-0.1, 0]}, "b": {"position": [0.1, 0]}},
+        "constraints": [{"type": "planar"}],
+    }
+    with pytest.raises(SceneError, match="the scene is planar"):
+        Scene.from_dict(flat)
+    scene = Scene.from_dict(flat | {"constraints": [{"type": "no_rotation"}]})
+    solution = solve(scene, seed=0)
+    assert solution.verified
+    apart = solution.trajectory.position[:, 1] - solution.trajectory.position[:, 0]
+    assert np.abs(apart - [0.2, 0.0]).max() < 1e-12
+    old = {
+        "name": "old",
+        "duration": 4.0,
+        "workspace": {"lower": [0, 0, 0], "upper": [1, 1, 1]},
+        "load": {"shape": "bar", "length": 0.2},
+        "manipulators": [
+            {"name": "a", "start": [0.3, 0.3, 0.3], "goal": [0.6, 0.6, 0.3]},
+            {"name": "b", "start": [0.5, 0.3, 0.3], "goal": [0.8, 0.6, 0.3]},
+        ],
+        "constraints": [{"type": "axis", "axis": [0, 0, 1]}],
+    }
+    with pytest.raises(SceneError, match="comove scene upgrade"):
+        Scene.from_dict(old)
