@@ -66,7 +66,7 @@ def require_format(root: ET.Element, path: Path, wanted: str) -> None:
     """Refuse a file of another format than `wanted`, and name the command that converts it."""
     text = None if wanted == MJCF and root.tag != "robot" else _unexpanded(root)
     if text is not None:
-        raise _other(path, f"{XACRO} ({shortened(text)})", wanted)
+        raise _other(path, XACRO, wanted, f" ({shortened(text)})")
     if root.tag == "robot":
         found = SRDF if root.find("link") is None and _tells_pairs(root) else URDF
         if wanted == SRDF and found == URDF and root.find("link") is None:
@@ -109,24 +109,19 @@ def _tells_pairs(root: ET.Element) -> bool:
     return any(root.find(tag) is not None for tag in tags)
 
 
-def _other(path: Path, found: str, wanted: str) -> RobotError:
+def _other(path: Path, found: str, wanted: str, shown: str = "") -> RobotError:
     """Return the error of a file that is of the format `found`."""
-    kind = found.partition(" (")[0]
+    way_out = {
+        XACRO: f"expand it first: pip install xacro, then xacro {path} > robot.urdf",
+        MJCF: f"convert it first: comove robot convert {path} --out FOLDER",
+        URDF: f"describe it first: comove robot new {path} --out robot.yaml",
+        SRDF: "name the URDF, and this file as its `srdf` in the description",
+        DESCRIPTION: f"check it with comove robot check {path}, or name the model in it",
+        SDF: "export it as a URDF from the program that wrote it",
+    }[found]
     if wanted == SRDF:
         way_out = "name the SRDF of the URDF, or leave `srdf` out of the description"
-    elif kind == XACRO:
-        way_out = f"expand it first: pip install xacro, then xacro {path} > robot.urdf"
-    elif found == MJCF:
-        way_out = f"convert it first: comove robot convert {path} --out FOLDER"
-    elif found == URDF:
-        way_out = f"describe it first: comove robot new {path} --out robot.yaml"
-    elif found == SRDF:
-        way_out = "name the URDF, and this file as its `srdf` in the description"
-    elif found == DESCRIPTION:
-        way_out = f"check it with comove robot check {path}, or name the model in it"
-    else:
-        way_out = "export it as a URDF from the program that wrote it"
-    return RobotError(f"it is {found}, not {wanted}", file=path, way_out=way_out)
+    return RobotError(f"it is {found}{shown}, not {wanted}", file=path, way_out=way_out)
 
 
 LinkPair = frozenset[str]

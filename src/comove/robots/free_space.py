@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -147,15 +148,14 @@ class Room:
         apart = outline.clearances(q, enough, blocked)
         if not (apart > blocked).all():
             return False
-        if any(self._touching(one, self._doubtful(outline, one, enough)) for one in q[apart < enough]):
-            return False
+        for one in q[apart < enough]:
+            about, near = outline.near(one, enough)
+            if self._touching(
+                one, self._rows(outline.untold | near | {frozenset((name,)) for name in about})
+            ):
+                return False
         untold = self._rows(outline.untold)
         return not (untold and any(self._touching(one, untold) for one in q[apart >= enough]))
-
-    def _doubtful(self, outline: Outline, q: Array, enough: float) -> list[int]:
-        """Return which of the pairs that are checked first the outline does not tell to be apart."""
-        about, near = outline.near(q, enough)
-        return self._rows(outline.untold | near | {frozenset((name,)) for name in about})
 
     def _rows(self, names: frozenset[frozenset[str]]) -> list[int]:
         """Return which of the pairs that are checked first have these names."""
@@ -214,9 +214,12 @@ class Room:
         """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
         changes = self.bodies.reach[:, :-1] @ np.abs(second - first)
         count = int(np.ceil((changes / (2.0 * self.spare)).max(initial=0.0)))
-        shares = np.arange(1, count) / max(count, 1)
-        coarse_first = shares[np.argsort([_bits(k) for k in range(1, count)])] if count > 2 else shares
-        return count < 2 or self.are_free(first + coarse_first[:, None] * (second - first))
+        width = (
+            count.bit_length()
+        )  # by their bits from the last to the first, numbers far from all earlier ones
+        coarse_first = sorted(range(1, count), key=lambda k: int(f"{k:0{width}b}"[::-1], 2))
+        shares = np.array(coarse_first)[:, None] / count
+        return count < 2 or self.are_free(first + shares * (second - first))
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,10 +268,8 @@ class _Pairs:
 
     def is_near(self, k: int) -> bool:
         """Return whether the k-th pair is too near where the bodies were put."""
-        distance = pin.computeDistance(
-            self.geometry, self.data, k
-        ).min_distance  # for meshes faster than a margin
-        return bool(distance < self.required[k])
+        result = pin.computeDistance(self.geometry, self.data, k)  # for meshes faster than a margin
+        return bool(result.min_distance < self.required[k])
 
 
 def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Array | None:
@@ -281,7 +282,7 @@ def way(room: Room, start: Array, goal: Array, rng: np.random.Generator) -> Arra
     if not room.are_free(np.stack([start, goal])):
         return None
     for path in _simple(room, start, goal):
-        if room.are_free(path[1:-1]) and _is_free_along(room, path):
+        if room.are_free(path[1:-1]) and all(room.is_free_between(a, b) for a, b in pairwise(path)):
             return path
     nothing = np.empty((0, len(start)))
     path = rrt_connect.py_func(room, start, goal, 0.0, rng, MOST_NODES, 20 * MOST_NODES, nothing)
@@ -300,10 +301,6 @@ def _simple(room: Room, start: Array, goal: Array) -> Iterator[Array]:
         yield np.stack([start, between, goal])
 
 
-def _is_free_along(room: Room, path: Array) -> bool:
-    return all(room.is_free_between(a, b) for a, b in zip(path[:-1], path[1:], strict=True))
-
-
 def _corners(path: Array) -> list[int]:
     """Return the indices of both ends and of the configurations at which the path turns."""
     kept = [0]
@@ -314,11 +311,3 @@ def _corners(path: Array) -> list[int]:
             if share < 1.0 - 1e-12:
                 kept.append(k)
     return [*kept, len(path) - 1]
-
-
-def _bits(number: int) -> float:
-    """Return a term of the van der Corput sequence; sorted by it, numbers far from all earlier ones come first."""
-    value, share = 0.0, 0.5
-    while number:
-        value, share, number = value + share * (number & 1), 0.5 * share, number >> 1
-    return value

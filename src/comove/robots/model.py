@@ -276,7 +276,8 @@ def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
     model, collision = models[0], geometries[0]
     _move_base(model, collision, se3_of(sources[0].base))
     for source, part, geometry in zip(sources[1:], models[1:], geometries[1:], strict=True):
-        if twice := _frame_names(model) & _frame_names(part):
+        names, own = ({frame.name for frame in one.frames} for one in (model, part))
+        if twice := (names & own) - {"universe"}:
             raise RobotError(
                 f"two models have a link or joint '{min(twice)}'",
                 key="models",
@@ -307,10 +308,6 @@ def _apply_soft_limits(model: Any, further: Mapping[str, FurtherLimits]) -> None
             lower[joint.idx_q] = max(lower[joint.idx_q], further[name].soft_lower)
             upper[joint.idx_q] = min(upper[joint.idx_q], further[name].soft_upper)
     model.lowerPositionLimit, model.upperPositionLimit = lower, upper
-
-
-def _frame_names(model: Any) -> set[str]:
-    return {frame.name for frame in model.frames} - {"universe"}
 
 
 def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]:
@@ -493,9 +490,13 @@ def _with_posture(
     for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
         if name not in moving and joint.nq == 1:
             posture.setdefault(name, _nearest_to_zero(model, name))
-    for name, mimic in _leaders_first(mimics):
-        if name in given or name not in list(model.names):  # a fixed joint may have a <mimic>
+    # Each comes after the joint it follows; none follows itself.
+    for name in TopologicalSorter({name: [mimic.joint] for name, mimic in mimics.items()}).static_order():
+        if (
+            name in given or name not in mimics or name not in list(model.names)
+        ):  # a fixed joint may have a <mimic>
             continue
+        mimic = mimics[name]
         if mimic.joint not in list(model.names):
             raise RobotError(
                 f"the joint '{name}' goes along with '{mimic.joint}', which is not there",
@@ -511,12 +512,6 @@ def _with_posture(
             )
         posture[name] = mimic.multiplier * posture.get(mimic.joint, 0.0) + mimic.offset
     return description.model_copy(update={"posture": posture})
-
-
-def _leaders_first(mimics: dict[str, Mimic]) -> list[tuple[str, Mimic]]:
-    """Sort joints that mimic others so that each comes after the joint it follows; none follows itself."""
-    order = TopologicalSorter({name: [mimic.joint] for name, mimic in mimics.items()}).static_order()
-    return [(name, mimics[name]) for name in order if name in mimics]
 
 
 def _locked_at(description: RobotFile, model: Any, rounding: float = 1e-9) -> Array:
@@ -572,7 +567,12 @@ def _reduced(
     """Build the robot with every joint locked but those of the arms."""
     moving = {joint for chain in chains.values() for joint in chain}
     for name in moving:
-        _require_limited(model.joints[model.getJointId(name)], name)
+        if model.joints[model.getJointId(name)].nq > 1:
+            raise RobotError(
+                f"the joint '{name}' turns without end and has no limits",
+                key="limits",
+                way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
+            )
     locked = [j for j in range(1, model.njoints) if model.names[j] not in moving]
     stay = _locked_at(description, model)
     for j in locked:  # becomes a frame of its name
@@ -595,16 +595,6 @@ def _reduced(
     return Robot(
         description, reduced, geometry, arms, **limits, relief=relief, sha256=sha256, sources=sources
     )
-
-
-def _require_limited(joint: Any, name: str) -> None:
-    """Refuse joints that an arm cannot have."""
-    if joint.nq > 1:
-        raise RobotError(
-            f"the joint '{name}' turns without end and has no limits",
-            key="limits",
-            way_out=f"give them: limits: {{{name}: {{lower: -3, upper: 3}}}}",
-        )
 
 
 def _limits(

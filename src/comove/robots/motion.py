@@ -185,13 +185,9 @@ def approach_shares(position: Array, velocity: Array, approach: Array, lower: Ar
 
 def _ahead(curve: PPoly, seconds: Array) -> PPoly:
     """Return q + T q' of a cubic curve q, with the joints' times T, array of shape (n_joints,) [s]."""
-    cubic, square, slope, start = curve.c
-    return PPoly(
-        np.stack(
-            [cubic, square + 3.0 * seconds * cubic, slope + 2.0 * seconds * square, start + seconds * slope]
-        ),
-        curve.x,
-    )
+    ahead = curve.c.copy()
+    ahead[1:] += seconds * curve.derivative().c
+    return PPoly(ahead, curve.x)
 
 
 def _each(curve: PPoly, time: Array) -> tuple[Array, Array]:

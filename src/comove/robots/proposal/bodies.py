@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from comove.arrays import Array
 from comove.model.scene import Scene
-from comove.robots.model import Robot
+from comove.robots.model import Arm, Robot
 from comove.robots.search.capsules import vertices_of
 from comove.robots.verification.bodies import links_within, obstacle_object
 
@@ -34,6 +34,13 @@ def placed_bodies(robot: Robot, q: Array) -> Iterator[tuple[str, Array]]:
     pin.updateGeometryPlacements(robot.model, data, geometry, placed, q)
     for item, place in zip(geometry.geometryObjects, placed.oMg, strict=True):
         yield link_of(item.name), _points_around(item.geometry) @ place.rotation.T + place.translation
+
+
+def points_from_tip(robot: Robot, arm: Arm, links: Collection[str]) -> Array:
+    """Return points around the bodies of some links at home in the frame of an arm's tip; array, shape (n, 3) [m]."""
+    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
+    points = [points for link, points in placed_bodies(robot, robot.home) if link in links]
+    return np.asarray((np.concatenate([np.empty((0, 3)), *points]) - tip[:3, 3]) @ tip[:3, :3])
 
 
 def link_of(geometry: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -16,7 +16,7 @@ from comove.robots.description import Placement
 from comove.robots.effort import overburdened
 from comove.robots.grippers import without_gripper
 from comove.robots.model import Arm, Robot
-from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, placed_bodies, touching
+from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, points_from_tip, touching
 from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
 
 FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
@@ -148,12 +148,12 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
         for (a, b), share in often.items()
         if not {a, b} & set(standing)
     ]
-    for arm in arms:
-        if arm.n_joints < FEW_JOINTS:
-            doubts.append(
-                f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that "
-                "it shares must leave it the turns that it lacks"
-            )
+    doubts += [
+        f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that it "
+        "shares must leave it the turns that it lacks"
+        for arm in arms
+        if arm.n_joints < FEW_JOINTS
+    ]
     bare = without_gripper(robot)
     if away := [name for name in bare if robot.gripper_links(robot.arm(name))]:
         doubts.append(
@@ -166,12 +166,14 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
             "is verified; give one: gripper: {urdf: FILE}, or gripper: {mass: KILOGRAMS, shapes: [{shape: box, "
             "center: [0, 0, 0.06], size: [0.1, 0.1, 0.12]}]}"
         )
-    doubts += [
-        f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say where "
-        f"in that, such as tool: {{position: [0, 0, {_end_of_gripper(robot, arm):.3g}]}}"
-        for arm in robot.arms
-        if robot.gripper_links(arm) and robot.description.arms[arm.name].tool == Placement()
-    ]
+    for arm in robot.arms:
+        own = robot.gripper_links(arm)
+        if own and robot.description.arms[arm.name].tool == Placement():
+            end = max(points_from_tip(robot, arm, own)[:, 2], default=0.0)
+            doubts.append(
+                f"the arm '{arm.name}' has a gripper and no `tool`, so that it holds the payload at '{arm.tip}': say "
+                f"where in that, such as tool: {{position: [0, 0, {end:.3g}]}}"
+            )
     if unseen := _without_bodies(robot):
         doubts.append(
             f"{', '.join(unseen[:MOST_NAMED])}{' and others' * (len(unseen) > MOST_NAMED)} move and are drawn, but "
@@ -205,14 +207,6 @@ def _how_near(distance: float, needed: float) -> str:
         if distance <= 0.0
         else f"are {1e3 * distance:.3g} mm apart, and have to keep {1e3 * needed:.3g} mm"
     )
-
-
-def _end_of_gripper(robot: Robot, arm: Arm) -> float:
-    """Return how far the gripper of an arm reaches along the z axis of its tip [m]."""
-    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-    own = robot.gripper_links(arm)
-    points = [points for link, points in placed_bodies(robot, robot.home) if link in own]
-    return max((float(((p - tip[:3, 3]) @ tip[:3, 2]).max()) for p in points), default=0.0)
 
 
 def _leave_out(robot: Robot, a: str, b: str) -> str:

@@ -43,26 +43,16 @@ NEAR_DOWN = radians(5.0)  # angle from straight down at home from which on it is
 DIGITS = 3  # of joints at home
 
 
-@dataclass(frozen=True)
-class Homes:
-    """The homes of all arms.
-
-    Attributes
-    ----------
-    joints : joint positions by arm; arrays, shape (n_joints,) [rad, m]
-    notes : what they lack, in words
-    """
-
-    joints: tuple[Array, ...]
-    notes: tuple[str, ...]
-
-
-def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> Homes:
+def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> tuple[list[Array], list[str]]:
     """Find a home for every arm: of random configurations the best one that is free once its hand is turned down.
 
     Parameters
     ----------
     around : scene whose obstacles stand around the robot
+
+    Returns
+    -------
+    joint positions by arm, arrays, shape (n_joints,) [rad, m], and notes on what they lack
     """
     q, notes, robot, alone = robot.home, [], among(robot, around), robot
     rng = np.random.default_rng(seed)
@@ -82,15 +72,13 @@ def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> Homes:
             own = [robot.tool_pose(each, arm)[:3, 3] for each in begun]
             ended = [_settled(robot, arm, *pair, reach) for pair in zip(begun, own, strict=True)]
             best = [each for each, _ in sorted(ended, key=lambda pair: pair[1] > SETTLED)]
-            found = _first_free(
-                robot, [each for each in best if not buried(alone, around, each)], later, needed
-            )
+            clear = [each for each in best if not buried(alone, around, each)]
+            found = _first_free(robot, clear, later, needed)
         if found is None:  # then however the hand is turned
             keep = limit_margin(robot)
             kept = (_rounded(each, robot.lower + keep, robot.upper - keep) for each in begun)
-            found = _first_free(
-                robot, [each for each in kept if not buried(alone, around, each)], later, needed
-            )
+            clear = [each for each in kept if not buried(alone, around, each)]
+            found = _first_free(robot, clear, later, needed)
         q = best[0] if found is None else found
         if found is None:
             notes.append(
@@ -103,7 +91,7 @@ def homes_of(robot: Robot, seed: int = 0, around: Scene | None = None) -> Homes:
                 f"the hand of '{arm.name}' at home is {np.rad2deg(tilt):.0f} degrees from pointing down, as near as "
                 f"its {len(arm.columns)} joints were seen to come, clear of everything"
             )
-    return Homes(tuple(q[arm.columns] for arm in robot.arms), tuple(notes))
+    return [q[arm.columns] for arm in robot.arms], notes
 
 
 def limit_margin(robot: Robot) -> Array:

@@ -24,9 +24,9 @@ from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
 from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
-from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, placed_bodies, touching
+from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, points_from_tip, touching
 from comove.robots.proposal.examination import overloaded
-from comove.robots.proposal.homes import Homes, clearance_at_home, homes_of
+from comove.robots.proposal.homes import clearance_at_home, homes_of
 from comove.robots.proposal.tree import GUESSED, LONGEST_FINGER, MOVING, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
 from comove.robots.supplements import in_radians_or_metres
@@ -132,7 +132,7 @@ def propose(
             file=file,
             way_out="write the description by hand: docs/robots.md",
         )
-    data = {"name": _name_of(file), **data}
+    data = {"name": re.sub(r"\W+", "_", file.stem) or "robot", **data}
     with warnings.catch_warnings():  # they come once, with the last robot
         warnings.simplefilter("ignore", ComoveWarning)
         if gripper is not None:
@@ -145,13 +145,17 @@ def propose(
         data["arms"][name]["gripper"]["touch_links"] = links
         notes.append(f"{', '.join(links)} may touch the gripper of '{name}', as `touch_links` says")
     srdf = {part.entry["urdf"]: _srdf(part, left_out, file) for part in parts if left_out[part.entry["urdf"]]}
-    pairs = [pair for part in parts for pair in _named(part, left_out)]
+    pairs = [
+        ((part.prefix + a, part.prefix + b), reason)
+        for part in parts
+        for (a, b), reason in left_out[part.entry["urdf"]].items()
+    ]
     notes += [f"'{a}' and '{b}' {TOLD[reason]}: not compared" for (a, b), reason in pairs]
     robot = _without(robot, pairs)
-    homes: Homes = homes_of(robot, seed, around)
-    for arm, home in zip(robot.arms, homes.joints, strict=True):
+    homes, more = homes_of(robot, seed, around)
+    for arm, home in zip(robot.arms, homes, strict=True):
         data["arms"][arm.name]["home"] = home.tolist()
-    notes += homes.notes
+    notes += more
     weak = overloaded(_robot(data, file))
     if weak:
         data["springs"] = data.get("springs", {}) | dict.fromkeys(weak, SPRINGS)
@@ -225,10 +229,6 @@ def _told_guesses(guessed: dict[str, dict[str, float]]) -> Iterator[str]:
             f"the URDF states no usable {told} of {', '.join(names)}: those under `limits` are guesses; "
             "put the maker's there"
         )
-
-
-def _name_of(file: Path) -> str:
-    return re.sub(r"\W+", "_", file.stem) or "robot"
 
 
 def _srdf_beside(urdf: Path, named: str) -> str | None:
@@ -347,20 +347,19 @@ def _with_tools(
     """Return the description with a grasp frame for every arm whose tip is none, and notes about them."""
     chains = [(part.prefix, chain) for part in parts for chain in part.chains]
     arms, notes = dict(data["arms"]), []
-    bodies = list(placed_bodies(robot, robot.home))
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
         hand = robot.gripper_links(arm) or {prefix + link for link in (*chain.links, *chain.grippers)}
-        held = [points for link, points in bodies if link in hand]
+        held = points_from_tip(robot, arm, hand)
         frames = _finger_frames(robot, arm)
         at_tip = any(has_word(chain.tip, word) for word in BETWEEN) or bool(TOOL_FRAME.search(chain.tip))
         if not arm.fingers:
-            tool, note = _flange(robot, arm, frames[0], [] if at_tip else held)
+            tool, note = _flange(robot, arm, frames[0], held[:0] if at_tip else held)
             arms[arm.name] = arms[arm.name] | tool
             notes.append(note)
             continue
         turn, begin = _grasp_axes(frames, bool(FORWARD.search(chain.tip)))
         approach = turn[:, 2]
-        end = _farthest(robot, arm, approach, held, begin)
+        end = float((held @ approach).max(initial=begin))
         between = at_tip and begin + BETWEEN_FROM * (end - begin) <= 0.0
         if between and approach[2] > 0.5:
             continue
@@ -413,11 +412,9 @@ def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[
     if not data["limits"]:
         del data["limits"]
     robot = _robot(data, file)
-    bodies = list(placed_bodies(robot, robot.home))
     for arm in arms:
-        own, tip = robot.gripper_links(arm), robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-        points = [(points - tip[:3, 3]) @ tip[:3, :3] for link, points in bodies if link in own]
-        forward = _nearest_axis(np.concatenate([*points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
+        points = points_from_tip(robot, arm, robot.gripper_links(arm))
+        forward = _nearest_axis(np.concatenate([points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
         approach, why = _Wrist.of(bare, arm, _finger_frames(bare, arm)[0]).approach()
         if (approach != forward).any():
             turn, _ = Rotation.align_vectors(approach, forward)
@@ -450,7 +447,7 @@ def _axis_name(axis: Array) -> str:
     return f"{'-' if axis.sum() < 0 else ''}{'xyz'[int(np.abs(axis).argmax())]}"
 
 
-def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) -> tuple[dict[str, Any], str]:
+def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Array) -> tuple[dict[str, Any], str]:
     """Return the entry of the tool of an arm without fingers, and a note about it.
 
     The payload is at the end of what is fixed to the tip; where a hand without a body is known by its mass alone, at
@@ -459,12 +456,12 @@ def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Sequence[Array]) ->
     Parameters
     ----------
     from_wrist : array, shape (3,), the tip from the last joint, in its own frame [m]
-    hand : as in `_farthest`; empty for a tip that is the tool itself
+    hand : array, shape (n, 3), points around what is fixed to the tip; empty for a tip that is the tool itself [m]
     """
     wrist = _Wrist.of(robot, arm, from_wrist)
     approach, why = wrist.approach()
     least = float(wrist.center @ approach) if why == BY_MASS else 0.0
-    end = _farthest(robot, arm, approach, hand, least)
+    end = float((hand @ approach).max(initial=least))
     axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
     axes[:, 0] *= np.linalg.det(axes)
     return _tool(axes, max(end, 0.0)), (
@@ -547,19 +544,6 @@ class _Wrist:
         return (_nearest_axis(far[0]), BY_CHAIN) if len(far) else (forward, BY_NOTHING)
 
 
-def _farthest(robot: Robot, arm: Arm, approach: Array, hand: Sequence[Array], least: float) -> float:
-    """Return how far a hand reaches along the approach from the tip, `least` at least [m].
-
-    Parameters
-    ----------
-    approach : array, shape (3,), in the frame of the tip
-    hand : arrays, shape (n, 3), points around its bodies at home [m]
-    """
-    tip = robot.tool_pose(robot.home, replace(arm, tool=np.eye(4)))
-    along = tip[:3, :3] @ approach
-    return max([least, *(float(((points - tip[:3, 3]) @ along).max()) for points in hand)])
-
-
 def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
     """Return the axes of a grasp frame in those of the tip, and how far along its approach the fingers begin [m].
 
@@ -637,11 +621,6 @@ def _left_out(
             inside = a.removeprefix(part.prefix), b.removeprefix(part.prefix)
             found[part.entry["urdf"]][inside] = reason
     return found, {name: sorted(set(links)) for name, links in touched.items()}
-
-
-def _named(part: _Part, left_out: dict[str, dict[Pair, str]]) -> list[tuple[Pair, str]]:
-    pairs = left_out[part.entry["urdf"]].items()
-    return [((part.prefix + a, part.prefix + b), reason) for (a, b), reason in pairs]
 
 
 def _srdf(part: _Part, left_out: dict[str, dict[Pair, str]], file: Path) -> str:
