@@ -57,8 +57,7 @@ class Room:
 
     @classmethod
     def for_ends(cls, bodies: Bodies, scene: Scene, ends: Array, nodes: Array | None) -> Room:
-        """Return the free space for ways between two configurations, in which every pair of bodies keeps as much to
-        spare as it has at both.
+        """Return the free space in which pairs keep as much to spare as they have at both ends.
 
         Parameters
         ----------
@@ -94,18 +93,14 @@ class Room:
 
     @cached_property
     def _first(self) -> _Pairs:
-        """Return the pairs that are checked first, of bodies that joints move apart: hulls in place of the pairs that
-        they hold.
-        """
+        """Return the pairs that are checked first: of bodies that move, hulls for the pairs that they hold."""
         exact, moves = self.bodies.exact, self.bodies.reach[:, :-1].any(axis=1)
         held = exact[exact != np.arange(len(exact))]
         return _Pairs.of(self.bodies, np.setdiff1d(np.flatnonzero(moves), held), self._required)
 
     @cached_property
     def _rows_of(self) -> dict[frozenset[str], list[int]]:
-        """Return rows of the pairs that are checked first: of two links by the names of both bodies, of a link with
-        an obstacle or the load by its body's name.
-        """
+        """Return rows of `_first` by the names of both links, or of the only one with obstacles and load."""
         items, numbers = self.bodies.geometry.geometryObjects, self._first.numbers
         ends, alone = self.bodies.ends[numbers].tolist(), self.bodies.kind[numbers] != SELF
         rows = defaultdict[frozenset[str], list[int]](list)
@@ -116,9 +111,7 @@ class Room:
 
     @cached_property
     def _limits(self) -> tuple[float, float]:
-        """Return the clearances of the outline above which all is surely free, and at which it is surely blocked
-        [m].
-        """
+        """Return the outline's clearances above which all is free, and at which it is blocked [m]."""
         enough = float(self._required.max(initial=0.0)) + PROUDEST + ROUGH
         spare = float(self.spare.min(initial=SPARES[0]))
         return enough, float(self.bodies.required.max()) + spare - FATTEST

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from functools import lru_cache
 from typing import Any
 
@@ -10,7 +9,6 @@ import coal
 import numpy as np
 
 from comove.robots.model import Arm, Robot
-from comove.robots.soundness import ends_of
 
 NEAR = 0.05  # m, from the grasp frame, within which a gripper has a body
 BEYOND = 0.01  # m, along the approach, by which a hand in one piece reaches beyond the grasp frame
@@ -26,21 +24,13 @@ def without_gripper(robot: Robot) -> tuple[str, ...]:
     to the gripper of the description, reaches beyond the grasp frame along the approach, or is not that of the arm's
     last link, which ends before. So a bare flange is none, nor is a grasp frame in the air.
     """
-    above = {}  # the link above each link, and whether a joint between them could move
-    moved_by = {}
-    for source in robot.sources:
-        for joint in ET.fromstring(source.urdf).findall("joint"):
-            parent, child = ends_of(joint)
-            above[child] = parent, joint.get("type") != "fixed"
-            moved_by[joint.get("name")] = child
-    return tuple(arm.name for arm in robot.arms if not _has_gripper(robot, arm, moved_by, above))
+    return tuple(arm.name for arm in robot.arms if not _has_gripper(robot, arm))
 
 
-def _has_gripper(
-    robot: Robot, arm: Arm, moved_by: dict[str | None, str], above: dict[str, tuple[str, bool]]
-) -> bool:
+def _has_gripper(robot: Robot, arm: Arm) -> bool:
     joint, grasp = robot.grasp_frame(arm)
-    last = moved_by[robot.model.names[joint]]
+    names = {name: link for link, (name, *_) in robot.joints_above.items()}
+    last = names[robot.model.names[joint]]
     given, ends_at, rigid = robot.gripper_links(arm), np.inf, False
     for item in robot.collision.geometryObjects:
         if item.parentJoint != joint:
@@ -51,7 +41,7 @@ def _has_gripper(
             ends_at = min(ends_at, away)
         if away > NEAR:
             continue
-        if link in given or _is_finger(link, last, above):
+        if link in given or _is_finger(robot, link, last):
             return True
         beyond = coal.Halfspace(np.array([0.0, 0.0, -1.0]), -BEYOND)
         if _distance(item.geometry, place, beyond) < 0.0:
@@ -60,10 +50,10 @@ def _has_gripper(
     return rigid and ends_at > FLANGE
 
 
-def _is_finger(link: str, last: str, above: dict[str, tuple[str, bool]]) -> bool:
+def _is_finger(robot: Robot, link: str, last: str) -> bool:
     """Return whether a joint that could move is between a link and the last one of its arm."""
     while link != last:
-        link, moves = above[link]
+        _, link, moves = robot.joints_above[link]
         if moves:
             return True
     return False

@@ -6,6 +6,7 @@ import hashlib
 import sysconfig
 import tempfile
 import warnings
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -30,6 +31,7 @@ from comove.robots.description import (
 )
 from comove.robots.formats import GroupState, Srdf
 from comove.robots.mounting import se3_of, with_grippers
+from comove.robots.soundness import ends_of
 from comove.robots.supplements import (
     FurtherLimits,
     in_radians_or_metres,
@@ -165,9 +167,7 @@ class Robot:
         )
 
     def grasp_frame(self, arm: Arm) -> tuple[int, Any]:
-        """Return the joint that moves an arm's grasp frame, by its number in the model, and the frame's placement in
-        that joint's, as Pinocchio's SE3.
-        """
+        """Return the number of the joint that moves a grasp frame, and its placement in that as SE3."""
         tip = self.model.frames[self.model.getFrameId(arm.tip)]
         return tip.parentJoint, tip.placement * pin.SE3(arm.tool)
 
@@ -198,6 +198,13 @@ class Robot:
             for i, frame in enumerate(frames):
                 poses[step, i] = data.oMf[frame].homogeneous @ arms[i].tool
         return poses
+
+    @cached_property
+    def joints_above(self) -> dict[str, tuple[str, str, bool]]:
+        """Return by link the joint above it, the link above that, and whether the joint could move."""
+        joints = (joint for source in self.sources for joint in ET.fromstring(source.urdf).findall("joint"))
+        ends = ((joint.get("name", ""), *ends_of(joint), joint.get("type") != "fixed") for joint in joints)
+        return {child: (name, parent, moves) for name, parent, child, moves in ends}
 
     @cached_property
     def _data(self) -> Any:
@@ -265,9 +272,7 @@ def _require_grippers_apart(robot: Robot) -> None:
 
 
 def _joined(read: tuple[Source, ...]) -> tuple[tuple[Source, ...], Any, Any]:
-    """Build all models as one, each on its base, and their collision geometry; returns the sources as well, with
-    masses that were guessed.
-    """
+    """Build all models as one on their bases, with masses that were guessed in the sources."""
     with tempfile.TemporaryDirectory() as folder:
         loader = coal.CachedMeshLoader(coal.BV_OBBRSS)
         sources, models, geometries = zip(
@@ -372,9 +377,7 @@ def _check_bodies(geometry: Any) -> None:
 
 
 def _compare(model: Any, geometry: Any, srdf: Srdf) -> None:
-    """Compare all pairs of bodies but those that one joint connects, as they touch where they are joined, and those
-    that the SRDF leaves out.
-    """
+    """Compare all pairs of bodies but neighbours, which touch, and those that the SRDF leaves out."""
     items = list(geometry.geometryObjects)
     joints = np.array([item.parentJoint for item in items], dtype=int)
     parents = np.array(model.parents)[joints]
@@ -474,9 +477,7 @@ def _with_posture(
     chains: dict[str, list[str]],
     states: Sequence[GroupState],
 ) -> RobotFile:
-    """Complete the posture of the description: joints that it does not name are as its group states have them, follow
-    their <mimic>, or stay nearest to 0.
-    """
+    """Complete the posture by group states, by <mimic>, and by the values nearest to 0."""
     moving = {joint for chain in chains.values() for joint in chain}
     posture: dict[str, float] = {}
     for state in description.states or ():
@@ -707,9 +708,7 @@ def _of_state(state: str, chain: list[str], states: Sequence[GroupState], key: s
 
 
 def _is_body(inertia: Any, rounding: float = 0.01) -> bool:
-    """Return whether a body can have an inertia, up to a share of its largest moment; negative moments are told
-    elsewhere.
-    """
+    """Return whether a body can have an inertia, up to rounding; negative moments are told elsewhere."""
     moments = np.linalg.eigvalsh(np.array(inertia.inertia))
     least = 1e-9 * inertia.mass  # kg m^2, of a body a few hundredths of a millimetre wide
     return (

@@ -211,9 +211,7 @@ def largest_jerk(curve: PPoly, limit: Array) -> Extreme:
 
 
 def fastest(curve: PPoly) -> tuple[Array, Array]:
-    """Compute the largest speed of every joint between every two samples, and its time; arrays, shape (n_intervals,
-    n_joints).
-    """
+    """Compute largest speeds between samples, and their times; arrays, shape (n_intervals, n_joints)."""
     cubic, square, slope, _ = curve.c
     width = np.diff(curve.x)[:, None]
     vertex = np.clip(_over(-square, 3 * cubic), 0.0, width)

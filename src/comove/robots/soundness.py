@@ -97,9 +97,7 @@ def local_name(name: str) -> str:
 
 
 def _check_numbers(owner: ET.Element, told: str) -> None:
-    """Refuse attributes that do not hold as many numbers as they should, and part the numbers by single blanks, as
-    Pinocchio reads them.
-    """
+    """Refuse attributes without their count of numbers, and part these by blanks, as Pinocchio wants."""
     hints = {element for hint in owner.iter(HINTS) for element in hint.iter()}
     for element in (each for each in owner.iter() if each not in hints):
         for attribute, (count, unit) in NUMBERS[element.tag].items() if element.tag in WHOLE else ():

@@ -235,8 +235,7 @@ def _link_masses(urdf: str) -> dict[str, float]:
 def with_guessed_masses(
     urdf: str, known: Mapping[str, float], grippers: Collection[str], model: Any, geometry: Any
 ) -> tuple[str, str | None]:
-    """Give masses to the links of joints that move none, and to those whose masses alone are known, in a model and
-    in its URDF.
+    """Give masses to links that have none, or a mass alone, in a model and in its URDF.
 
     Parameters
     ----------

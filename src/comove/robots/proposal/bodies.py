@@ -57,8 +57,7 @@ def _points_around(shape: coal.CollisionGeometry) -> Array:
 
 
 def touching(robot: Robot, joints: Array, margin: float | Array = 0.0) -> NDArray[np.bool_]:
-    """Return which pairs of bodies touch, or come within margins [m], one or one a pair, in some configurations;
-    array, shape (n_configurations, n_pairs).
+    """Return which pairs of bodies come within margins [m]; array, shape (n_configurations, n_pairs).
 
     Parameters
     ----------
@@ -171,9 +170,7 @@ def names_of(around: Scene) -> list[str]:
 
 
 def among(robot: Robot, around: Scene | None) -> Robot:
-    """Return a robot among whose collision bodies are the obstacles of a scene, compared with every link that a joint
-    moves; the robot itself where there is no scene.
-    """
+    """Return a robot with the obstacles of a scene, if any, for bodies that every moving link is compared with."""
     if around is None:
         return robot
     geometry = robot.collision.copy()

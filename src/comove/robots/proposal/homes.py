@@ -114,9 +114,7 @@ def near_limits(robot: Robot, rounding: float = 1e-9) -> Iterator[tuple[str, flo
 
 
 def links_apart_at_home(robot: Robot) -> list[tuple[tuple[str, str], float, float]]:
-    """Return the pairs of links by their distance at home, the nearest first: their names, distance, and the one that
-    they have to keep [m].
-    """
+    """Return links, distance and the distance that they have to keep at home, the nearest first [m]."""
     geometry, needed = robot.collision, clearance_at_home(robot)
     if not len(needed):
         return []
@@ -142,9 +140,7 @@ def _as_before(robot: Robot, q: Array, k: int) -> list[Array]:
 
 
 def _mirrored(robot: Robot, q: Array, other: Arm, arm: Arm) -> list[Array]:
-    """Return the configuration in which an arm is as another one in a mirror between them; none where their joints
-    are not alike but for signs.
-    """
+    """Return the configuration of an arm as another one in a mirror between them, if their joints allow."""
     if len(arm.columns) > MOST_SIGNS:
         return []
     signs = np.array(list(product((1.0, -1.0), repeat=len(arm.columns))))
@@ -196,9 +192,7 @@ class _Drawn:
         return cls(arm, joints, comfort, places / reach, poses[:, :3, 2], base, reach)
 
     def best(self, q: Array, wanted: Array) -> Array:
-        """Return configurations of the robot with this arm moved, the best for a home first, and all else as in q;
-        array, shape (n, n_joints).
-        """
+        """Return q with this arm moved, the best for a home first; array, shape (n, n_joints)."""
         away = np.linalg.norm(self.places - wanted, axis=1)
         worth = self.comfort + 2.0 * (self.approach @ DOWN) - 2.0 * away
         found = np.repeat(q[None], len(worth), axis=0)
@@ -257,9 +251,7 @@ def _facing(bases: Array, ahead: Array) -> Array:
 
 
 def _settled(robot: Robot, arm: Arm, q: Array, place: Array, reach: float) -> tuple[Array, float]:
-    """Return a configuration near to q whose hand points down at a place [m], or as nearly so as the joints allow,
-    and by how many reaches and radians it misses that.
-    """
+    """Return joints near to q whose hand points down at a place, and by what it misses [reaches, rad]."""
     model, q = robot.model, q.copy()
     data, frame = model.createData(), model.getFrameId(arm.tip)
     aside = np.eye(3)[:2]  # the axes about which a hand that points down is turned; the vertical one is free
@@ -289,8 +281,7 @@ def _rounded(q: Array, lower: Array, upper: Array) -> Array:
 
 
 def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:
-    """Return the first configuration at which all links keep what approach and release need, with as much to spare
-    as one has; None if none does.
+    """Return the first configuration that is free for approach and release, with most to spare.
 
     Parameters
     ----------
