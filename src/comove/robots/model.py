@@ -234,13 +234,7 @@ def assembled(description: RobotFile, file: Path) -> Robot:
 
 
 def _require_grippers_apart(robot: Robot) -> None:
-    """Refuse grippers that touch their own arm at home.
-
-    Raises
-    ------
-    RobotError
-        If one does; the message names both links.
-    """
+    """Refuse grippers that touch their own arm at home."""
     if not any(source.gripper_links for source in robot.sources):
         return
     geometry, model = robot.collision.copy(), robot.model

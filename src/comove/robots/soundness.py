@@ -18,6 +18,7 @@ FREE = ("floating", "planar")
 LIMITS, REQUIRED = ("lower", "upper", "velocity", "effort"), ("velocity", "effort")
 RATES = {"acceleration": ("acceleration", "deceleration"), "jerk": ("jerk",)}
 """Attributes of a <limit>, with any prefix, that state a limit of a description."""
+MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 NUMBERS = {
     "origin": {"xyz": (3, "m"), "rpy": (3, "rad")},
     "axis": {"xyz": (3, "")},
@@ -28,7 +29,7 @@ NUMBERS = {
     "mimic": {"multiplier": (1, ""), "offset": (1, "")},
     "calibration": {"rising": (1, ""), "falling": (1, "")},
     "mass": {"value": (1, "kg")},
-    "inertia": dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), (1, "kg m^2")),
+    "inertia": dict.fromkeys((key for key, *_ in MOMENTS), (1, "kg m^2")),
     "box": {"size": (3, "m")},
     "sphere": {"radius": (1, "m")},
     "cylinder": {"radius": (1, "m"), "length": (1, "m")},
@@ -222,11 +223,13 @@ def _check_inertia(inertial: ET.Element, told: str) -> None:
 
 def _moments(inertial: ET.Element) -> Array:
     """Compute the principal moments of inertia, the least first; array, shape (3,) [kg m^2]."""
-    inertia = inertial.find("inertia")
-    keys = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-    xx, xy, xz, yy, yz, zz = (0.0 if inertia is None else float(inertia.get(key, "0")) for key in keys)
+    inertia, matrix = inertial.find("inertia"), np.zeros((3, 3))
+    for key, row, column in MOMENTS:
+        matrix[column, row] = (
+            0.0 if inertia is None else float(inertia.get(key, "0"))
+        )  # the lower half counts
     with np.errstate(all="ignore"):
-        return np.linalg.eigvalsh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+        return np.linalg.eigvalsh(matrix)
 
 
 def _listed(moments: Array) -> str:

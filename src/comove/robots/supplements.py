@@ -32,7 +32,7 @@ import pinocchio as pin
 from comove.arrays import Array
 from comove.errors import RobotError
 from comove.robots.description import JointLimits
-from comove.robots.soundness import LIMITED, RATES, ends_of, local_name, number
+from comove.robots.soundness import LIMITED, MOMENTS, RATES, ends_of, local_name, number
 
 # rad and m, of a joint of an arm: none turns twice either way, nor slides so far
 LARGEST_TURN, LARGEST_STROKE = 4.0 * math.pi, 50.0
@@ -183,7 +183,6 @@ def _soft(joint: ET.Element) -> dict[str, float]:
 DENSITY = 1000.0  # kg/m^3
 ROUNDING = 1e-9  # share of a mass
 MAX_TOLD = 6
-MOMENTS = (("ixx", 0, 0), ("ixy", 0, 1), ("ixz", 0, 2), ("iyy", 1, 1), ("iyz", 1, 2), ("izz", 2, 2))
 
 
 def moved_masses(model: Any, without: float | Array = 0.0) -> Array:

@@ -344,13 +344,7 @@ def _withdrawal(
 
 
 def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: str) -> Array:
-    """Compute the joints while the hands draw back straight from the load; array, shape (STRAIGHT_STEPS, n_joints).
-
-    Raises
-    ------
-    RobotError
-        If an arm does not reach so far.
-    """
+    """Compute the joints while hands draw back straight, refused out of reach; array, (STRAIGHT_STEPS, n_joints)."""
     rows = np.repeat(grasp[None], STRAIGHT_STEPS, axis=0)
     for name in scene.file.holders:
         arm = robot.arm(name)
@@ -371,12 +365,7 @@ def _drawn_back(robot: Robot, scene: Scene, grasp: Array, height: float, end: st
 
 
 def _paced(robot: Robot, scene: Scene, arms: tuple[Arm, ...], path: Array) -> Array:
-    """Sample a path with minimum jerk, as fast as shares of the limits of joints and hands allow.
-
-    Parameters
-    ----------
-    path : array, shape (n_configurations, n_joints), evenly spaced
-    """
+    """Sample an evenly spaced path with minimum jerk, as fast as shares of the limits of joints and hands allow."""
     curve = CubicSpline(np.linspace(0.0, 1.0, len(path)), path)  # a straight line through two
     s = np.linspace(0.0, 1.0, 201)
     unit = JointMotion(s, robot.joint_names, curve(minimum_jerk(s)))

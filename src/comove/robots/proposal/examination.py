@@ -15,12 +15,9 @@ from comove.model.scene import Scene
 from comove.robots.description import Placement
 from comove.robots.effort import overburdened
 from comove.robots.grippers import without_gripper
-from comove.robots.model import Arm, Robot
+from comove.robots.model import FREEDOMS, Arm, Robot
 from comove.robots.proposal.bodies import among, buried, names_of, pairs_of, points_from_tip, touching
 from comove.robots.proposal.homes import base_of, links_apart_at_home, near_limits, tilt_of
-
-FEW_JOINTS = 6  # with fewer an arm cannot hold a load in every orientation
-
 
 N_DRAWN = 2000  # random configurations of every arm, from which its reach follows
 N_TESTED = 200  # random configurations of the robot that are tested for contact
@@ -152,7 +149,7 @@ def examine(robot: Robot, seed: int = 0, around: Scene | None = None) -> Examina
         f"the arm '{arm.name}' has {arm.n_joints} joints, so that its hand cannot turn every way: loads that it "
         "shares must leave it the turns that it lacks"
         for arm in arms
-        if arm.n_joints < FEW_JOINTS
+        if arm.n_joints < FREEDOMS
     ]
     bare = without_gripper(robot)
     if away := [name for name in bare if robot.gripper_links(robot.arm(name))]:

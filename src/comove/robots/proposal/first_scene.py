@@ -320,12 +320,7 @@ def _at_cell(around: Array, axis: int, cell: Cell) -> Array:
 
 
 def _reached(robot: Robot, place: _Place, standing: Scene) -> Cells:
-    """Return where each hand reaches a bar that is clear of what stands around.
-
-    Returns
-    -------
-    array, shape (2, N_CELLS, N_CELLS), by hand, forwards and upwards
-    """
+    """Return where each hand reaches a bar that is clear; array, shape (2, N_CELLS, N_CELLS), forwards and up."""
     data = place.data(robot.name, 0.0, ROUNDS[0][1]) | {
         "obstacles": [obstacle.model_dump() for obstacle in standing.file.obstacles]
     }

@@ -281,12 +281,7 @@ def _rounded(q: Array, lower: Array, upper: Array) -> Array:
 
 
 def _first_free(robot: Robot, some: list[Array], later: set[int], needed: Array) -> Array | None:
-    """Return the first configuration that is free for approach and release, with most to spare.
-
-    Parameters
-    ----------
-    needed : array, shape (n_pairs,), clearance of the pairs of links [m]
-    """
+    """Return the first configuration with what pairs of links need [m] and most to spare; None if none has."""
     margins = (needed + (spare - SPARES[-1]) for spare in SPARES)
     near = (each for margin in margins for each in some if _is_free(robot, each, margin, later))
     return next(near, None)

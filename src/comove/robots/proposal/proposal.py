@@ -350,14 +350,13 @@ def _with_tools(
     for arm, (prefix, chain) in zip(robot.arms, chains, strict=True):
         hand = robot.gripper_links(arm) or {prefix + link for link in (*chain.links, *chain.grippers)}
         held = points_from_tip(robot, arm, hand)
-        frames = _finger_frames(robot, arm)
         at_tip = any(has_word(chain.tip, word) for word in BETWEEN) or bool(TOOL_FRAME.search(chain.tip))
         if not arm.fingers:
-            tool, note = _flange(robot, arm, frames[0], held[:0] if at_tip else held)
+            tool, note = _flange(robot, arm, held[:0] if at_tip else held)
             arms[arm.name] = arms[arm.name] | tool
             notes.append(note)
             continue
-        turn, begin = _grasp_axes(frames, bool(FORWARD.search(chain.tip)))
+        turn, begin = _grasp_axes(_finger_frames(robot, arm), bool(FORWARD.search(chain.tip)))
         approach = turn[:, 2]
         end = float((held @ approach).max(initial=begin))
         between = at_tip and begin + BETWEEN_FROM * (end - begin) <= 0.0
@@ -415,7 +414,7 @@ def _with_gripper(data: dict[str, Any], gripper: str, file: Path) -> tuple[dict[
     for arm in arms:
         points = points_from_tip(robot, arm, robot.gripper_links(arm))
         forward = _nearest_axis(np.concatenate([points, [[0.0, 0.0, 1e-6]]]).mean(axis=0))
-        approach, why = _Wrist.of(bare, arm, _finger_frames(bare, arm)[0]).approach()
+        approach, why, _ = _approach_of(bare, arm)
         if (approach != forward).any():
             turn, _ = Rotation.align_vectors(approach, forward)
             quaternion = turn.as_quat(scalar_first=True).round(6).tolist()
@@ -447,7 +446,7 @@ def _axis_name(axis: Array) -> str:
     return f"{'-' if axis.sum() < 0 else ''}{'xyz'[int(np.abs(axis).argmax())]}"
 
 
-def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Array) -> tuple[dict[str, Any], str]:
+def _flange(robot: Robot, arm: Arm, hand: Array) -> tuple[dict[str, Any], str]:
     """Return the entry of the tool of an arm without fingers, and a note about it.
 
     The payload is at the end of what is fixed to the tip; where a hand without a body is known by its mass alone, at
@@ -455,12 +454,10 @@ def _flange(robot: Robot, arm: Arm, from_wrist: Array, hand: Array) -> tuple[dic
 
     Parameters
     ----------
-    from_wrist : array, shape (3,), the tip from the last joint, in its own frame [m]
     hand : array, shape (n, 3), points around what is fixed to the tip; empty for a tip that is the tool itself [m]
     """
-    wrist = _Wrist.of(robot, arm, from_wrist)
-    approach, why = wrist.approach()
-    least = float(wrist.center @ approach) if why == BY_MASS else 0.0
+    approach, why, center = _approach_of(robot, arm)
+    least = float(center @ approach) if why == BY_MASS else 0.0
     end = float((hand @ approach).max(initial=least))
     axes = np.column_stack([np.roll(approach, 1), np.roll(approach, 2), approach])
     axes[:, 0] *= np.linalg.det(axes)
@@ -479,82 +476,45 @@ BY_CHAIN = "away from the joints before"
 BY_NOTHING = "as nothing tells of another"
 
 
-@dataclass(frozen=True, eq=False)
-class _Wrist:
-    """The end of an arm without fingers, in the axes of its tip.
+def _approach_of(robot: Robot, arm: Arm) -> tuple[Array, str, Array]:
+    """Return the signed axis of a bare tip that is its approach, why, and the hand's centre of mass in the tip [m].
 
-    Attributes
-    ----------
-    tip : name of the tip
-    place : array, shape (3,), the tip from the last joint [m]
-    axis : array, shape (3,), axis of the last joint
-    center : array, shape (3,), centre of mass of all that the last joint moves, from the tip [m]
-    before : array, shape (n, 3), the last joint from those before it, the nearest first [m]
+    A tool's frame has z forward by convention (ROS-Industrial's tool0), a flange's has z or x forward. The centre
+    of mass tells only of a hand that reaches out aside of the last axis: that of a bare flange lies behind it.
     """
-
-    tip: str
-    place: Array
-    axis: Array
-    center: Array
-    before: Array
-
-    @classmethod
-    def of(cls, robot: Robot, arm: Arm, place: Array) -> _Wrist:
-        """Return the end of an arm, with all joints at home."""
-        model, data = robot.model, robot.model.createData()
-        last, *before = (int(column) + 1 for column in arm.columns[::-1])
-        pin.framesForwardKinematics(model, data, robot.home)
-        tip, origin = data.oMf[model.getFrameId(arm.tip)], data.oMi[last].translation
-        turn = tip.rotation.T
-        axes, _ = joint_axes(model)
-        return cls(
-            tip=arm.tip,
-            place=place,
-            axis=turn @ data.oMi[last].rotation @ axes[last - 1],
-            center=np.array(tip.actInv(data.oMi[last].act(model.inertias[last].lever))),
-            before=np.array([turn @ (origin - data.oMi[joint].translation) for joint in before]).reshape(
-                -1, 3
-            ),
-        )
-
-    def approach(self) -> tuple[Array, str]:
-        """Return the signed axis of the tip along which it approaches, and why.
-
-        A tool's frame has z forward by convention (ROS-Industrial's tool0), a flange's has z or x forward. The centre
-        of mass tells only of a hand that reaches out aside of the last axis: that of a bare flange lies behind it.
-        """
-        forward = np.array([0.0, 0.0, 1.0])
-        if FORWARD.search(self.tip):
-            return forward, BY_NAME
-        if np.linalg.norm(self.place) > TIP_OFF:
-            return _nearest_axis(self.place), BY_PLACE
-        if has_word(self.tip, MOUNT):
-            return (np.roll(forward, 1) if np.abs(self.axis).argmax() == 0 else forward), BY_NAME
-        mass = self.place + self.center
-        along = float(mass @ self.axis)
-        aside = mass - along * self.axis
-        if np.linalg.norm(aside) > max(MASS_OFF, abs(along)):
-            return _nearest_axis(aside), BY_MASS
-        far = self.before[np.linalg.norm(self.before, axis=1) > TIP_OFF]
-        rolls = len(far) > 0 and abs(far[0] @ self.axis) > 0.5 * np.linalg.norm(far[0])
-        if rolls:
-            return _nearest_axis(float(far[0] @ self.axis) * self.axis), BY_AXIS
-        if abs(along) > MASS_OFF:
-            return _nearest_axis(along * self.axis), BY_MASS
-        return (_nearest_axis(far[0]), BY_CHAIN) if len(far) else (forward, BY_NOTHING)
+    model, data = robot.model, robot.model.createData()
+    last, *before = (int(column) + 1 for column in arm.columns[::-1])
+    pin.framesForwardKinematics(model, data, robot.home)
+    tip, origin = data.oMf[model.getFrameId(arm.tip)], data.oMi[last].translation
+    turn, forward = tip.rotation.T, np.array([0.0, 0.0, 1.0])
+    place = turn @ (tip.translation - origin)
+    axis = turn @ data.oMi[last].rotation @ joint_axes(model)[0][last - 1]
+    center = np.array(tip.actInv(data.oMi[last].act(model.inertias[last].lever)))
+    steps = (turn @ (origin - data.oMi[joint].translation) for joint in before)
+    far = next((step for step in steps if np.linalg.norm(step) > TIP_OFF), None)
+    along = float((place + center) @ axis)
+    aside = place + center - along * axis
+    if FORWARD.search(arm.tip):
+        found = forward, BY_NAME
+    elif np.linalg.norm(place) > TIP_OFF:
+        found = _nearest_axis(place), BY_PLACE
+    elif has_word(arm.tip, MOUNT):
+        found = np.roll(forward, 1) if np.abs(axis).argmax() == 0 else forward, BY_NAME
+    elif np.linalg.norm(aside) > max(MASS_OFF, abs(along)):
+        found = _nearest_axis(aside), BY_MASS
+    elif far is not None and abs(far @ axis) > 0.5 * np.linalg.norm(far):
+        found = _nearest_axis(float(far @ axis) * axis), BY_AXIS
+    elif abs(along) > MASS_OFF:
+        found = _nearest_axis(along * axis), BY_MASS
+    else:
+        found = (forward, BY_NOTHING) if far is None else (_nearest_axis(far), BY_CHAIN)
+    return *found, center
 
 
 def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
     """Return the axes of a grasp frame in those of the tip, and how far along its approach the fingers begin [m].
 
-    Parameters
-    ----------
-    frames : array, shape (1 + n_fingers, 3), as `_finger_frames` returns them
-    z_is_forward : whether the tip is a frame whose z is its approach by convention
-
-    Returns
-    -------
-    array, shape (3, 3), a rotation, and the distance from the tip
+    `frames` are those of `_finger_frames`; `z_is_forward` of tips whose z is their approach by convention.
     """
     from_wrist, fingers = frames[0], frames[1:]  # the tip is at minus the one from the last joint
     middle = fingers.mean(axis=0)
@@ -570,14 +530,8 @@ def _grasp_axes(frames: Array, z_is_forward: bool) -> tuple[Array, float]:
 
 
 def _finger_frames(robot: Robot, arm: Arm) -> Array:
-    """Return the places of the tip and of the fingers' joints from the arm's last joint, along the axes of the tip.
-
-    Returns
-    -------
-    array, shape (1 + n_fingers, 3) [m]
-    """
-    model = robot.model
-    data = model.createData()
+    """Return tip and fingers' joints from the last joint, along the tip's axes; array, (1 + n_fingers, 3) [m]."""
+    model, data = robot.model, robot.model.createData()
     pin.framesForwardKinematics(model, data, robot.home)
     wrist, tip = data.oMi[int(arm.columns[-1]) + 1].translation, data.oMf[model.getFrameId(arm.tip)]
     frames = [tip, *(data.oMf[frame_of_joint(model, finger)] for finger in arm.fingers)]
