@@ -419,7 +419,7 @@ def scenes(count: int) -> None:
         measures = []
         for solution in (along, even_pull):
             near = followed(solution.attempt, taught, root)
-            measures += [solution.verified, near.weighted, near.distance, solution.solve_time_s]
+            measures += [solution.verified, near.weighted, near.distance, solution.effort.seconds]
         values.append(measures)
     table = np.array(values, dtype=float)
     rows = []

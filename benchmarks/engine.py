@@ -25,10 +25,9 @@ from generate_work import Idle
 from timing import on_one_thread, print_table
 
 from comove.data import Shard, Study, StudyStore, on_processes, run_study
-from comove.data.merging import merge
 from comove.data.on_dask import on_dask
 from comove.data.runner import RunSource
-from comove.data.runs import RUNS, UNREPEATED
+from comove.data.runs import RUNS, UNREPEATED, merge
 
 PARTS = 4
 

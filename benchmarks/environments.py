@@ -108,7 +108,7 @@ def solve(folder: Path, load: str, rng: np.random.Generator) -> tuple[float, ...
         comove.solve(scene, budget=BUDGET, seed=seed).verified for seed in (1, 2)
     )
     straight = STRAIGHT * np.linalg.norm(scene.goal - scene.start, axis=1).max() / DURATION**2
-    first = solution.time_to_first_verified_s
+    first = solution.effort.first_verified
     acceleration = solution.report.acceleration_max / straight
     soon = first if first is not None else np.inf, watch.converged()
     return solution.verified, solvable, *soon, whole, acceleration

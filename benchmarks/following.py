@@ -100,7 +100,7 @@ def measured(scene: comove.Scene, dmp: comove.DMP, objective: LeastJerk | PaperC
         float(np.degrees(near.direction)),
         float(jerk[free].max() / own) if free.any() else np.nan,
         float(np.linalg.norm(acceleration, axis=2).max() / (STRAIGHT * way)),
-        solution.solve_time_s,
+        solution.effort.seconds,
     )
 
 

@@ -20,9 +20,9 @@ from collections.abc import Callable
 import numpy as np
 from timing import number, on_one_thread, print_table, quantile
 
-from comove.control.safety import twist_qp as tp
+from comove.control.safety import cbf_qp as tp
+from comove.control.safety.cbf_qp import SafetyFilter, Sighting
 from comove.control.safety.control_points import moved_obstacles
-from comove.control.safety.twist_qp import Sighting, TwistProgramme
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.model import Scene
 
@@ -70,7 +70,7 @@ def scene_of(load: str, n_dims: int, acceleration: float | None) -> Scene:
 def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
     """Times of all steps [s], and the share of steps in which nothing was admissible."""
     rng, n, n_hands = np.random.default_rng(0), len(scene.obstacles), len(scene.manipulators)
-    programme, poses = TwistProgramme(scene, PERIOD), poses_of(scene, "start")
+    programme, poses = SafetyFilter(scene, PERIOD), poses_of(scene, "start")
     before, table, after = np.zeros((n_hands, 3)), scene.obstacles.copy(), scene.obstacles.copy()
     velocity, spin = np.zeros((n, 3)), np.zeros((n, 3))
     velocity[:, : scene.n_dims] = rng.uniform(-0.2, 0.2, (n, scene.n_dims))
@@ -98,9 +98,9 @@ def drive(scene: Scene, n_steps: int) -> tuple[list[float], float]:
 def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
     """Programmes that have a solution and rows, as they come up on a drive."""
     found: list[tuple[np.ndarray, ...]] = []
-    solve = TwistProgramme._solved
+    solve = SafetyFilter._solved
 
-    def record(self: TwistProgramme, m: int, *others):
+    def record(self: SafetyFilter, m: int, *others):
         result = solve(self, m, *others)
         work = self._work
         if result[2] == tp.HARD and m > 4:
@@ -109,11 +109,11 @@ def recorded(scene: Scene) -> list[tuple[np.ndarray, ...]]:
             )
         return result
 
-    TwistProgramme._solved = record
+    SafetyFilter._solved = record
     try:
         drive(scene, 4000)
     finally:
-        TwistProgramme._solved = solve
+        SafetyFilter._solved = solve
     return found[:: max(1, len(found) // N_RECORDED)]
 
 

@@ -4,10 +4,15 @@
     python benchmarks/robots.py --seeds 3 --only solve   # less of it
     python benchmarks/robots.py --seeds 5 --seed 410 --scenes g1 pr2
     python benchmarks/robots.py --only solve --open      # each as fast as its arms can
+    python benchmarks/robots.py --only moving --count 25 # drawn scenes in which obstacles move
 
 Times are from the scene's file to the first and to the last verified joint motion, in seconds on the wall and of the
 processor, which other work on the machine hardly changes; imports, compiling and the robot itself are apart.
 Distances of the hands are computed by Pinocchio from the joints alone.
+
+Scenes in which obstacles move are drawn around a motion of the joints, the witness, which the verification accepts:
+one or two obstacles cross the straight motion when the payload is there, stay until then and leave, or go in circles.
+Links are judged once more by dense sampling on the raw URDFs, with obstacles moved by formulas of this file.
 """
 
 from __future__ import annotations
@@ -19,19 +24,28 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
+import coal
 import numpy as np
+import pinocchio as pin
 from timing import print_head, print_row
 
 from comove import solve
-from comove.errors import RobotError, SceneError
+from comove.data.carried import robot_of as robot_of_drawn
+from comove.errors import OptionError, RobotError, SceneError
+from comove.lab.bench.drawing import clutter
+from comove.lab.bench.robot_drawing import JointWitness, RobotDraft
+from comove.lab.bench.workplaces import ROBOT_DIFFICULTIES, WORKPLACES, RobotDifficulty
 from comove.model import Scene, demonstration_of
 from comove.model.motion import CoordinatedMotion
 from comove.planning import SceneKind
 from comove.planning.solution import Progress
-from comove.robots import Robot, RobotCarrier, VerifiedJointMotion, plan_transfers
+from comove.robots import JointMotion, Robot, RobotCarrier, VerifiedJointMotion, plan_transfers
 from comove.robots.kernels import load_robot_kernels
+from comove.robots.urdf import package_folders
 from comove.sim import Friction, Perturbation, Weld, simulate
+from comove.verification.verify import verify
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SCENES = sorted([*EXAMPLES.glob("baxter/*.yaml"), *EXAMPLES.glob("robots/*.yaml")])
@@ -185,11 +199,174 @@ def table_of_transfers(motions: list[tuple[Path, VerifiedJointMotion]]) -> None:
         try:
             ways = plan_transfers(motion)
             lasts = ways.approach.duration, ways.release.duration
-        except RobotError as error:
+        except (OptionError, RobotError) as error:  # the former where obstacles move
             found, why = "no", str(error)
         used = time.process_time() - begun
         print_row([path.stem, found, f"{used:.2f}", *(f"{x:.1f}" for x in lasts), why])
     print()
+
+
+class MovingDraft(RobotDraft):
+    """A scene that is being drawn, whose obstacles move and block the straight motion."""
+
+    def obstructed(self, witness: JointWitness) -> bool:
+        """Add obstacles; return False if there is no room for them, or the straight motion is still possible."""
+        straight = CoordinatedMotion.straight(Scene.from_dict(self.data()))
+        swept, n_moving = witness.motion(straight.scene), int(self.rng.integers(1, 3))
+        for _ in range(n_moving):
+            if not self._moves(straight, witness):
+                return False
+        for _ in range(self.difficulty.obstacles[0] - n_moving):  # and at rest
+            if not self._placed(swept, witness):
+                return False
+        return bool(verify(straight.on(Scene.from_dict(self.data()))).reasons)
+
+    def _moves(self, motion: CoordinatedMotion, witness: JointWitness) -> bool:
+        """Add an obstacle that meets a motion at some time, and not the witness."""
+        duration, rng = self.difficulty.duration, self.rng
+        for _ in range(4 * self.difficulty.tries):
+            when = float(rng.uniform(0.25, 0.75))
+            hands = motion.hands(np.array([when]))[0, 0]
+            point = hands[0] + rng.uniform() * (hands[1] - hands[0])
+            about, speed = rng.uniform(-np.pi, np.pi), rng.uniform(0.05, 0.3)
+            velocity = speed * np.array([np.cos(about), np.sin(about), 0.0])
+            begin, kind = point - when * duration * velocity, rng.integers(3)
+            obstacle = clutter(rng, point.round(3), rng.uniform(*self.difficulty.size))
+            if kind == 0:
+                obstacle |= {
+                    "center": begin.round(3).tolist(),
+                    "motion": {"velocity": velocity.round(3).tolist()},
+                }
+            elif kind == 1:
+                until = float(np.round(when * duration + rng.uniform(0.0, 1.0), 2))
+                left = (point + 3.0 * velocity / speed).round(3).tolist()
+                ways = [obstacle["center"], obstacle["center"], left]
+                obstacle["motion"] = {"waypoints": ways, "times": [0.0, until, round(until + 1.0 / speed, 2)]}
+            else:
+                radius, period = float(rng.uniform(0.1, 0.4)), float(rng.uniform(4.0, 12.0))
+                angle = 2 * np.pi * when * duration / period
+                shift = radius * np.array([np.cos(angle) - 1.0, np.sin(angle), 0.0])
+                obstacle["center"] = (point - shift).round(3).tolist()
+                obstacle["motion"] = {"circle": {"radius": round(radius, 3), "period_s": round(period, 2)}}
+            with suppress(SceneError):  # an end in an obstacle
+                if self._clear(
+                    witness, Scene.from_dict(self.data() | {"obstacles": [*self.obstacles, obstacle]})
+                ):
+                    self.obstacles.append(obstacle)
+                    return True
+        return False
+
+
+def drawn_moving(number: int, seed: int, difficulty: RobotDifficulty) -> Scene:
+    """Draw a scene with moving obstacles that a witness proves to be feasible."""
+    places = [WORKPLACES[name] for name in ("baxter", "two_pandas", "two_ur10", "ur5_and_panda")]
+    rng = np.random.default_rng([seed, number])
+    while True:
+        draft = MovingDraft(f"moving_{number:02}", difficulty, places[number % len(places)], rng)
+        witness = draft.moved()
+        if witness is not None and draft.obstructed(witness):
+            return Scene.from_dict(draft.data())
+
+
+def offset(how: Any, t: float) -> np.ndarray:
+    """Where a motion of a scene file has brought an obstacle's centre [m]."""
+    if how.velocity is not None:
+        return t * np.array(how.velocity)
+    if how.circle is not None:
+        angle = 2 * np.pi * t / how.circle.period_s
+        return how.circle.radius * np.array([np.cos(angle) - 1.0, np.sin(angle), 0.0])
+    way = np.array(how.waypoints)
+    return np.array([np.interp(t, how.times, axis) for axis in way.T]) - way[0]
+
+
+def links_apart(robot: Robot, scene: Scene, joints: JointMotion, rate: float = 100.0) -> float:
+    """Least distance of links from obstacles, by dense sampling on the raw URDFs [m]; of all, as obstacles move."""
+    shapes = {
+        "box": lambda o: coal.Box(*o.size),
+        "sphere": lambda o: coal.Sphere(o.radius),
+        "capsule": lambda o: coal.Capsule(o.radius, o.length),
+    }
+    things, least = [], np.inf
+    for obstacle in scene.file.obstacles:
+        w, x, y, z = getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))
+        things.append((shapes[obstacle.shape](obstacle), pin.Quaternion(w, x, y, z).matrix(), obstacle))
+    time = np.linspace(0.0, joints.duration, int(rate * joints.duration) + 1)
+    position = joints.curve(time)
+    for part, source in zip(robot.description.models, robot.sources, strict=True):
+        model = pin.buildModelFromUrdf(str(source.file))
+        folders = package_folders(source.file)
+        bodies = pin.buildGeomFromUrdf(
+            model, str(source.file), pin.GeometryType.COLLISION, package_dirs=folders
+        )
+        data, placed, q = model.createData(), bodies.createData(), pin.neutral(model)
+        w, x, y, z = part.base.quaternion_wxyz
+        base = pin.SE3(pin.Quaternion(w, x, y, z).matrix(), np.array(part.base.position))
+        own = [
+            k
+            for k, name in enumerate(robot.joint_names)
+            if model.existJointName(name.removeprefix(part.prefix))
+        ]
+        named = [model.getJointId(robot.joint_names[k].removeprefix(part.prefix)) for k in own]
+        columns = [model.joints[number].idx_q for number in named]
+        for item in bodies.geometryObjects:
+            item.geometry.computeLocalAABB()
+        for t, row in zip(time, position[:, own], strict=True):
+            q[columns] = row
+            pin.updateGeometryPlacements(model, data, bodies, placed, q)
+            for shape, turn, obstacle in things:
+                center = np.array(obstacle.center)
+                if obstacle.motion is not None:
+                    center = center + offset(obstacle.motion, float(t))
+                for item, own_pose in zip(bodies.geometryObjects, placed.oMg, strict=True):
+                    pose = base * own_pose
+                    if (
+                        np.linalg.norm(pose.act(item.geometry.aabb_center) - center)
+                        > item.geometry.aabb_radius + 0.4
+                    ):
+                        continue
+                    at = coal.Transform3s(pose.rotation, pose.translation), coal.Transform3s(turn, center)
+                    result = coal.DistanceResult()
+                    least = min(
+                        least,
+                        coal.distance(item.geometry, at[0], shape, at[1], coal.DistanceRequest(), result),
+                    )
+    return float(least)
+
+
+def table_of_moving(count: int, seed: int, difficulty: RobotDifficulty) -> None:
+    """Draw scenes with moving obstacles, solve and play them, and print a row each."""
+    print_head(
+        ["scene", "verified", "first [s]", "all [s]", "stated [mm]", "sampled [mm]", "delivered", "why not"]
+    )
+    solved, false, delivered, firsts = 0, 0, 0, list[float]()
+    for number in range(count):
+        scene = drawn_moving(number, seed, difficulty)
+        robot = robot_of_drawn(scene)
+        load_robot_kernels(SceneKind.of(scene))
+        begun = time.process_time()
+        found = solve(scene, robot=robot, seed=seed, budget=60.0)
+        seconds, motion, cells = time.process_time() - begun, found.joints.motion, ["-", "-", "-"]
+        if motion is not None:
+            solved, stated = solved + 1, motion.report.clearance_scene
+            firsts.append(found.time_to_first_verified_s or np.nan)
+            sampled, played = (
+                links_apart(robot, scene, motion.joints),
+                simulate(motion.joints, scene, robot, Weld()),
+            )
+            false += sampled < min(scene.clearance, stated) - 2e-4
+            delivered += played.delivered
+            cells = [f"{1e3 * stated:.2f}", f"{1e3 * sampled:.2f}", "yes" if played.delivered else "no"]
+        name = f"{scene.name}, {robot.name}"
+        print_row(
+            [
+                *(name, "no" if motion is None else "yes", f"{firsts[-1]:.2f}" if motion else "-"),
+                *(f"{seconds:.2f}", *cells, "" if motion else "; ".join(found.reasons)[:120]),
+            ]
+        )
+    print(
+        f"\nsolved {solved} of {count}, first after {np.median(firsts):.2f} s in the median; "
+        f"delivered {delivered} of these; {false} certified falsely\n"
+    )
 
 
 def main() -> None:
@@ -198,10 +375,15 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0, help="the first one")
     parser.add_argument("--scenes", nargs="+", help="names of scenes; all of them unless given")
-    parser.add_argument("--only", choices=("solve", "transfers", "simulate"))
+    parser.add_argument("--only", choices=("solve", "transfers", "simulate", "moving"))
+    parser.add_argument("--difficulty", choices=[*ROBOT_DIFFICULTIES], default="robots-easy", help="of these")
+    parser.add_argument("--count", type=int, default=25, help="of drawn scenes with moving obstacles")
     parser.add_argument("--open", action="store_true", help="leave out the durations that scenes give")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
+    if options.only == "moving":
+        table_of_moving(options.count, options.seed, ROBOT_DIFFICULTIES[options.difficulty])
+        return
     scenes = [path for path in SCENES if options.scenes is None or path.stem in options.scenes]
     for path in scenes:
         robot_of(path)

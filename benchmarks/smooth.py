@@ -97,9 +97,9 @@ def measured(scene: comove.Scene, budget: float) -> dict[str, tuple[float, ...]]
     return {
         name: (
             s.verified,
-            1e3 * (s.time_to_first_verified_s or np.nan),
+            1e3 * (s.effort.first_verified or np.nan),
             1e3 * converged[name],
-            1e3 * s.solve_time_s,
+            1e3 * s.effort.seconds,
             jerk(s) / best if s.verified else np.nan,
             s.report.acceleration_max / acceleration_along(s.attempt),
             1e3 * s.report.clearance_min,

@@ -1,12 +1,14 @@
 """How often the certificate is wrong: random motions near contact, judged by it and by brute force.
 
-    python benchmarks/soundness.py [--shapes 100000] [--boxes 300] [--meshes 10000] [--workers 2] [--files FOLDER]
+    python benchmarks/soundness.py [--shapes 100000] [--turning 10000] [--boxes 300] [--meshes 10000] [--workers 2]
+        [--files FOLDER]
 
 Motions come first; obstacles are then pushed to within fractions of a millimetre of what they sweep, or into it.
 Brute force (`tests/brute_force.py`) reads the scene's file, takes from a motion only its configurations, and shares
 no geometry with comove: what it meets is met by the motion. A certificate is false if it promises more than brute
-force meets. Boxes are loads, judged by points of the box (`tests/verification/random_boxes.py`). Meshes are spoilt as
-exports spoil them: triangles turned, twice, missing, flat, loose, crossing others.
+force meets. In `turning`, obstacles turn and move, slowly or up to three times a second. Boxes are loads, judged by
+points of the box (`tests/verification/random_boxes.py`). Meshes are spoilt as exports spoil them: triangles turned,
+twice, missing, flat, loose, crossing others.
 With `--files`, every mesh of up to 2000 triangles in a folder, made 0.2 m large, is an obstacle once.
 """
 
@@ -26,7 +28,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 CHUNK = 50
 # Streams of random numbers; the tests draw from others.
-STREAMS = {"shapes": 101, "boxes": 109, "meshes": 103, "files": 107}
+STREAMS = {"shapes": 101, "turning": 113, "boxes": 109, "meshes": 103, "files": 107}
 MOST, SIZE = 2000, 0.2  # triangles of a file, and what its mesh is made large [m]
 FORMATS = (".stl", ".obj", ".off", ".ply", ".dae")
 WORDS = ("certified", "contact", "undecided", "false certificate")
@@ -36,6 +38,7 @@ def main() -> None:
     """Draw, judge and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--shapes", type=int, default=100_000)
+    parser.add_argument("--turning", type=int, default=10_000)
     parser.add_argument("--boxes", type=int, default=300)
     parser.add_argument("--meshes", type=int, default=10_000)
     parser.add_argument("--workers", type=int, default=2)
@@ -46,7 +49,7 @@ def main() -> None:
         files = (
             sorted(f for f in asked.files.rglob("*") if f.suffix.lower() in FORMATS) if asked.files else []
         )
-        counts = {"shapes": asked.shapes, "boxes": asked.boxes, "meshes": asked.meshes, "files": len(files)}
+        counts = {kind: getattr(asked, kind) for kind in STREAMS if kind != "files"} | {"files": len(files)}
         for kind, count in counts.items():
             chunk = CHUNK if kind != "files" else 1
             starts = range(0, count, chunk)
@@ -89,8 +92,9 @@ def judged(
                 clearance, truth, word = test_surfaces.outcome(
                     *near_mesh(rng, Path(folder), (vertices, faces))
                 )
-            elif kind == "shapes":
-                clearance, truth, word = test_certificate.judged(near_contact(rng))
+            elif kind in ("shapes", "turning"):
+                moving = 0.8 if kind == "turning" else 0.0
+                clearance, truth, word = test_certificate.judged(near_contact(rng, moving))
                 if word != "contact" and clearance.lower > truth + test_certificate.ROUNDING:
                     word = "false certificate"
             elif kind == "boxes":

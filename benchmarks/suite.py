@@ -134,8 +134,8 @@ def errors_at_samples(solution: comove.Solution) -> tuple[float, float, float]:
 def row(name: str, solved: list[comove.Solution]) -> Row:
     """Figures of one set, in SI units; None where there is none (nothing verified, or endless)."""
     good = [solution for solution in solved if solution.verified]
-    first = [solution.time_to_first_verified_s if solution.verified else inf for solution in solved]
-    total = [solution.solve_time_s for solution in solved]
+    first = [solution.effort.first_verified if solution.verified else inf for solution in solved]
+    total = [solution.effort.seconds for solution in solved]
     result: Row = {
         "set": name,
         "n": len(solved),
@@ -146,8 +146,8 @@ def row(name: str, solved: list[comove.Solution]) -> Row:
         "first_max_s": max(first),
         "total_median_s": median(total),
         "total_max_s": max(total),
-        "evaluations_median": median(solution.evaluations for solution in solved),
-        "evaluations_max": max(solution.evaluations for solution in solved),
+        "evaluations_median": median(solution.effort.evaluations for solution in solved),
+        "evaluations_max": max(solution.effort.evaluations for solution in solved),
     }
     if good:
         distance_errors, end_errors, end_speeds = zip(*map(errors_at_samples, good), strict=True)

@@ -53,7 +53,7 @@ def timed(scene: comove.Scene) -> tuple[tuple[float, ...], tuple[float, ...]]:
     watch, begun = Watch(), time.perf_counter()
     solution = comove.solve(scene, budget=BUDGET, progress=watch)
     whole = time.perf_counter() - begun
-    first = solution.time_to_first_verified_s
+    first = solution.effort.first_verified
     own = solution.verified, np.inf if first is None else first, watch.converged(), whole
     found = measured(PEERS["ompl-rrtconnect-raw"], SystemProblem(scene, budget=BUDGET))
     if found is None:

@@ -28,5 +28,5 @@ scene = comove.Scene.from_dict(
 solution = comove.solve(scene, seed=0)
 print("verified:", solution.verified)
 print(f"clearance at every instant: {1e3 * solution.motion.clearance_min:.1f} mm or more")
-print(f"first verified motion after {1e3 * solution.time_to_first_verified_s:.1f} ms")
+print(f"first verified motion after {1e3 * solution.effort.first_verified:.1f} ms")
 save(draw_motion(solution.attempt), "narrow.png")

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from comove.control.executor import Executor as FreeExecutor
-from comove.control.executor import Pace
 from comove.control.observers import Observer
+from comove.control.replanning import Pace
 from comove.errors import ExtraError, OptionError
 from comove.model.scene import Scene
 from comove.planning.arguments import check_scene

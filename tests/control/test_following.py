@@ -38,7 +38,7 @@ def test_the_demonstration_is_followed():
 def test_what_is_left_of_it_ends_where_all_of_it_does(share):
     scene = example("narrow")
     executor = Executor(scene, demonstration=demonstration_of(scene))
-    left, _ = executor._left_of_it(share * scene.duration).values()
+    left, _ = executor.replanner.remaining(scene, share * scene.duration).values()
     whole = demonstration_of(scene)
     assert left.duration == pytest.approx((1 - share) * whole.duration)
     np.testing.assert_allclose(left.goal, whole.goal, atol=1e-9)
@@ -51,14 +51,19 @@ def test_what_is_left_of_it_ends_where_all_of_it_does(share):
 def test_each_hand_keeps_what_is_left_of_its_own():
     scene = example("narrow")
     executor = Executor(scene, demonstration=(demonstration_of(scene), demonstration_of(scene)))
-    left = list(executor._left_of_it(0.3 * scene.duration).values())
+    left = list(executor.replanner.remaining(scene, 0.3 * scene.duration).values())
     assert len(left) == 2
     assert left[0].duration == left[1].duration
 
 
 def test_nearly_done_nothing_is_left():
     scene = example("narrow")
-    assert Executor(scene, demonstration=demonstration_of(scene))._left_of_it(0.9 * scene.duration) is None
+    assert (
+        Executor(scene, demonstration=demonstration_of(scene)).replanner.remaining(
+            scene, 0.9 * scene.duration
+        )
+        is None
+    )
 
 
 def test_plans_among_what_moves_are_calm():
@@ -76,7 +81,7 @@ def test_what_is_left_of_a_movement_of_many_weights_is_all_there():
     way = t**3 * (10 - 15 * t + 6 * t**2)
     wave = Demonstration(20 * t, np.stack([way, 0.1 * np.sin(40 * np.pi * way)], axis=1))
     whole = DMP.fit(wave, n_basis=120)
-    left, _ = Executor(scene, demonstration=whole)._left_of_it(0.3 * scene.duration).values()
+    left, _ = Executor(scene, demonstration=whole).replanner.remaining(scene, 0.3 * scene.duration).values()
     s = np.linspace(0.0, 1.0, 200)
     rest = whole.at((0.3 + 0.7 * s) * whole.duration).position
     assert np.linalg.norm(left.at(s * left.duration).position - rest, axis=1).max() < 0.01

@@ -5,7 +5,7 @@ import pytest
 
 from comove.control import Executor, Functions, Measured, Sensor, write_run
 from comove.control.observers import Known, going_on
-from comove.control.safety.twist_qp import Sighting
+from comove.control.safety.cbf_qp import Sighting
 from comove.errors import OptionError
 from comove.lab.modulation.obstacles import level_obstacle
 from comove.model import Scene

@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.control import Functions
-from comove.control.observers import Turning
+from comove.control import Functions, Known
+from comove.control.observers import Turning, going_on
+from comove.model import Scene
 from comove.model.moving import Circle, Motion
 from tests.control.test_executor import crossing, disc
 
@@ -51,3 +52,34 @@ def test_a_corner_is_not_taken_for_a_turn():
     corner = {"waypoints": [[0.9, 0.9], [0.5, 0.9], [0.5, 0.5]], "times": [0.0, 1.0, 2.0]}
     expected = Functions.of_motions(crossing(disc([0.9, 0.9], corner))).predict(1.005)
     np.testing.assert_allclose(expected.motions[0].velocities([3.0]), [[0.0, -0.4, 0.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize("n_dims", [2, 3])
+def test_a_door_is_foreseen(n_dims):
+    """A door on a hinge, seen at 1 s: its table two seconds later is that of the scene, and so is what was seen."""
+    turn = {"rate_deg_per_s": 40, "hinge": [-0.2, 0.0, 0.0][:n_dims]}
+    turn |= {"axis": [0, 0, 1]} if n_dims == 3 else {}
+    door = {
+        "shape": "box",
+        "center": [0.5] * n_dims,
+        "size": [0.4, 0.05, 0.3][:n_dims],
+        "motion": {"turn": turn},
+    }
+    scene = Scene.from_dict(
+        {
+            "name": "door",
+            "duration": 5.0,
+            "workspace": {"lower": [0] * n_dims, "upper": [1] * n_dims},
+            "obstacles": [door],
+            "manipulators": [{"name": "a", "start": [0.05] * n_dims, "goal": [0.95] * n_dims}],
+        }
+    )
+    for observer in (Known(scene), Functions.of_motions(scene)):
+        seen = observer.observe(1.0)
+        np.testing.assert_allclose(seen.table, scene.obstacles_at(1.0), atol=1e-9)
+        np.testing.assert_allclose(seen.spin, [[0.0, 0.0, np.deg2rad(40)]])
+        expected = going_on(scene, seen, observer.bends(1.0), 1.0)
+        later = expected.obstacles_at(3.0)
+        straight = isinstance(observer, Known)  # which tells bends of nothing, as it is never asked for them
+        np.testing.assert_allclose(later[0, 4:], scene.obstacles_at(3.0)[0, 4:], atol=1e-9)
+        assert straight or np.abs(later - scene.obstacles_at(3.0)).max() < 2e-3

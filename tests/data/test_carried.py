@@ -16,9 +16,8 @@ from comove.data import Shard, Study, StudyStore, Sweep, groups_of, on_processes
 from comove.data.datasets import FORMATS, export_episodes
 from comove.data.datasets.samples import episodes_of
 from comove.data.keys import change
-from comove.data.merging import merge
 from comove.data.on_dask import on_dask
-from comove.data.runs import RUNS, UNREPEATED
+from comove.data.runs import RUNS, UNREPEATED, merge
 from comove.errors import ExtraError, InputError, OptionError, ResultError
 from comove.robots import Robot
 from comove.sim.engine import engine

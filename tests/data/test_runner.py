@@ -15,8 +15,7 @@ from pathlib import Path
 import pytest
 
 from comove.data import Shard, StudyStore, on_processes, run_study
-from comove.data.merging import merge
-from comove.data.runs import RUNS, UNREPEATED, StudyRun
+from comove.data.runs import RUNS, UNREPEATED, StudyRun, merge
 from comove.errors import OptionError, ResultError
 from tests.data.works import FakeStudy
 

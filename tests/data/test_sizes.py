@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from comove import Scene
 from comove.data.datasets.sizes import obstacle_names, obstacle_sizes, payload_size
@@ -42,9 +43,18 @@ def test_extents_along_own_axes(shape, tmp_path):
     placed = given | {"center": [1, 0, 0]}
     if shape != "sphere":
         placed["quaternion_wxyz"] = TURN
-    [own] = obstacle_sizes(scene(tmp_path, [placed]))
+    [[own]] = obstacle_sizes(scene(tmp_path, [placed]), np.zeros(1))
     assert np.allclose(own[:3], extents, atol=1e-9)
     assert np.allclose(own[3:], [1, 0, 0, 0] if shape == "sphere" else TURN)
+
+
+def test_obstacles_that_turn_say_how_they_are_turned(tmp_path):
+    turn = {"rate_deg_per_s": 90, "axis": [0, 0, 3]}
+    box = {"shape": "box", "size": [0.1, 0.2, 0.3], "center": [1, 0, 0], "quaternion_wxyz": TURN}
+    [own] = obstacle_sizes(scene(tmp_path, [box | {"motion": {"turn": turn}}]), np.array([0.0, 1.0]))
+    w, *xyz = TURN
+    x, y, z, w = (Rotation.from_euler("z", 90, degrees=True) * Rotation.from_quat([*xyz, w])).as_quat()
+    assert np.allclose(own, [[0.1, 0.2, 0.3, *TURN], [0.1, 0.2, 0.3, w, x, y, z]])
 
 
 @pytest.mark.parametrize(

@@ -67,7 +67,13 @@ SEARCHES = {
 def outcome(search):
     """All of a solution that must not depend on the machine."""
     found = search()
-    told = (found.verified, found.timed_out, found.reasons, found.evaluations, found.generations)
+    told = (
+        found.verified,
+        found.timed_out,
+        found.reasons,
+        found.effort.evaluations,
+        found.effort.generations,
+    )
     return checksum(motion_arrays(found.attempt)), getattr(found, "work", 0.0), *told
 
 
@@ -124,8 +130,8 @@ def test_the_advice_works(monkeypatch):
 
 def test_work_is_counted_and_added_up():
     found = solve(example("narrow"), method=Quick())
-    assert 0.0 < found.work < 100.0 * found.solve_time_s
-    assert found.after(found).work == 2.0 * found.work
+    assert 0.0 < found.effort.work < 100.0 * found.effort.seconds
+    assert found.after(found).effort.work == 2.0 * found.effort.work
 
 
 @pytest.mark.parametrize("budget", [0, -1.0, float("nan"), float("inf"), "30", True, None])

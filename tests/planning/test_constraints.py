@@ -141,7 +141,7 @@ def assert_kept(solution):
 def test_a_motion_is_found(name, seed):
     solution = comove.solve(SCENES[name](), seed=seed)
     assert_kept(solution)
-    assert solution.time_to_first_verified_s < 5.0
+    assert solution.effort.first_verified < 5.0
 
 
 @pytest.mark.parametrize(

@@ -234,4 +234,4 @@ def test_where_a_carrier_only_doubts_its_check_is_asked():
     found = solve(SCENE, budget=600, method=method, objective=PaperCost(), kinematics=Doubtful(0.72))
     assert found.verified
     assert len(judged) == 4  # two of the first plan, one of the second, and what comes of polishing
-    assert found.evaluations <= 5 * len(profiles(2)) * len(RIDGES)
+    assert found.effort.evaluations <= 5 * len(profiles(2)) * len(RIDGES)

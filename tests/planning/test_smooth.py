@@ -129,7 +129,7 @@ def test_the_first_verified_motion_is_told_at_once_and_then_better_ones():
     best = [state.best for state in seen if state.best is not None]
     assert best == sorted(best, reverse=True)
     assert best[-1] < 0.1 * best[0]
-    assert solution.time_to_first_verified_s < solution.solve_time_s
+    assert solution.effort.first_verified < solution.effort.seconds
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.01, float("nan"), "much", True])

@@ -83,7 +83,7 @@ def assert_verified(solution):
     truth = brute_force.least_clearance(motion)[0]
     assert solution.report.clearance_min <= truth + 1e-9
     assert truth >= scene.clearance
-    assert 0 < solution.time_to_first_verified_s <= solution.solve_time_s
+    assert 0 < solution.effort.first_verified <= solution.effort.seconds
     assert solution.cost.total > 0
 
 
@@ -131,8 +131,8 @@ def test_the_same_seed_gives_the_same_motion(options):
     first, second, other = (comove.solve(example("narrow"), seed=seed, **options) for seed in (3, 3, 4))
     assert np.array_equal(first.attempt.weights, second.attempt.weights)
     assert np.array_equal(first.attempt.boundary, second.attempt.boundary)
-    assert first.evaluations == second.evaluations > 0
-    assert first.generations == second.generations > 0
+    assert first.effort.evaluations == second.effort.evaluations > 0
+    assert first.effort.generations == second.effort.generations > 0
     assert first.cost == second.cost
     assert not np.array_equal(first.attempt.weights, other.attempt.weights)
     assert (first.seed, first.method) == (3, options.get("method", Comove()).name)
@@ -180,7 +180,7 @@ def test_no_time_at_all():
     solution = comove.solve(closed(), budget=1e-9)
     assert not solution.verified
     assert solution.reasons
-    assert solution.evaluations == 0
+    assert solution.effort.evaluations == 0
 
 
 @pytest.mark.parametrize(("planner", "after"), [(True, 2), (False, 1), (False, 30)])
@@ -195,7 +195,7 @@ def test_an_interruption_keeps_the_best(planner, after):
     solution = comove.solve(example("narrow"), seed=0, planner=planner, objective=PaperCost(), progress=stop)
     assert solution.interrupted
     assert len(seen) == after
-    assert solution.generations == len({p.generation for p in seen} - {0})
+    assert solution.effort.generations == len({p.generation for p in seen} - {0})
     if planner:  # a planned motion is verified before the first generation
         assert_verified(solution)
         assert solution.cost.total <= seen[-1].best
@@ -232,7 +232,7 @@ def test_progress_tells_what_is_done():
     solution = comove.solve(example("narrow"), seed=0, progress=seen.append)
     generations = [p.generation for p in seen]  # a better motion is told at once, once more
     assert generations == sorted(generations)
-    assert set(generations) - {0} == set(range(1, solution.generations + 1))
+    assert set(generations) - {0} == set(range(1, solution.effort.generations + 1))
     assert seen[0].motion is not None and seen[0].best is not None, (
         "the planned motion, before all generations"
     )

@@ -103,7 +103,7 @@ def test_a_goal_that_is_taken_when_the_load_comes_is_told_at_once():
     visitor = {"center": [0.9, 0.0], "motion": {"waypoints": [[0.9, 0.0], [0.9, 0.5]], "times": [0, 5]}}
     found = solve(corridor(**visitor), seed=0, budget=30.0)
     assert not found.verified
-    assert found.solve_time_s < 3.0
+    assert found.effort.seconds < 3.0
     assert "obstacles[2] (sphere)" in found.reasons[0]
 
 

@@ -73,6 +73,31 @@ def test_an_honest_run_is_verified_by_its_poses_alone(folder):
     assert verified(folder).clearance_min == pytest.approx(RUN.read(folder)[0]["clearance_min"], rel=1e-9)
 
 
+def test_runs_tell_how_obstacles_are_turned(tmp_path):
+    """A run among a beam that turns, one that says that it turned otherwise, and one that does not say."""
+    turn = {"rate_deg_per_s": 30, "hinge": [0.02, 0.0]}
+    beam = {
+        "shape": "box",
+        "center": [0.5, 0.9],
+        "size": [0.1, 0.02],
+        "rotation_deg": 20,
+        "motion": {"turn": turn},
+    }
+    scene = Scene.from_dict(SCENE | {"obstacles": [beam]})
+    folder = written(tmp_path / "run", Executor(scene, seed=0, pace=Pace(period=0.02)))
+    summary, arrays = RUN.read(folder)
+    angle = 2 * np.arctan2(*arrays["obstacle_quaternion"][:, 0, [3, 0]].T)
+    np.testing.assert_allclose(np.rad2deg(angle), 20 + 30 * arrays["time"], atol=1e-9)
+    assert verify_run(read_run(folder)).reasons == ()
+    RUN.write(folder, summary, {key: arrays[key] for key in arrays if key != "obstacle_quaternion"})
+    assert verify_run(read_run(folder)).reasons == ()
+    RUN.write(
+        folder, summary, arrays | {"obstacle_quaternion": np.roll(arrays["obstacle_quaternion"], 1, axis=0)}
+    )
+    (reason,) = verify_run(read_run(folder)).reasons
+    assert "obstacles[0] (box) was, by the run's own record alone, turned otherwise" in reason
+
+
 def test_a_run_through_a_standing_box_is_not_saved_by_obstacles_of_its_own(folder):
     """The straight way through the post, the post and the disc moved away, and all checksums right."""
     arrays = RUN.read(folder)[1]

@@ -2,7 +2,7 @@
 
 from comove.io.folders import whole_folder
 from comove.planning.objective import Cost
-from comove.planning.solution import Solution
+from comove.planning.solution import SearchEffort, Solution
 from comove.results import RESULT, write_solution
 from comove.robots import Robot, verify_joints
 from comove.robots.description import BUNDLED
@@ -22,10 +22,7 @@ def solution_of(motion):
         cost=Cost(0.0, 1.0, 0.0, 0.0),
         method="comove",
         seed=0,
-        evaluations=1,
-        generations=0,
-        time_to_first_verified_s=0.1,
-        solve_time_s=0.2,
+        effort=SearchEffort(1, 0, 0.2, 0.0, 0.1),
     )
 
 

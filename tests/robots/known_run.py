@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from comove.control.loop import ExecutionLog
 from comove.io.folders import whole_folder
 from comove.results import RESULT
-from comove.robots.online.executor import OnlineLog
 from comove.sim.live_record import OnlineRecord, judge_run
 from comove.sim.loads import carried, hand_poses, load_of
 from comove.sim.robot_runs import write_robot_run
@@ -35,7 +35,7 @@ def write_known_run(folder, period=0.02):
         arrived=True,
     )
     report = judge_run(record)
-    log = OnlineLog(control=[0.001] * len(time))
+    log = ExecutionLog(control=[0.001] * len(time))
     with whole_folder(folder, RESULT) as draft:
         write_robot_run(draft, record, report, log, seed=0, wall_time_s=1.0)
     return folder

@@ -24,7 +24,13 @@ def outcome(name, budget=6.0):
     """All of a carry that must not depend on the machine."""
     found = comove.solve(SCENES[name](), robot=robot("gantry"), budget=budget)
     solution = found
-    told = (found.verified, solution.timed_out, solution.reasons, solution.evaluations, solution.work)
+    told = (
+        found.verified,
+        solution.timed_out,
+        solution.reasons,
+        solution.effort.evaluations,
+        solution.effort.work,
+    )
     return checksum(motion_arrays(solution.attempt)), found.joints.attempt.position.tobytes(), *told
 
 

@@ -206,7 +206,7 @@ def room_to_home():
     carried_load = Carried(carry.motion.motion)
     where, _ = carried_load.hands(carried_load.time)
     bodies = bodies_of(Bases(robot, robot.description.uncertainty), robot.arms, carried_load, where, 0.0)
-    bodies = bodies.with_load_at(carried_load.nodes(np.array([0.0]))[0])
+    bodies = bodies.placed_at(carried_load.nodes(np.array([0.0]))[0])
     nodes = carry.scene.nodes_at("start")
     return Room.for_ends(bodies, carry.scene, np.stack([held, robot.home]), nodes)
 

@@ -1,6 +1,7 @@
 """The world of a simulation is the robot of the description and the scene as it is written."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -16,7 +17,7 @@ from comove.sim.dynamics import at_start
 from comove.sim.engine import engine
 from comove.sim.loads import hand_poses, load_of
 from comove.sim.servos import PayloadTorques, servo_gains
-from comove.sim.world import lower_floor
+from comove.sim.world import add_obstacles, lower_floor, move_obstacles
 from tests.robots.known_path import known_motion
 from tests.sim.benchmark import posts, standing
 
@@ -39,6 +40,27 @@ CRANE = """<robot name="crane">
   <joint name="end" type="fixed"><parent link="wrist"/><child link="tip"/>
     <origin xyz="0 0 0.2" rpy="0 1.57079632679 0"/></joint>
 </robot>"""
+
+
+def test_obstacles_turn_in_the_simulator_as_in_the_scene():
+    """Boxes on hinges: MuJoCo's frames of their shapes are those of the scene's table."""
+    turn = {"rate_deg_per_s": 50, "axis": [1, 2, 3], "hinge": [0.1, 0.0, 0.2]}
+    turned = {"quaternion_wxyz": [0.5, 0.5, 0.5, 0.5], "motion": {"velocity": [0.1, 0, 0], "turn": turn}}
+    boxes = [{"shape": "box", "center": [x, 0.0, 0.5], "size": [0.1, 0.2, 0.3], **turned} for x in (0.0, 1.0)]
+    around = {"workspace": {"lower": [-9, -9, -9], "upper": [9, 9, 9]}, "duration": 4.0, "name": "hinged"}
+    hands = [{"name": "a", "start": [3, 3, 3], "goal": [3, 4, 3]}]
+    scene, spec = Scene.from_dict({**around, "obstacles": boxes, "manipulators": hands}), engine().MjSpec()
+    add_obstacles(spec, scene)
+    model = spec.compile()
+    data = engine().MjData(model)
+    for time in (0.0, 2.5):
+        table = scene.obstacles_at(time)
+        move_obstacles(SimpleNamespace(model=model), data, scene, time, table[:, 1:4])
+        engine().mj_kinematics(model, data)
+        for i in range(len(boxes)):
+            geom = data.geom(scene.name_of(i))
+            np.testing.assert_allclose(geom.xpos, table[i, 1:4], atol=1e-12)
+            np.testing.assert_allclose(geom.xmat, table[i, 4:13], atol=1e-12)
 
 
 @pytest.fixture

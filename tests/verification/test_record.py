@@ -75,6 +75,18 @@ def test_a_contact_between_two_steps_is_found():
     assert "obstacles[0] (sphere) at 0.99 s" in reason or "obstacles[0] (sphere) at 1.00 s" in reason
 
 
+@pytest.mark.parametrize(("reach", "touches"), [(0.41, True), (0.38, False)])
+def test_a_contact_of_a_beam_that_turns_between_two_steps_is_found(reach, touches):
+    """A beam turns by 36 degrees a step, so that its tip is nearest to the bar's way between two of them only."""
+    turn = {"rate_deg_per_s": 3600, "hinge": [0.0, 0.0]}
+    beam = {"shape": "box", "center": [0.5, 1.0], "size": [2 * reach, 0.002], "motion": {"turn": turn}}
+    executed = record(scene(beam))
+    sampled = executed.scene.clearances(executed.nodes, executed.time)
+    assert sampled.min() > 2e-3
+    reasons = verify_execution(executed).reasons
+    assert len(reasons) == touches and all("into obstacles[0] (box)" in reason for reason in reasons)
+
+
 def test_clearance_that_is_asked_for():
     wall = {"shape": "box", "center": [0.5, 0.9], "size": [0.2, 0.5]}  # 5 cm above the upper hand
     assert verify_execution(record(scene(wall, clearance=0.04))).reasons == ()

@@ -176,13 +176,7 @@ def requires_robot() -> bool:
 
 
 def refuse_robot_options(message: str, way_out: str) -> None:
-    """Refuse options of the running command that apply only with a robot.
-
-    Raises
-    ------
-    OptionError
-        If there is one; with this message, and what to do.
-    """
+    """Refuse options of the running command that apply only with a robot."""
     (context,) = _running
     for parameter in context.command.params:
         source = context.get_parameter_source(parameter.name or "")

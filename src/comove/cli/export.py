@@ -42,7 +42,7 @@ def export(
     from comove.cli.texts import in_rows
     from comove.robots.transfers import possible_transfers
     from comove.ros import FORMATS as KINDS
-    from comove.ros import check_export, export, usual_format
+    from comove.ros import IN_STEP, check_export, export, usual_format
     from comove.stored import gripper_rows
 
     if format is not None:
@@ -52,11 +52,11 @@ def export(
         raise OptionError(
             "--transfers is both, --no-transfers neither", key=key, way_out="leave one of the options out"
         )
-    strict = bool(transfers or approach or release)
-    both = transfers or (transfers is None and not strict)
+    motion = trusted.verified(folder)
+    in_step, strict = bool(motion.scene.moving.any()), bool(transfers or approach or release)
+    both = transfers or (transfers is None and not strict and not in_step)
     approach, release = both or approach, both or release
     o.require_approach(present, approach)
-    motion = trusted.verified(folder)
     kind = usual_format(motion) if format is None else KINDS[format]
     parts = [o.CARRY, *(["approach"] if approach else []), *(["release"] if release else [])]
     check_export(motion, folder, kind, rate=rate, parts=parts)
@@ -73,6 +73,8 @@ def export(
             say(f"warning: {what}: {error}", file=sys.stderr)
     written = export(motion, folder, kind, rate=rate, transfers=planned)
     say(f"{motion.scene.name}, {motion.robot.name}: verified, exported for {kind.what}")
+    if in_step:
+        say(f"warning: {IN_STEP}", file=sys.stderr)
     for row in in_rows(gripper_rows(motion.report.without_gripper)):
         say(row)
     for path in written:

@@ -271,7 +271,7 @@ def combine(
     name = r.name_of_file(out)
     write_primitive(out, Primitive(name, found.dmp, notes=notes))
     say(
-        f"{name}: {verdict} in {loaded.name}, cost J {found.cost:.4g}, {found.evaluations} rollouts",
+        f"{name}: {verdict} in {loaded.name}, cost J {found.cost:.4g}, {found.effort.evaluations} rollouts",
         *(f"  {part}" for part in parts),
     )
     for reason in found.reasons:

@@ -159,13 +159,7 @@ class Trusted:
 
 
 def names_robot(scene: Scene, robot: str | None, hands_alone: bool) -> bool:
-    """Return whether a robot's joints are looked at: where the scene or the command names one.
-
-    Raises
-    ------
-    OptionError
-        If the command names a robot, and the hands alone.
-    """
+    """Return whether a robot's joints are looked at: where the scene or the command names one."""
     if requires_robot():
         return True
     if hands_alone and robot is not None:

@@ -53,13 +53,7 @@ class Learning:
         return self._shared | own
 
     def of_distribution(self, alignment: str) -> dict[str, Any]:
-        """Return the keyword arguments of `learn_distribution`.
-
-        Raises
-        ------
-        OptionError
-            If an option was given that distributions of movements do not have.
-        """
+        """Return the keyword arguments of `learn_distribution`."""
         given = {
             "--variant": self.variant != VARIANTS[0],
             "--period": self.period is not None,

@@ -182,7 +182,7 @@ def scene(
             (each["name"], f"from {each['start']} to {each['goal']} m")
             for each in proposal.data["manipulators"]
         ),
-        ("solved", f"first verified motion after {found.time_to_first_verified_s:.2g} s"),
+        ("solved", f"first verified motion after {found.effort.first_verified:.2g} s"),
         ("next", f"comove solve {out} --out carried"),
     ]
     if proposal.unreached:

@@ -32,7 +32,7 @@ def send(
 ) -> int:
     """Verify the motion in DIR anew and let a robot play it over ROS 1, both arms in step."""
     from comove.robots import plan_transfers
-    from comove.ros import Ros1Client, SendError, Tolerances, send
+    from comove.ros import IN_STEP, Ros1Client, SendError, Tolerances, send
 
     o.require_one_of(part, PARTS, "part")
     given = {"--start-tolerance": start_tolerance, "--path-tolerance": path_tolerance, "--timeout": timeout}
@@ -42,6 +42,8 @@ def send(
     o.require_approach(present, part == "approach")
     tolerances = Tolerances(start=start_tolerance, path=path_tolerance, connect=timeout)
     motion = trusted.verified(folder)
+    if motion.scene.moving.any():
+        say(f"warning: {IN_STEP}", file=sys.stderr)
     transfers = None
     if part != o.CARRY:
         transfers = plan_transfers(

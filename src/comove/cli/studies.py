@@ -45,13 +45,7 @@ class Running:
 
     @property
     def part(self) -> Shard:
-        """Return the part of the runs that is done.
-
-        Raises
-        ------
-        OptionError
-            If there is no such part.
-        """
+        """Return the part of the runs that is done."""
         from comove.data import Shard
 
         return Shard.parse(self.shard)

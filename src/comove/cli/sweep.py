@@ -77,7 +77,7 @@ def merge(
     out: Annotated[Path, typer.Option(help="Folder for all runs; its own stay.")],
 ) -> int:
     """Put the parts of a study, of generate or of sweep, together."""
-    from comove.data.merging import merge as merged
+    from comove.data.runs import merge as merged
 
     found = merged(parts, out)
     print(f"{out} holds {found.ended} of {found.total} runs")

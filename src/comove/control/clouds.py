@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.control.observers import Observer
-from comove.control.safety.twist_qp import Sighting
+from comove.control.safety.cbf_qp import Sighting
 from comove.control.tracks import Memory, Scanner, blank, margins, moved, updated
 from comove.dmp.arguments import is_number, numbers
 from comove.errors import OptionError
@@ -25,8 +26,6 @@ from comove.geometry.solids import N_CORNERS
 from comove.model.scene import FAR, MovingBody, Scene
 from comove.model.shapes import inside_polygon
 from comove.verification.bounds import lengths
-
-Array = NDArray[np.float64]
 
 AXES = [sd.ROTATION, sd.ROTATION + 4, sd.ROTATION + 8]  # diagonal of a rotation matrix
 

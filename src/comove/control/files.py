@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from comove._version import __version__
-from comove.control.executor import ExecutionLog
+from comove.control.loop import ExecutionLog
 from comove.model.coordinates import load_coordinates
 from comove.model.files.keys import canonical
 from comove.planning.objective import Objective
@@ -39,6 +38,8 @@ def write_run(
         "center": record.center,
         "quaternion": record.quaternion,
     }
+    if record.scene.turning.any():
+        arrays["obstacle_quaternion"] = record.scene.orientations(record.time)
     measured = {**vars(report), "clearance_min": finite(report.clearance_min)}
     del measured["reasons"]
     summary = {
@@ -56,12 +57,8 @@ def write_run(
         "time_to_first_verified_s": log.first_plan,
         "wall_time_s": wall_time_s,
         "duration_s": float(record.time[-1]),
-        "plans": len(log.planning),
-        "planning_s_median": _quantile(log.planning, 0.5),
-        "control_s_median": _quantile(log.control, 0.5),
-        "control_s_p999": _quantile(log.control, 0.999),
-        "relaxed_max": log.relaxed,
-        "events": [{"time": event.time, "what": event.what} for event in log.events],
+        "planning_s_median": float(np.median(log.planning)) if log.planning else None,
+        **log.summary,
         "scene_sha256": record.scene.sha256,
     }
     return RUN.write(folder, summary, arrays)
@@ -75,7 +72,3 @@ def _cost(record: Record) -> dict[str, Any]:
     cost = objective.cost_of(objective.evaluate_nodes(np.ascontiguousarray(record.nodes[None]), offsets))
     terms = {"goal": cost.goal, "velocity": cost.velocity, "obstacle": cost.obstacle, "resemblance": 0.0}
     return {"cost": cost.total, "cost_terms": terms}
-
-
-def _quantile(values: Sequence[float], q: float) -> float | None:
-    return float(np.quantile(values, q)) if values else None

@@ -13,11 +13,9 @@ from math import cos, log, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
-
-Array = NDArray[np.float64]
 
 POSITION, VELOCITY, TURN = slice(0, 3), slice(3, 6), slice(6, 9)
 
@@ -62,11 +60,11 @@ class Belief(NamedTuple):
     covariance: Array
     ratio: Array
 
-    def at(self, which: NDArray[np.int64]) -> Belief:
+    def at(self, which: Integers) -> Belief:
         """Return the estimates for some of the obstacles, by index."""
         return Belief(self.state[:, which], self.covariance[:, which], self.ratio[which])
 
-    def put(self, which: NDArray[np.int64], of: Belief) -> None:
+    def put(self, which: Integers, of: Belief) -> None:
         """Write the estimates for some of the obstacles, in place."""
         self.state[:, which], self.covariance[:, which], self.ratio[which] = of
 

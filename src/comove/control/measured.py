@@ -11,16 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array, Integers
 from comove.control.filters import Belief, Expectations, informed, later, unknown
 from comove.control.observers import Observer, sighting
-from comove.control.safety.twist_qp import Sighting
+from comove.control.safety.cbf_qp import Sighting
 from comove.dmp.arguments import is_number, numbers, require_positive
 from comove.errors import OptionError
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 MOST = {"noise": 10.0, "agility": 1e6, "fastest": 1e3, "sharpest": 1e3, "sigmas": 10.0, "unseen": 1e3}
 FINEST = 1e-9  # m of noise, below which filters fail by rounding
@@ -122,13 +121,13 @@ class Observed(Observer):
             )
         self._take_in(np.array([obstacle]), np.pad(center, (0, 3 - n_dims))[None], float(time))
 
-    def _take_in(self, which: NDArray[np.int64], centers: Array, time: float) -> None:
+    def _take_in(self, which: Integers, centers: Array, time: float) -> None:
         """Update the estimates of some obstacles by centres, (n_measured, 3) [m], measured at one instant [s]."""
         belief = informed(self._predicted(which, time), centers, self.sensor.noise**2, self._expected)
         self._belief.put(which, belief)
         self._when[which] = time
 
-    def _predicted(self, which: NDArray[np.int64], time: float) -> Belief:
+    def _predicted(self, which: Integers, time: float) -> Belief:
         """Return the estimates for some obstacles at a later instant [s]."""
         when = self._when[which]
         dt = np.where(np.isfinite(when), np.maximum(time - when, 0.0), 0.0)

@@ -13,14 +13,14 @@ from functools import partial
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from comove.control.safety.twist_qp import Sighting
+from comove.arrays import Array
+from comove.control.safety.cbf_qp import Sighting
 from comove.errors import OptionError
 from comove.model.moving import ObstacleMotion
 from comove.model.scene import Scene
 
-Array = NDArray[np.float64]
 Position = Callable[[float], ArrayLike]
 
 STILL = 1e-6  # m/s, below which an obstacle is taken to stand

@@ -19,15 +19,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.dmp.arguments import require_count, require_positive
 from comove.errors import OptionError
 from comove.geometry.distances import points_apart
 from comove.geometry.sphere_cover import Cells, covered, thinned
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
-
 
 MOST = {
     "noise": 1.0,
@@ -122,7 +119,7 @@ class Tracks(NamedTuple):
     begun: Array
     stray: Array
 
-    def at(self, which: Numbers) -> Tracks:
+    def at(self, which: Integers) -> Tracks:
         """Return some of the tracks, in the order of `which`."""
         return Tracks(*(field[which] for field in self))
 
@@ -140,7 +137,7 @@ class Spheres(NamedTuple):
 
     center: Array
     radius: Array
-    track: Numbers
+    track: Integers
     seen: Array
 
 
@@ -234,7 +231,7 @@ def _still(tracks: Tracks) -> Tracks:
 
 
 def _measured(
-    before: Tracks, points: Array, part: Numbers, heirs: Numbers, time: float, scanner: Scanner
+    before: Tracks, points: Array, part: Integers, heirs: Integers, time: float, scanner: Scanner
 ) -> Tracks:
     """Return one track per part: the track that it continues, corrected by the positions of its points."""
     n, old = len(heirs), np.maximum(heirs, 0)
@@ -269,7 +266,7 @@ def _measured(
     )
 
 
-def _parts(cells: Cells, label: Numbers, velocity: Array, most_apart: float) -> tuple[Numbers, Numbers]:
+def _parts(cells: Cells, label: Integers, velocity: Array, most_apart: float) -> tuple[Integers, Integers]:
     """Sort cells into connected parts, each of cells of one track, of tracks that touch and move alike, or of none.
 
     Parameters
@@ -304,8 +301,8 @@ def _parts(cells: Cells, label: Numbers, velocity: Array, most_apart: float) -> 
 
 @kernel
 def _joined(
-    place: Numbers, label: Numbers, row: int, column: int, velocity: Array, most_apart: float
-) -> Numbers:
+    place: Integers, label: Integers, row: int, column: int, velocity: Array, most_apart: float
+) -> Integers:
     """Return, for each node, the first node to which it is connected; array of int, shape (n_nodes,).
 
     Parameters
@@ -337,13 +334,13 @@ def _joined(
 
 
 @kernel
-def _join(root: Numbers, i: int, j: int) -> None:
+def _join(root: Integers, i: int, j: int) -> None:
     a, b = _root(root, i), _root(root, j)
     root[max(a, b)] = min(a, b)
 
 
 @kernel
-def _root(root: Numbers, i: int) -> int:
+def _root(root: Integers, i: int) -> int:
     while root[i] != i:
         root[i] = root[root[i]]
         i = root[i]
@@ -353,7 +350,7 @@ def _root(root: Numbers, i: int) -> int:
 @kernel
 def _nearest_spheres(
     points: Array, center: Array, radius: Array, reach: Array, deep: float
-) -> tuple[Numbers, Array, NDArray[np.bool_]]:
+) -> tuple[Integers, Array, NDArray[np.bool_]]:
     """Return each point's nearest sphere, -1 beyond all reaches, its distance from it, and which spheres are
     confirmed.
 

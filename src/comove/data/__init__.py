@@ -5,8 +5,7 @@ from comove.data.many import Solved, solve_many
 from comove.data.report import StudyReport, groups_of, report_of, write_report
 from comove.data.runner import Shard, StudyProgress, on_processes, run_study
 from comove.data.runs import StudyRun, StudyStore
-from comove.data.sweep import Sweep
-from comove.data.table import StudyTable, study
+from comove.data.sweep import StudyTable, Sweep, study
 
 __all__ = [
     "Shard",

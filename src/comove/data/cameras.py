@@ -121,15 +121,7 @@ class CamerasPart(Part):
 
 
 def require_cameras() -> None:
-    """Make sure that pictures can be drawn, and videos encoded, in this process.
-
-    Raises
-    ------
-    ExtraError
-        If a package is not installed.
-    OptionError
-        If nothing can be drawn.
-    """
+    """Make sure that pictures can be drawn, and videos encoded, in this process."""
     from comove.sim.cameras import require_cameras
 
     require_videos()

@@ -77,11 +77,6 @@ def require_hold(scene: Scene, still: float = 0.1) -> None:
     Parameters
     ----------
     still : time for which the robot has to stand at an end [s]
-
-    Raises
-    ------
-    SceneError
-        If they cannot, or the robot cannot carry such a load.
     """
     robot, first = robot_of(scene), None
     for choice in scene.alternatives:

@@ -87,7 +87,7 @@ def measured(run: StudyRun, solution: Solution) -> StudyRun:
         followed=None if solution.followed is None else solution.followed.distance,
         passing=passing_class(motion),
         motion_sha256=checksum(motion_arrays(motion)),
-        first=solution.time_to_first_verified_s,
+        first=solution.effort.first_verified,
     )
 
 

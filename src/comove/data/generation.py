@@ -350,15 +350,7 @@ class Study:
         return carried_run(run, drawn.scene, how)
 
     def require(self) -> None:
-        """Make sure that episodes can be run in this process: simulated, and drawn, where the study says so.
-
-        Raises
-        ------
-        ExtraError
-            If a package is not installed.
-        OptionError
-            If no pictures can be drawn.
-        """
+        """Make sure that episodes can be run in this process: simulated, and drawn, where the study says so."""
         if self.file.simulate is not None:
             from comove.sim.engine import engine
 

@@ -55,13 +55,7 @@ def on_dask(address: str, workers: int, timeout: float = 10.0) -> Run:
 
 @contextmanager
 def _connected(address: str, workers: int, timeout: float) -> Iterator[Any]:
-    """Lend a client of the scheduler; one that was started for it ends with it.
-
-    Raises
-    ------
-    OptionError
-        If the scheduler cannot be reached within `timeout` [s].
-    """
+    """Lend a client of the scheduler; one that was started for it ends with it."""
     import dask
     from distributed import Client, LocalCluster
 
@@ -163,13 +157,7 @@ def _lost() -> OptionError:
 
 
 def _ended(future: Any, task: int) -> TaskResult[int, Made]:
-    """Return a task as it has ended.
-
-    Raises
-    ------
-    OptionError
-        If the scheduler is gone.
-    """
+    """Return a task as it has ended."""
     from distributed import KilledWorker
 
     if future.status == "finished":

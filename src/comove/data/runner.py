@@ -64,13 +64,7 @@ class Shard:
 
     @classmethod
     def parse(cls, text: str) -> Shard:
-        """Return the shard that is written as ``i/n``, with i from 1 to n.
-
-        Raises
-        ------
-        OptionError
-            If it is not written so.
-        """
+        """Return the shard that is written as ``i/n``, with i from 1 to n."""
         first, slash, second = text.partition("/")
         if slash and first.isdigit() and second.isdigit() and 1 <= int(first) <= int(second):
             return cls(int(first), int(second))
@@ -221,13 +215,7 @@ def _failed(key: str, ended: TaskResult[int, Made]) -> StudyRun:
 
 
 def check_study_folder(folder: Path) -> None:
-    """Check that a folder can be that of a study: that it is none yet, empty, or a study's.
-
-    Raises
-    ------
-    ResultError
-        If it is a file, or holds other files.
-    """
+    """Check that a folder can be that of a study: that it is none yet, empty, or a study's."""
     with telling(folder, "written", ResultError):
         if folder.exists() and not folder.is_dir():
             raise ResultError("it is a file", file=folder, way_out="name a folder")
@@ -238,13 +226,7 @@ def check_study_folder(folder: Path) -> None:
 
 
 def _prepared(folder: Path, room: int = 20_000_000) -> Path:
-    """Make the folder of a study, after `check_study_folder`; `room` [bytes] must be free.
-
-    Raises
-    ------
-    ResultError
-        As `check_study_folder`, or if the disk is full.
-    """
+    """Make the folder of a study, after `check_study_folder`; `room` [bytes] must be free."""
     check_study_folder(folder)
     with telling(folder, "written", ResultError):
         require_room(folder, ResultError, room)

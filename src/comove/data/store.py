@@ -313,13 +313,7 @@ class Store(Generic[RunT, WriterT]):
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """Hold the lock of a store, which the system takes back when this process ends in whatever way.
-
-    Raises
-    ------
-    ResultError
-        If another process holds it.
-    """
+    """Hold the lock of a store, which the system takes back when this process ends in whatever way."""
     import fcntl
 
     lock = path.with_name(f"{path.name}.lock")

@@ -5,8 +5,9 @@ from __future__ import annotations
 import copy
 import itertools
 import json
+import tempfile
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -17,14 +18,17 @@ from comove._version import __version__
 from comove.data.episode import solved_run
 from comove.data.generation import read_study
 from comove.data.keys import change
-from comove.data.runs import LONGEST, StoredMotion, StudyRun
-from comove.data.store import digest
+from comove.data.runner import on_processes, run_study
+from comove.data.runs import COLUMNS, LONGEST, RUNS, StoredMotion, StudyRun, StudyStore
+from comove.data.store import digest, parquet_kinds
 from comove.data.study_file import SWEEP, SimulationPart, SweepFile
-from comove.errors import ComoveWarning, RobotError, SceneError, near_name
+from comove.errors import ComoveWarning, OptionError, RobotError, SceneError, near_name
 from comove.io.keys import Flaw, Wrong, scene_error
+from comove.io.parquet import write_parquet
 from comove.io.yaml_reader import Lines, read_yaml
 from comove.methods import METHODS as KNOWN
 from comove.methods import OWN
+from comove.model.files.keys import canonical
 from comove.model.scene import Scene
 from comove.planning import Comove
 from comove.planning.method import Method
@@ -161,13 +165,7 @@ class Sweep:
         return found
 
     def require(self) -> None:
-        """Make sure that motions can be simulated in this process, where the study says so.
-
-        Raises
-        ------
-        ExtraError
-            If a package is not installed.
-        """
+        """Make sure that motions can be simulated in this process, where the study says so."""
         if self.simulate is not None:
             from comove.sim.engine import engine
 
@@ -278,3 +276,94 @@ def _require_distinct(sweep: Sweep, path: Path, lines: Lines) -> None:
         raise scene_error(
             [Flaw(("settings", *list(several)[:1]), "a value is given twice", "give it once")], path, lines
         )
+
+
+@dataclass(frozen=True)
+class StudyTable:
+    """The runs of a study, a row each.
+
+    Attributes
+    ----------
+    runs : the runs, by seed, then scene, then method
+    """
+
+    runs: tuple[StudyRun, ...]
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """Return the columns by name, as ``pandas.DataFrame`` and ``polars.DataFrame`` take them."""
+        return {name: [getattr(run, name) for run in self.runs] for name in COLUMNS}
+
+    def write_parquet(self, path: str | Path) -> None:
+        """Write the table to a Parquet file.
+
+        Raises
+        ------
+        ExtraError
+            If pyarrow is not installed.
+        ResultError
+            If the file cannot be written.
+        """
+        write_parquet(path, self.columns, parquet_kinds(StudyStore.KINDS))
+
+
+def study(
+    scenes: Sequence[Scene],
+    methods: Sequence[str] = ("comove",),
+    seeds: int = 1,
+    workers: int = 2,
+    *,
+    budget: float = 30.0,
+    out: str | Path | None = None,
+) -> StudyTable:
+    """Run scenes with methods and seeds, each along the demonstration that it names, and return a table.
+
+    Parameters
+    ----------
+    scenes
+        Scenes with different names.
+    methods
+        Names of methods: comove, projection, paper, printed.
+    seeds
+        Number of runs of every scene with every method, with the seeds from 0 on.
+    workers
+        Number of processes.
+    budget
+        Time for each run [s].
+    out
+        Folder in which the runs are kept, so that the same call goes on where it was interrupted; none unless given.
+
+    Raises
+    ------
+    OptionError
+        If there is nothing to run, two scenes have one name, or a method is unknown.
+    ResultError
+        If `out` holds another study, or cannot be written.
+    """
+    names = [scene.name for scene in scenes]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise OptionError(f"two scenes are called {twice!r}", key="scenes", way_out="give each its own name")
+    if not names or not methods or seeds < 1:
+        raise OptionError("there is nothing to run", key="scenes", way_out="give scenes, methods and seeds")
+    for name in methods:
+        if name not in METHODS:
+            raise OptionError(f"there is no method {name!r}", key="methods", way_out=near_name(name, METHODS))
+        if name not in ROBOT_METHODS and any(scene.file.robot for scene in scenes):
+            raise OptionError(
+                f"by the method {name!r} no robot carries",
+                key="methods",
+                way_out=f"use {' or '.join(ROBOT_METHODS)}",
+            )
+    swept = tuple(SweptScene(s.name, s.folder, json.loads(canonical(s.file))) for s in scenes)
+    sweep = Sweep("study", swept, tuple(methods), seeds=seeds, budget=budget)
+    if out is not None:
+        return _run(sweep, Path(out), workers)
+    with tempfile.TemporaryDirectory() as folder:
+        return _run(sweep, Path(folder), workers)
+
+
+def _run(sweep: Sweep, folder: Path, workers: int) -> StudyTable:
+    run_study(sweep, folder, on_processes(workers))
+    wanted = range(sweep.total)
+    return StudyTable(tuple(run for run in StudyStore.open(folder / RUNS).runs() if run.number in wanted))

@@ -8,7 +8,6 @@ if TYPE_CHECKING:
     from comove.dmp.alignment import Alignment as Alignment
     from comove.dmp.averaging import AveragedDMP as AveragedDMP, average as average
     from comove.dmp.basis import MotionBasis as MotionBasis, motion_basis as motion_basis
-    from comove.dmp.coactivation import coactivated as coactivated
     from comove.dmp.dmp import DMP as DMP, FitError as FitError
     from comove.dmp.estimation import EstimationSettings as EstimationSettings
     from comove.dmp.files import (
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from comove.dmp.library import Library as Library, Match as Match
     from comove.dmp.limits import ViaPoint as ViaPoint, constrained as constrained, largest as largest
     from comove.dmp.online import DMPState as DMPState, rate_for_lag as rate_for_lag
+    from comove.dmp.operations import coactivated as coactivated
     from comove.dmp.pacing import (
         PacedDMP as PacedDMP,
         PacingSettings as PacingSettings,
@@ -48,7 +48,6 @@ __all__, __getattr__, __dir__ = lazily(
         "dmp.alignment": ["Alignment"],
         "dmp.averaging": ["AveragedDMP", "average"],
         "dmp.basis": ["MotionBasis", "motion_basis"],
-        "dmp.coactivation": ["coactivated"],
         "dmp.dmp": ["DMP", "FitError"],
         "dmp.estimation": ["EstimationSettings"],
         "dmp.files": [
@@ -62,6 +61,7 @@ __all__, __getattr__, __dir__ = lazily(
         "dmp.library": ["Library", "Match"],
         "dmp.limits": ["ViaPoint", "constrained", "largest"],
         "dmp.online": ["DMPState", "rate_for_lag"],
+        "dmp.operations": ["coactivated"],
         "dmp.pacing": ["PacedDMP", "PacingSettings", "slowed"],
         "dmp.system": ["ExponentialPhase", "LinearPhase", "Phase"],
         "dmp.pose_distributions": ["PoseProMP"],

@@ -58,13 +58,7 @@ def numbers(value: object) -> Array:
 
 
 def vector(name: str, value: object, n_dims: int) -> Array:
-    """Return `value` as a new array of `n_dims` finite numbers.
-
-    Raises
-    ------
-    OptionError
-        If `value` is not such an array.
-    """
+    """Return `value` as a new array of `n_dims` finite numbers."""
     array = numbers(value)
     if array.shape != (n_dims,) or not np.isfinite(array).all():
         raise OptionError(f"{name} = {value!r}", way_out=f"give {n_dims} finite numbers")
@@ -72,13 +66,7 @@ def vector(name: str, value: object, n_dims: int) -> Array:
 
 
 def require_positive(name: str, value: object, most: float = 1e308, *, of: str = "") -> None:
-    """Raise unless `value` is a positive number that does not exceed `most`; `of` names its unit in the message.
-
-    Raises
-    ------
-    OptionError
-        If it is not; the error names the argument.
-    """
+    """Raise unless `value` is a positive number that does not exceed `most`; `of` names its unit in the message."""
     if not is_number(value) or not 0 < value <= most:
         bound = f" up to {most:g}" if most < 1e308 else ""
         unit = f" of {of}" if of else ""
@@ -86,26 +74,14 @@ def require_positive(name: str, value: object, most: float = 1e308, *, of: str =
 
 
 def require_count(name: str, value: object, most: int = MAX_STEPS) -> None:
-    """Raise unless `value` is a whole number from 1 to `most`.
-
-    Raises
-    ------
-    OptionError
-        If it is not; the error names the argument.
-    """
+    """Raise unless `value` is a whole number from 1 to `most`."""
     if not is_count(value, most=most):
         bound = f"to {most}" if most < MAX_STEPS else "on"
         raise OptionError(f"{name} = {value!r}", key=name, way_out=f"give a whole number from 1 {bound}")
 
 
 def require_numbers(settings: Any) -> None:
-    """Raise unless the whole numbers among the fields of settings are 1 or more, and its other numbers positive.
-
-    Raises
-    ------
-    OptionError
-        If one is not; the error names the field.
-    """
+    """Raise unless the whole numbers among the fields of settings are 1 or more, and its other numbers positive."""
     for entry in fields(settings):
         if isinstance(entry.default, int):
             require_count(entry.name, getattr(settings, entry.name))
@@ -114,13 +90,7 @@ def require_numbers(settings: Any) -> None:
 
 
 def instants(time: object) -> Array:
-    """Return `time` as a new array of finite times [s], shape (n_steps,).
-
-    Raises
-    ------
-    OptionError
-        If `time` is not such an array.
-    """
+    """Return `time` as a new array of finite times [s], shape (n_steps,)."""
     array = numbers(time)
     if array.ndim != 1 or not np.isfinite(array).all():
         raise OptionError(f"time of shape {array.shape}", way_out="give an array of finite numbers [s]")
@@ -128,12 +98,6 @@ def instants(time: object) -> Array:
 
 
 def require_steps(n_steps: object) -> None:
-    """Raise unless `n_steps` is a valid number of samples.
-
-    Raises
-    ------
-    OptionError
-        If `n_steps` is not a whole number from 2 to `MAX_STEPS`.
-    """
+    """Raise unless `n_steps` is a valid number of samples."""
     if not is_count(n_steps, least=2):
         raise OptionError(f"n_steps = {n_steps!r}", way_out=f"give a whole number from 2 to {MAX_STEPS:,}")

@@ -172,13 +172,7 @@ class CooperativeDMP:
         return dmp.at(np.linspace(0.0, dmp.duration, n_steps))
 
     def at(self, time: ArrayLike) -> PoseTrajectory:
-        """Return poses and velocities of all hands at any times [s], array of shape (n_steps,).
-
-        Raises
-        ------
-        OptionError
-            If `time` is no such array.
-        """
+        """Return poses and velocities of all hands at any times [s], array of shape (n_steps,)."""
         time = instants(time)
         frame = None if self.load is None else self.load.at(time)
         moved = [_played(hand, time, frame) for hand in self.hands.values()]

@@ -517,13 +517,7 @@ class DMP:
 
 
 def require_positions(dmp: object) -> None:
-    """Raise unless a movement is a primitive of positions.
-
-    Raises
-    ------
-    OptionError
-        The message names its class.
-    """
+    """Raise unless a movement is a primitive of positions."""
     if not isinstance(dmp, DMP):
         raise OptionError(
             f"a {type(dmp).__name__} is no DMP of positions", way_out="give a DMP, such as pose.translation"

@@ -46,13 +46,7 @@ class PrimitiveKind:
 
 
 def kind_of(movement: object) -> PrimitiveKind:
-    """Return the kind of a movement.
-
-    Raises
-    ------
-    OptionError
-        If it is no movement that files hold.
-    """
+    """Return the kind of a movement."""
     for kind in KINDS.values():
         if type(movement) is kind.of:
             return kind

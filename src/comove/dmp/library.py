@@ -117,13 +117,7 @@ class Library:
         return primitives, damaged
 
     def path(self, name: str) -> Path:
-        """Return the path of the file of a primitive, whether it exists or not.
-
-        Raises
-        ------
-        LibraryError
-            If the name is not a valid file name.
-        """
+        """Return the path of the file of a primitive, whether it exists or not."""
         return self.folder / f"{require_name(name, self.folder)}{SUFFIX}"
 
     def get(self, name: str) -> Primitive:

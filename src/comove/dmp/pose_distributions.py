@@ -177,11 +177,6 @@ class PoseProMP:
         rotation_covariance : uncertainty of the orientation: a variance, three about the world's axes, or a matrix
             [rad^2]
         manipulator : name of the hand, where there are several
-
-        Raises
-        ------
-        OptionError
-            As `ProMP.condition`.
         """
         index = self._index(manipulator)
         target = self._coordinates(pose, index)

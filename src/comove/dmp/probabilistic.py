@@ -497,13 +497,7 @@ class ProMP:
         return np.stack([psi[0], psi[1] / self.duration])
 
     def index_of(self, manipulator: str) -> int:
-        """Return the place of a manipulator among all of them.
-
-        Raises
-        ------
-        OptionError
-            If there is none of this name.
-        """
+        """Return the place of a manipulator among all of them."""
         if manipulator not in self.manipulators:
             raise OptionError(
                 f"there is no manipulator {manipulator!r}",

@@ -48,11 +48,6 @@ def read_recordings(
     ----------
     named : path of a file, or lasa:SHAPE or lasa:SHAPE:DEMO
     manipulator, episode, topic, options : as for `Demonstration.load`
-
-    Raises
-    ------
-    DemonstrationError
-        As `Demonstration.load` and `Demonstration.load_all`.
     """
     if named.startswith(LASA):
         shape, _, number = named.removeprefix(LASA).partition(":")
@@ -101,11 +96,6 @@ def read_several(
     ----------
     names : files that hold one recording or several, folders of such files, lasa:SHAPE:DEMO, or lasa:SHAPE:all
     options : as for `Demonstration.load`; each file then holds one recording
-
-    Raises
-    ------
-    DemonstrationError
-        As `Demonstration.load` and `Demonstration.load_recordings`.
     """
     found: list[Demonstration | dict[str, Demonstration]] = []
     sources: list[str] = []

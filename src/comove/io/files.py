@@ -60,13 +60,7 @@ def existing_file(
 
 
 def require_content(path: Path, error: type[InputError] = DemonstrationError) -> None:
-    """Raise if a file is only the pointer that Git LFS or git-annex leaves, or the page that a browser saved.
-
-    Raises
-    ------
-    error
-        The message names the command that fetches the file.
-    """
+    """Raise if a file is only the pointer that Git LFS or git-annex leaves, or the page that a browser saved."""
     with telling(path, error=error):
         if path.is_symlink() and not path.exists():
             head = b"/annex/objects/" if "annex/objects" in os.readlink(path) else b""
@@ -204,11 +198,6 @@ def installed(module: str, what: str, extra: str) -> Any:
     Parameters
     ----------
     what : what needs it, in words
-
-    Raises
-    ------
-    ExtraError
-        If it is not installed.
     """
     try:
         return importlib.import_module(module)

@@ -18,13 +18,7 @@ PIXELS = "yuv420p"
 
 
 def require_videos() -> Any:
-    """Import and return PyAV.
-
-    Raises
-    ------
-    ExtraError
-        If it is not installed.
-    """
+    """Import and return PyAV."""
     return installed("av", "video of cameras", "video")
 
 

@@ -46,13 +46,7 @@ SYSTEMS: dict[str, System] = {system.name: system for system in _OWN} | PEERS
 
 
 def systems_named(names: list[str]) -> dict[str, System]:
-    """Return the systems with these names.
-
-    Raises
-    ------
-    OptionError
-        If a name is unknown.
-    """
+    """Return the systems with these names."""
     for name in names:
         if name not in SYSTEMS:
             raise OptionError(

@@ -21,7 +21,7 @@ from comove.model.scene import Scene
 from comove.planning.clock import Budget, now
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.method import Method
-from comove.planning.objectives.paper import PaperCost
+from comove.planning.objectives.criteria import PaperCost
 from comove.planning.solution import Progress
 from comove.planning.solver import solve
 from comove.verification.record import ExecutionReport, RecordSamples, verify_execution

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.geometry.rotations import matrices, rotation_in_plane
+from comove.geometry.rotations import exponential, matrices, quaternion_of_rotation, rotation_in_plane
 from comove.model.files.keys import (
     BoxLoad,
     FrameLoad,
@@ -42,6 +42,8 @@ from comove.model.shapes import inside_polygon, parts_of, spatial
 
 Array = NDArray[np.float64]
 
+SAME = 1e-9
+"""By which a pose may differ from one that a free goal allows [m] or [rad]."""
 DIGITS = 9
 """Digits of lengths [m] by which points are compared."""
 HELD = {
@@ -232,6 +234,50 @@ def hands_of(
         {"name": name, **{end: tuple(places[i].tolist()) for end, places in placed.items()}}
         for i, name in enumerate(grasps)
     ]
+
+
+def axis_of(free: str) -> Array:
+    """Return the unit vector about which a goal is free, in the world for `yaw`, else in the payload's frame."""
+    return np.eye(3)["xyz".index("z" if free == "yaw" else free)]
+
+
+def turned_goal(option: GraspOption, angle: float) -> GraspOption:
+    """Return the option with its goal turned by an angle [rad] about its free axis, which then is no longer free."""
+    if option.free is None:
+        return option
+    given, turn = (
+        matrices(np.array(option.goal.quaternion_wxyz)),
+        matrices(exponential(angle * axis_of(option.free))),
+    )
+    rotation = turn @ given if option.free == "yaw" else given @ turn
+    quaternion = tuple(quaternion_of_rotation(rotation).tolist())
+    goal = PayloadPose(position=option.goal.position, quaternion_wxyz=quaternion)
+    return option.model_copy(update={"goal": goal, "free": None})
+
+
+def nearest_turn(start: Array, goal: Array, free: str) -> float:
+    """Return the angle [rad] about a free axis by which a goal is turned least from the start.
+
+    Parameters
+    ----------
+    start, goal : arrays, shape (3, 3), orientations
+    """
+    axis = axis_of(free)
+    between = start @ goal.T if free == "yaw" else goal.T @ start
+    skew = np.array(
+        [between[2, 1] - between[1, 2], between[0, 2] - between[2, 0], between[1, 0] - between[0, 1]]
+    )
+    return float(np.arctan2(skew @ axis, np.trace(between) - axis @ between @ axis))
+
+
+def angle_to(option: GraspOption, goal: PayloadPose) -> float | None:
+    """Return the angle about an option's free axis at which its goal is a given one [rad]; None for none."""
+    if option.free is None or np.abs(np.subtract(option.goal.position, goal.position)).max() > SAME:
+        return None
+    wanted, own = (matrices(np.array(pose.quaternion_wxyz)) for pose in (goal, option.goal))
+    angle = nearest_turn(wanted, own, option.free)
+    found = matrices(np.array(turned_goal(option, angle).goal.quaternion_wxyz))
+    return angle if np.abs(found - wanted).max() <= SAME else None
 
 
 def chosen(file: SceneFile, choice: GraspOption) -> SceneFile:

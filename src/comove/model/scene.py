@@ -17,7 +17,7 @@ import comove
 from comove.brief import brief
 from comove.errors import ComoveWarning, SceneError
 from comove.geometry import distances as sd
-from comove.geometry.rotations import matrices
+from comove.geometry.rotations import exponential, matrices, quaternion_product
 from comove.geometry.solids import solids_clearance
 from comove.geometry.surfaces import Surfaces, signed_distance, surfaces_of
 from comove.io.folders import scene_folder
@@ -32,10 +32,19 @@ from comove.model.constraints import (
     UprightKeys,
 )
 from comove.model.displacements import Displacements
-from comove.model.files.keys import DEFAULT_LIMITS, GraspChoice, GraspPart, PartsLoad, SceneFile, canonical
+from comove.model.files.keys import (
+    DEFAULT_LIMITS,
+    GraspChoice,
+    GraspOption,
+    GraspPart,
+    PartsLoad,
+    PayloadPose,
+    SceneFile,
+    canonical,
+)
 from comove.model.files.reading import parsed, read_scene_file
 from comove.model.files.words import VERSION_1, Words
-from comove.model.grasp import Grasp, alternatives, chosen, far_grasps, grasp_of
+from comove.model.grasp import Grasp, alternatives, angle_to, chosen, far_grasps, grasp_of, turned_goal
 from comove.model.groups import GroupPose, RigidGroup, connected
 from comove.model.moving import FASTEST, ObstacleMotion, rotations, seen_from
 from comove.model.resting import TOLERANCE, Rest, provable, recessions, rests_of
@@ -45,6 +54,7 @@ from comove.model.shapes import (
     LOAD,
     MovingBody,
     body_of,
+    in_space,
     inside_polygon,
     obstacle_table,
     parts_of,
@@ -59,6 +69,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+TURNS = tuple(np.deg2rad([0.0, *(sign * angle for angle in range(5, 181, 5) for sign in (1, -1))]).tolist())
+"""Turns of a free goal that are tried in turn [rad]."""
 PROVABLE = 1e-4  # m, that hands of different groups keep at the ends beyond their separation
 TOLD_SHIFT = 1e-9  # m: ends written with ten digits are as exact as they are judged
 
@@ -278,16 +290,34 @@ class Scene:
     @cached_property
     def _chosen(self) -> tuple[Scene, ...]:
         scenes, first = list[Scene](), None
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ComoveWarning)
-            for choice in self.file.choices or ():
-                try:
-                    scenes.append(_worded(chosen(self.file, choice), self.words, self.folder, self.path))
-                except SceneError as error:
-                    first = first or error
+        for choice in self.file.choices or ():
+            try:
+                scenes.append(self.put_down(choice))
+            except SceneError as error:
+                first = first or error
         if first is not None and not scenes:
             raise first
         return tuple(scenes)
+
+    def put_down(self, choice: GraspOption, angle: float = 0.0) -> Scene:
+        """Return the scene in one of its choices, a free goal turned by an angle from the one that turns least [rad].
+
+        Raises
+        ------
+        SceneError
+            If the scene contradicts itself in that way.
+        """
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ComoveWarning)
+            return _worded(chosen(self.file, turned_goal(choice, angle)), self.words, self.folder, self.path)
+
+    def ways_to(self, goal: PayloadPose | None) -> tuple[Scene, ...]:
+        """Return the alternatives, and those of the choices with a free goal whose goal may be the given one."""
+        found, there = [*self.alternatives], {"goal": goal, "free": None}
+        for choice in self.file.choices or ():
+            if goal is not None and choice.free is not None and angle_to(choice, goal) is not None:
+                found.append(self.put_down(choice.model_copy(update=there)))
+        return tuple(found)
 
     def held_as(self, part: GraspPart) -> Scene:
         """Return the scene with another grasp."""
@@ -297,11 +327,9 @@ class Scene:
 
     def held_as_in(self, other: Scene) -> Scene:
         """Return the alternative of this scene in which the payload is held and put down as in another scene."""
-        file = other.file
-        same = (
-            one for one in self.alternatives if (one.file.grasp, one.file.load) == (file.grasp, file.load)
-        )
-        return next(same, self)
+        file, goal = other.file, None if other.file.load is None else other.file.load.goal
+        ways = self.ways_to(goal)
+        return next((w for w in ways if (w.file.grasp, w.file.load) == (file.grasp, file.load)), self)
 
     def in_one_way(self) -> Scene:
         """Return the first alternative in which start and goal are free; the scene itself where it has no choices.
@@ -314,11 +342,13 @@ class Scene:
         if self.file.choices is None:
             return self
         first: SceneError | None = None
-        for choice in self.alternatives:
-            try:
-                return choice.require_free_ends()
-            except SceneError as error:
-                first = first or error
+        for turn in TURNS:
+            for choice in self.file.choices:
+                if turn == 0.0 or choice.free is not None:
+                    try:
+                        return self.put_down(choice, turn).require_free_ends()
+                    except SceneError as error:
+                        first = first or error
         assert first is not None, "a scene with choices has alternatives"
         raise first
 
@@ -473,6 +503,11 @@ class Scene:
         """
         time = self.begins + time
         return self._of_motions(lambda motion: motion.turns(time), (len(time), 3))
+
+    def orientations(self, time: Array) -> Array:
+        """Return the orientations of the obstacles' frames; array, shape (n_times, n_obstacles, 4), w x y z."""
+        first = np.array([in_space(obstacle) for obstacle in self.file.obstacles]).reshape(-1, 4)
+        return quaternion_product(exponential(self.turns(time)), np.tile(first, (len(time), 1, 1)))
 
     @cached_property
     def reaches(self) -> Array:

@@ -17,12 +17,14 @@ from comove.geometry import distances as sd
 from comove.geometry.rotations import matrices, rotation_in_plane
 from comove.geometry.solids import N_CORNERS
 from comove.geometry.surfaces import Placed
+from comove.io.keys import UNTURNED
 from comove.model.files.keys import (
     BarLoad,
     BarPart,
     BoxLoad,
     BoxPart,
     FrameLoad,
+    HullPart,
     Load,
     MeshLoad,
     MeshObstacle,
@@ -163,7 +165,9 @@ def body_of(
         parts = parts_of(load)
         edges = [(corners[a], corners[b]) for a, b, _ in parts.rods]
         radii = [thick for _, _, thick in parts.rods]
-        solids = _padded([[corners[i] for i in hull] for hull in parts.hulls])
+        boxes = not any(isinstance(part, HullPart) for part in load.parts)
+        hulls = [[corners[i] for i in hull] for hull in parts.hulls]
+        solids = _padded(hulls, at_least=0 if boxes else N_CORNERS + 1) if hulls else []
     elif decomposition is not None:
         solids = _hulls(decomposition, len(names))
     elif load is not None:
@@ -219,6 +223,8 @@ def parts_of(load: PartsLoad) -> CompoundParts:
             rods.append((first, first + 1, part.radius))
         elif isinstance(part, BoxPart):
             own = box_corners(part.size)
+        elif isinstance(part, HullPart):
+            own, excess = np.array(part.vertices), max(excess, part.excess)
         else:
             turn, wide = 2 * np.pi * np.arange(N_SIDES) / N_SIDES, part.radius / np.cos(np.pi / N_SIDES)
             ring = np.stack([wide * np.cos(turn), wide * np.sin(turn), 0.0 * turn], axis=1)
@@ -285,6 +291,13 @@ _SHAPES: dict[str, Callable[[Any], tuple[int, tuple[float, ...], float]]] = {
     "cylinder": lambda o: (sd.CYLINDER, (o.radius, o.height / 2), hypot(o.radius, o.height / 2)),
     "ellipsoid": lambda o: (sd.ELLIPSOID, tuple(o.radii), max(o.radii)),
 }
+
+
+def in_space(obstacle: Any) -> Array:
+    """Return the orientation of an obstacle in the file; array, shape (4,), w x y z."""
+    half = 0.5 * np.deg2rad(getattr(obstacle, "rotation_deg", 0.0))
+    w, *xyz = getattr(obstacle, "quaternion_wxyz", UNTURNED)
+    return np.array([np.cos(half), 0.0, 0.0, np.sin(half)]) if half else np.array([w, *xyz])
 
 
 def inside_polygon(vertices: Array, points: Array) -> NDArray[np.bool_]:

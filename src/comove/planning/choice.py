@@ -16,7 +16,7 @@ from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import load_coordinates
 from comove.model.scene import Scene
 from comove.planning.objective import N_STEPS, Evaluation, Objective
-from comove.planning.objectives.paper import PaperCost
+from comove.planning.objectives.criteria import PaperCost
 
 N_BASIS = 30  # shape weights a dimension of a transferred movement
 

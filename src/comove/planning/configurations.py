@@ -31,7 +31,6 @@ from comove.model.coordinates import (
 )
 from comove.model.resting import lift_direction
 from comove.model.scene import Scene
-from comove.planning import trees
 from comove.planning.clock import clock_until, worked
 from comove.planning.surroundings import (
     Surroundings,
@@ -40,6 +39,7 @@ from comove.planning.surroundings import (
     solids_from_mesh,
     surroundings_of,
 )
+from comove.planning.timing import drift, set_time, too_fast, write_time
 from comove.ties import first_largest
 
 Array = NDArray[np.float64]
@@ -283,29 +283,35 @@ def _great_circle(p, q, o, width, f, either_sign, out):
 @kernel
 def edge_is_free(space, p, q, margin, scratch, nodes):
     """Return whether the body keeps the clearance `margin` [m] along the whole edge from p to q."""
-    length, tolerance = span(space, p, q), space.settings.tolerance
+    return edge_is_free_in_time(space, None, p, q, margin, scratch, nodes)
+
+
+@kernel
+def edge_is_free_in_time(space, timing, p, q, margin, scratch, nodes):
+    """Return the same of nodes with a time, at which obstacles are elsewhere, and whether the body is slow enough.
+
+    Parameters
+    ----------
+    timing : Timing, None where nodes have no time
+    """
+    moved, tolerance = span(space, p, q), space.settings.tolerance
+    if too_fast(timing, moved, p, q):
+        return False
+    length = moved + drift(timing, p, q)
     travelled, creeping = 0.0, 0
     while travelled < length:
         interpolate(space, p, q, travelled / length, scratch)
+        write_time(timing, p, q, travelled / length, scratch)
+        set_time(timing, space.around.obstacles, scratch)
         clearance = clearance_of(space, scratch, nodes, 0.0) - margin
         creeping += clearance < tolerance
         if clearance <= 0.0 or creeping > space.settings.creeping:
             return False
         travelled += max(clearance, tolerance)
+    set_time(timing, space.around.obstacles, q)
     return clearance_of(space, q, nodes, 0.0) > margin
 
 
-@trees.answers(trees.extend, Space)
-@kernel
-def _extend(space, p, q, steps, margin, out):
-    way, far, scratch = span(space, p, q), space.settings.step * steps, np.empty(p.shape[0])
-    interpolate(space, p, q, min(1.0, far / max(way, 1e-12)), out)
-    if not edge_is_free(space, p, out, margin, scratch, np.empty((space.blocks.node.shape[0], 3))):
-        return trees.BLOCKED
-    return trees.ARRIVED if way <= far else trees.FREE
-
-
-@trees.answers(trees.nearest, Space)
 @kernel
 def nearest(space, tree, count, q):
     """Return the node of a tree that is nearest to q."""
@@ -315,29 +321,6 @@ def nearest(space, tree, count, q):
         if distance < least:
             best, least = i, distance
     return best
-
-
-@trees.answers(trees.draw, Space)
-@kernel
-def _draw(space, nodes, counts, this, rng, out):
-    random_configuration(space, rng, out)
-    return True
-
-
-@trees.answers(trees.between, Space)
-@kernel
-def _between(space, p, q, share, out):
-    interpolate(space, p, q, share, out)
-    return True
-
-
-@trees.answers(trees.shortens, Space)
-@kernel
-def _shortens(space, p, q, way):
-    return span(space, p, q) <= way - 1e-6
-
-
-trees.answers(trees.length, Space)(span)
 
 
 @kernel

@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from comove.arrays import Array
 from comove.planning.planner import PlannerSettings, plan
+from comove.planning.spacetime import plan_in_time
 from comove.verification.verify import Check
 
 if TYPE_CHECKING:
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from comove.planning.configurations import Space
     from comove.planning.convex.programme import Follower
     from comove.planning.objective import Evaluation, Objective
+    from comove.planning.world import World
 
 # Work, as computed distances that take about as long.
 FOLLOWED = 5e4  # of a rollout that arms follow
@@ -53,6 +55,25 @@ class Kinematics:
     def planner(self, settings: PlannerSettings) -> Callable[..., Array | None]:
         """Return the function that plans paths, as `comove.planning.planner.plan`; settings are of free ones."""
         return partial(plan, settings=settings)
+
+    def plan_in_time(
+        self,
+        world: World,
+        start: Array,
+        goal: Array,
+        speed: float,
+        margin: float,
+        rng: np.random.Generator,
+        *,
+        max_nodes: int,
+        **how: Any,
+    ) -> tuple[Array, Array] | None:
+        """Plan a path among moving obstacles, as `comove.planning.spacetime.plan_in_time`."""
+        return plan_in_time(world, start, goal, speed, margin, rng, max_nodes=max_nodes, **how)
+
+    def on(self, scene: Scene) -> Kinematics:
+        """Return the same on a scene that differs only in its duration and limits."""
+        return self
 
     def along(self, nodes: Array) -> Follower | None:
         """Return what follows movements near one, array of shape (n_steps, n_nodes, 3) [m]; None if nothing must."""

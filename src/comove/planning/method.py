@@ -29,13 +29,7 @@ class Method(ABC):
         return scene
 
     def check(self, scene: Scene) -> None:
-        """Refuse a scene that the method is not made for, before anything is compiled.
-
-        Raises
-        ------
-        OptionError
-            If it is not; the message says what to use instead.
-        """
+        """Refuse a scene that the method is not made for, before anything is compiled."""
         self.coordinates(scene)
 
     @abstractmethod
@@ -54,13 +48,7 @@ class Method(ABC):
 
 
 def require_distances(scene: Scene) -> None:
-    """Refuse a scene whose hands no distance ties.
-
-    Raises
-    ------
-    OptionError
-        If none does.
-    """
+    """Refuse a scene whose hands no distance ties."""
     if not scene.distances:
         raise OptionError(
             "no distance ties the hands", key="method", way_out="use the method 'comove' for free hands"

@@ -49,7 +49,6 @@ from comove.planning.spacetime import SETTINGS as IN_TIME
 from comove.planning.spacetime import (
     SpaceTimeSettings,
     coast,
-    plan_in_time,
     spacetime,
     targets_in_time,
 )
@@ -587,7 +586,7 @@ def _planner_in_time(search: Search, space: Space, ends: Array, method: Comove) 
         speed = limit * settings.shares[failures % len(settings.shares)]
         margin = settings.margins[failures % len(settings.margins)]
         search.clock.wind()
-        found = plan_in_time(
+        found = search.kinematics.plan_in_time(
             world,
             *lifts,
             speed,

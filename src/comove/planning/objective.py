@@ -29,7 +29,7 @@ from comove.model.coordinates import Coordinates
 from comove.model.motion import CoordinatedMotion
 from comove.model.resting import recessions
 from comove.model.scene import Scene
-from comove.planning.objectives.paper import PaperCost
+from comove.planning.objectives.criteria import PaperCost
 from comove.planning.surroundings import from_border, seen_from, solids_from_mesh, surroundings_of
 
 Array = NDArray[np.float64]

@@ -29,6 +29,7 @@ from comove.planning.configurations import (
     span,
 )
 from comove.planning.trees import copy_to, rrt_connect, shortened
+from comove.planning.world import World
 
 
 class ForestSettings(NamedTuple):
@@ -110,6 +111,7 @@ def plan(
     array, shape (n_configurations, n_columns), angles unwrapped and quaternions of continuous sign
     """
     scratch, nothing = np.empty((space.blocks.node.shape[0], 3)), np.empty((0, len(start)))
+    world = World.of(space)
     at_ends = min(clearance_of(space, start, scratch, 0.0), clearance_of(space, goal, scratch, 0.0))
     margin = min(required + margin, 0.5 * (required + at_ends))
     for grows_forest, most in _turns(space, max_nodes, settings):
@@ -117,10 +119,10 @@ def plan(
             flat = flat_direction(space.blocks.point)
             path = forest(space, flat, start, goal, margin, rng, most, settings.forest)
         else:
-            path = rrt_connect(space, start, goal, margin, rng, most, 20 * most, nothing)
+            path = rrt_connect(world, start, goal, margin, rng, most, 20 * most, nothing)
         if len(path) > 0:
             space.found[int(grows_forest)] += 1
-            return continuous(space, shortened(space, path, margin, rng, settings.n_shortcuts))
+            return continuous(space, shortened(world, path, margin, rng, settings.n_shortcuts))
     return None
 
 

@@ -27,7 +27,7 @@ from comove.planning.kinematics import CERTIFIED, FREE, Kinematics
 from comove.planning.objective import N_STEPS, Evaluation, Objective
 from comove.planning.objectives import Criterion, OwnFunctions, PaperCost, Samples
 from comove.planning.pace import in_least_time
-from comove.planning.solution import Progress, ProgressCallback
+from comove.planning.solution import Progress, ProgressCallback, SearchEffort
 from comove.verification.verify import Check, Verdict, verify
 
 # Work, as computed distances that take about as long.
@@ -244,6 +244,14 @@ class Search:
         bodies = len(scene.body.edges) + SOLID_WORK * len(scene.body.solids)
         obstacles = int(scene.convex_rows.sum()) + MESH_WORK * len(scene.surfaces.root)
         return ROLLOUT + N_STEPS * bodies * (1.0 + obstacles)
+
+    @property
+    def effort(self) -> SearchEffort:
+        """Return the effort so far."""
+        journal, clock = self.journal, self.clock
+        return SearchEffort(
+            journal.evaluations, journal.generations, clock.elapsed(), clock.work, self.found.first_verified
+        )
 
     @property
     def timed_out(self) -> bool:

@@ -262,11 +262,9 @@ def cheaper(search: Search, dmp: CoordinatedDMP, smoothing: SmoothingSettings = 
     if taught is not None:
         taught = taught[..., : scene.n_dims].reshape(N_STEPS, -1) if weights.resemblance > 0 else None
     programme = ConvexProgramme(scene, dmp.coordinates, dmp.basis, dmp.boundary, n_coarse=N_STEPS)
-    cost, z, settings = (
-        PaperSquares(weights, scene.goal.ravel(), taught),
-        dmp.weights.ravel(),
-        smoothing.convex,
-    )
+    terms = weights.goal, weights.velocity, weights.resemblance
+    cost, z = PaperSquares(terms, scene.goal.ravel(), taught), dmp.weights.ravel()
+    settings = smoothing.convex
     for attempt in range(smoothing.attempts):
         z = _optimised(search, programme, cost, z, settings)
         verdict = search.judge(programme.motion(z))

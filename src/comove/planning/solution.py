@@ -56,6 +56,35 @@ class Progress:
 ProgressCallback = Callable[[Progress], None]
 
 
+@dataclass(frozen=True)
+class SearchEffort:
+    """The effort of a search.
+
+    Attributes
+    ----------
+    evaluations, generations : numbers of evaluated rollouts and of generations of the optimiser
+    seconds : processor time spent in `solve`, less the time spent on compilation [s]
+    work : work counted in `solve`, in units of about a second's; the same on every machine unless it timed out
+    first_verified : processor time from scene and demonstration in memory to the first verified motion [s]
+    """
+
+    evaluations: int = 0
+    generations: int = 0
+    seconds: float = 0.0
+    work: float = 0.0
+    first_verified: float | None = None
+
+    def after(self, earlier: SearchEffort) -> SearchEffort:
+        """Return the effort with that of an earlier search, which found nothing, besides."""
+        return SearchEffort(
+            earlier.evaluations + self.evaluations,
+            earlier.generations + self.generations,
+            earlier.seconds + self.seconds,
+            earlier.work + self.work,
+            None if self.first_verified is None else earlier.seconds + self.first_verified,
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The result of `solve`.
@@ -69,10 +98,7 @@ class Solution:
     reasons : why `attempt` is not verified, in words; empty if it is
     cost : terms of J of `attempt`
     method, seed : name of the method, and seed of all random numbers
-    evaluations, generations : numbers of evaluated rollouts and of generations of the optimiser
-    time_to_first_verified_s : processor time from scene and demonstration in memory to the first verified motion [s]
-    solve_time_s : processor time spent in `solve`, less the time spent on compilation [s]
-    work : work counted in `solve`, in units of about a second's; the same on every machine unless it timed out
+    effort : rollouts, time and work of the search
     interrupted : whether the user stopped the search
     timed_out : whether the budget ran out before the search ended by itself; then another machine may come to another
         motion
@@ -92,11 +118,7 @@ class Solution:
     cost: Cost
     method: str
     seed: int
-    evaluations: int
-    generations: int
-    time_to_first_verified_s: float | None
-    solve_time_s: float
-    work: float = 0.0
+    effort: SearchEffort
     interrupted: bool = False
     timed_out: bool = False
     log: Mapping[str, float | list[float]] = field(default_factory=dict)
@@ -116,15 +138,7 @@ class Solution:
 
     def after(self, earlier: Solution) -> Solution:
         """Return the solution with the effort of an earlier search besides."""
-        until = self.time_to_first_verified_s
-        return replace(
-            self,
-            evaluations=earlier.evaluations + self.evaluations,
-            generations=earlier.generations + self.generations,
-            time_to_first_verified_s=None if until is None else earlier.solve_time_s + until,
-            solve_time_s=earlier.solve_time_s + self.solve_time_s,
-            work=earlier.work + self.work,
-        )
+        return replace(self, effort=self.effort.after(earlier.effort))
 
     def show(self) -> None:
         """Show the motion in a notebook, or else in a browser; see `comove.show`."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from comove.dmp.operations import scale
 from comove.dmp.poses import PoseDMP
 from comove.dmp.probabilistic import ProMP
 from comove.errors import OptionError, SceneError
+from comove.model.free_goals import FreeGoal
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.planning.arguments import (
@@ -156,7 +158,7 @@ def problem_of(
         aim,
         functions,
         hard,
-        (*checks, *kinematics.checks),
+        tuple(checks),
         kinematics,
         progress,
         smooth,
@@ -181,11 +183,6 @@ def check_method(
     scene : scene that the method solves (`Method.scene_of`)
     functions : functions of the user
     hard : whether obstacles are constraints, not only costs
-
-    Raises
-    ------
-    OptionError
-        If the method is not made for it.
     """
     method.check(scene)
     smooth = isinstance(method, Comove) and method.smooths and planner and hard
@@ -209,6 +206,7 @@ class Problem:
     taught : demonstrated movement of every manipulator; None without any
     own : objective and constraints of the user; None without any, if none of the scene's are sampled either
     hard : whether obstacles are constraints, not only costs
+    given_checks : checks of the caller, besides those of the kinematics
     smooth : whether motions are made smooth, by comove's own method
     precision : precision of a demonstrated distribution, as in `Objective`; None for single movements
     """
@@ -222,12 +220,17 @@ class Problem:
     objective: Criterion
     own: OwnFunctions | None
     hard: bool
-    checks: tuple[Check, ...]
+    given_checks: tuple[Check, ...]
     kinematics: Kinematics
     progress: ProgressCallback | None
     smooth: bool
     stop: Callable[[], bool] | None = None
     precision: Array | None = None
+
+    @property
+    def checks(self) -> tuple[Check, ...]:
+        """Return the checks that a motion must pass, besides those of the scene."""
+        return (*self.given_checks, *self.kinematics.checks)
 
     @property
     def is_timed(self) -> bool:
@@ -320,7 +323,7 @@ def _solved(problem: Problem) -> Procedure:
     if solution.verified or solution.interrupted or solution.timed_out or needed == np.inf:
         return solution
     if problem.own is None:  # limits that are tight are met by the fastest motion, if by any
-        left = problem.budget.after(solution.solve_time_s, solution.work)
+        left = problem.budget.after(solution.effort.seconds, solution.effort.work)
         slow, _ = yield _in_least_time(replace(problem, budget=left))
         if slow.verified:
             return _at_pace(slow, problem).after(solution)
@@ -335,10 +338,11 @@ def _by_some_choice(problem: Problem) -> Procedure:
 
     Those with contacts at an end are left out. Each of the others has half of the work that is left, the last all.
     """
-    free = list[Scene]()
-    for choice in problem.scene.alternatives:
-        with suppress(SceneError):
-            free.append(choice.require_free_ends())
+    free, scene = list[Scene](), problem.scene
+    for option in scene.file.choices or ():
+        for turn in [0.0] if option.free is None else FreeGoal(scene, option).turns():
+            with suppress(SceneError):
+                free.append(scene.put_down(option, turn).require_free_ends())
     if not free:
         problem.scene.require_free_ends()  # which says what is touched
     best: Solution | None = None
@@ -346,7 +350,7 @@ def _by_some_choice(problem: Problem) -> Procedure:
     for choice in free:
         part = budget if choice is free[-1] else budget.within(0.5 * budget.size)
         found = yield from _solved(replace(problem, scene=choice, budget=part))
-        budget = budget.after(found.solve_time_s, found.work)
+        budget = budget.after(found.effort.seconds, found.effort.work)
         best = found if best is None else found.after(best)
         if best.verified or best.interrupted or budget.is_spent:
             break
@@ -375,7 +379,7 @@ def _at_pace(fastest: Solution, problem: Problem) -> Solution:
         report=verdict.report,
         reasons=reasons,
         objective=problem.objective,
-        time_to_first_verified_s=None if verdict.verified is None else fastest.time_to_first_verified_s,
+        effort=fastest.effort if verdict.verified else replace(fastest.effort, first_verified=None),
     )
 
 
@@ -445,11 +449,7 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
         cost=evaluated.cost(motion),
         method=problem.method.name,
         seed=problem.seed,
-        evaluations=search.journal.evaluations,
-        generations=search.journal.generations,
-        time_to_first_verified_s=search.found.first_verified,
-        solve_time_s=search.clock.elapsed(),
-        work=search.clock.work,
+        effort=search.effort,
         interrupted=search.clock.interruption.wished,
         timed_out=timed_out,
         log=log,
@@ -459,13 +459,7 @@ def _solution(problem: Problem, search: Search, timed_out: bool) -> Solution:
 
 
 def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> Procedure:
-    """Solve a problem of open duration with moving obstacles, by trying durations one after the other.
-
-    Raises
-    ------
-    OptionError
-        If there are functions of the user, or constraints that are sampled, which need a given duration here.
-    """
+    """Solve a problem of open duration with moving obstacles, by trying durations one after the other."""
     if problem.own is not None:
         raise OptionError(
             "functions of one's own, and constraints that are sampled, need a duration where obstacles move",
@@ -480,11 +474,13 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> P
         problem = replace(problem, taught=None, objective=LeastJerk())
 
     def left() -> Budget:
-        return whole.after(now() - started, sum(solution.work for solution in done))
+        return whole.after(now() - started, sum(solution.effort.work for solution in done))
 
     def attempt(duration: float, method: Method, share: float = 1.0) -> Procedure:
         budget = left().within(share * whole.size)
-        one = replace(problem, scene=asked.timed(duration), method=method, budget=budget)
+        scene = asked.timed(duration)
+        kinematics = problem.kinematics.on(scene)
+        one = replace(problem, scene=scene, method=method, budget=budget, kinematics=kinematics)
         done.append((yield from _solved(one)))
         return done[-1]
 
@@ -500,19 +496,16 @@ def _among_moving(problem: Problem, settings: DurationSettings = DURATIONS) -> P
     if found.verified and not done[-1].interrupted and not left().is_spent:
         better = yield from attempt(found.scene.duration, method)
         found = better if better.verified else found
+    efforts = [solution.effort for solution in done]
+    effort = reduce(lambda earlier, later: later.after(earlier), efforts)
     first = next((i for i, solution in enumerate(done) if solution.verified), None)
-    until_first = None
-    if first is not None:
-        until_first = sum(solution.solve_time_s for solution in done[:first])
-        until_first += done[first].time_to_first_verified_s or 0.0
+    until_first = (
+        None if first is None else reduce(lambda a, b: b.after(a), efforts[: first + 1]).first_verified
+    )
     return replace(
         found,
         objective=LeastTime() if hasty else problem.objective,
-        evaluations=sum(solution.evaluations for solution in done),
-        generations=sum(solution.generations for solution in done),
-        time_to_first_verified_s=until_first,
-        solve_time_s=sum(solution.solve_time_s for solution in done),
-        work=sum(solution.work for solution in done),
+        effort=replace(effort, first_verified=until_first),
         interrupted=done[-1].interrupted,
         timed_out=left().seconds <= 0.0 or (left().is_spent and not found.verified),
     )

@@ -1,34 +1,19 @@
-"""A planner in space and time, for obstacles whose motion is known.
-
-Two trees grow in configurations and normalised time, forward from the start at 0 and backward from the goal at 1,
-until they meet; samples are such as both ends can reach in time (Grothe et al., 2022). A node is a configuration and
-its time. An edge is free if it is slow enough and the body keeps its margin along it while the obstacles move. It is
-checked by conservative advancement, as the displacement of the body relative to the obstacles is bounded by the sum
-of its span and theirs.
-"""
+"""A planner in space and time, for obstacles whose motion is known, and smooth movements along its paths."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from comove.compiled import kernel
-from comove.geometry.distances import CENTER
 from comove.model.scene import Scene
-from comove.planning import trees
-from comove.planning.configurations import (
-    Space,
-    clearance_of,
-    interpolate,
-    random_configuration,
-    span,
-)
+from comove.planning.configurations import Space, clearance_of
 from comove.planning.planner import continuous, sample
-from comove.planning.trees import copy_to, rrt_connect, shortened
+from comove.planning.timing import Timing, fastest_point, set_time
+from comove.planning.trees import rrt_connect, shortened
+from comove.planning.world import World
 
 Array = NDArray[np.float64]
 
@@ -74,44 +59,29 @@ class SpaceTimeSettings:
 SETTINGS = SpaceTimeSettings()
 
 
-class SpaceTime(NamedTuple):
-    """A scene with moving obstacles, in the form that the planner's kernels take.
+def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> World:
+    """Return the world of a scene's space together with the motion of its obstacles.
 
-    Attributes
-    ----------
-    space : space with a table of obstacles that `set_time` moves
-    origin : array, shape (n_rows, 3), centres of the obstacles at time 0 [m]
-    offsets : array, shape (n_intervals + 1, n_rows, 3), displacements of the obstacles at even times [m]
-    fastest : largest speed of the obstacles [m a duration]
-    speed : limit of the speed of a node [m a duration]
-    time_step, waiting : as in `SpaceTimeSettings`
-    clock : that of the space
+    The space has a table of obstacles of its own, which the kernels of planning move.
     """
-
-    space: Space
-    origin: Array
-    offsets: Array
-    fastest: float
-    speed: float
-    time_step: float
-    waiting: float
-    clock: Array
-
-
-def spacetime(scene: Scene, space: Space, settings: SpaceTimeSettings = SETTINGS) -> SpaceTime:
-    """Return the space of a scene together with the motion of its obstacles."""
-    offsets = scene.by_row(scene.offsets(np.linspace(0.0, scene.duration, settings.n_intervals + 1)))
-    fastest = np.linalg.norm(np.diff(offsets, axis=0), axis=2).max(initial=0.0) * settings.n_intervals
-    table = space.around.obstacles.copy()
-    origin = table[:, CENTER : CENTER + 3].copy()
-    space = space._replace(around=space.around._replace(obstacles=table))
-    return SpaceTime(
-        space, origin, offsets, float(fastest), np.inf, settings.time_step, settings.waiting, space.clock
+    resting = space.around.obstacles
+    moved = scene.displacements(np.linspace(0.0, scene.duration, settings.n_intervals + 1))
+    timing = Timing(
+        resting,
+        moved,
+        fastest_point(resting, moved),
+        np.inf,
+        1.0,
+        scene.duration,
+        settings.time_step,
+        settings.waiting,
     )
+    around = space.around._replace(obstacles=resting.copy())
+    return World.of(space._replace(around=around), timing)
 
 
 def plan_in_time(
-    world: SpaceTime,
+    world: World,
     start: Array,
     goal: Array,
     speed: float,
@@ -139,15 +109,14 @@ def plan_in_time(
     times : array, shape (n_configurations,), from 0 to 1
     """
     space, scratch = world.space, np.empty((world.space.blocks.node.shape[0], 3))
-    at_ends = []
-    for q, t in ((start, 0.0), (goal, 1.0)):
-        set_time(world, t)
-        at_ends.append(clearance_of(space, q, scratch, 0.0))
+    ends, at_ends = (np.append(start, 0.0), np.append(goal, 1.0)), []
+    for node in ends:
+        set_time(world.timing, space.around.obstacles, node)
+        at_ends.append(clearance_of(space, node, scratch, 0.0))
     margin = min(space.required + margin, 0.5 * (space.required + min(at_ends)))
-    world = world._replace(speed=speed)
+    world = world.paced(speed)
     before = np.empty((0, len(start))) if before is None else before
     before = np.column_stack([before, np.linspace(0.0, 1.0, len(before))])
-    ends = np.append(start, 0.0), np.append(goal, 1.0)
     path = rrt_connect(world, *ends, margin, rng, max_nodes, 40 * max_nodes, before)
     if len(path) == 0:
         return None
@@ -201,99 +170,3 @@ def _eased(s: Array, ease: float) -> Array:
     first = np.where(s < half, 0.5 * slope * s**2 / half, slope * (s - half / 2))
     rest = 1.0 - s
     return np.where(rest < half, 1.0 - 0.5 * slope * rest**2 / half, first)
-
-
-@kernel
-def set_time(world, t):
-    """Move the obstacles to their positions at a normalised time."""
-    at = min(max(t, 0.0), 1.0) * (world.offsets.shape[0] - 1)
-    k = min(int(at), world.offsets.shape[0] - 2)
-    f = at - k
-    for j in range(world.origin.shape[0]):
-        for axis in range(3):
-            here, there = world.offsets[k, j, axis], world.offsets[k + 1, j, axis]
-            world.space.around.obstacles[j, 1 + axis] = world.origin[j, axis] + here + f * (there - here)
-
-
-@kernel
-def edge_is_free_in_time(world, p, q, margin):
-    """Return whether the body is slow enough, and keeps the clearance `margin` [m], along the edge from p to q."""
-    space, s, t, moved = world.space, p[-1], q[-1], span(world.space, p, q)
-    tolerance = space.settings.tolerance
-    if moved > world.speed * abs(t - s):
-        return False
-    length = moved + world.fastest * abs(t - s)
-    at, nodes = np.empty(p.shape[0]), np.empty((space.blocks.node.shape[0], 3))
-    travelled, creeping = 0.0, 0
-    while travelled < length:
-        f = travelled / length
-        interpolate(space, p, q, f, at)
-        set_time(world, s + f * (t - s))
-        clearance = clearance_of(space, at, nodes, 0.0) - margin
-        creeping += clearance < tolerance
-        if clearance <= 0.0 or creeping > space.settings.creeping:
-            return False
-        travelled += max(clearance, tolerance)
-    set_time(world, t)
-    return clearance_of(space, q, nodes, 0.0) > margin
-
-
-@trees.answers(trees.extend, SpaceTime)
-@kernel
-def _extend(world, p, q, steps, margin, out):
-    moved, waited = span(world.space, p, q), abs(q[-1] - p[-1])
-    share = min(1.0, world.space.settings.step * steps / max(moved, 1e-12))
-    share = min(share, world.time_step * steps / max(waited, 1e-12))
-    _between(world, p, q, share, out)
-    if not edge_is_free_in_time(world, p, out, margin):
-        return trees.BLOCKED
-    return trees.ARRIVED if share == 1.0 else trees.FREE
-
-
-@trees.answers(trees.nearest, SpaceTime)
-@kernel
-def _nearest(world, tree, count, q):
-    best, least, later = -1, np.inf, tree[0, -1] == 0.0
-    for i in range(count):
-        wait = q[-1] - tree[i, -1] if later else tree[i, -1] - q[-1]
-        if wait > 0.0:
-            way = span(world.space, tree[i], q)
-            effort = way / world.space.settings.step + wait / world.time_step
-            if way <= world.speed * wait and effort < least:
-                best, least = i, effort
-    return best
-
-
-@trees.answers(trees.draw, SpaceTime)
-@kernel
-def _draw(world, nodes, counts, this, rng, out):
-    if rng.random() < world.waiting:
-        copy_to(nodes[this, int(rng.random() * counts[this])], out)
-    else:
-        random_configuration(world.space, rng, out)
-    soonest = span(world.space, nodes[0, 0], out) / world.speed
-    latest = 1.0 - span(world.space, nodes[1, 0], out) / world.speed
-    if soonest >= latest:
-        return False
-    out[-1] = soonest + rng.random() * (latest - soonest)
-    return True
-
-
-@trees.answers(trees.between, SpaceTime)
-@kernel
-def _between(world, p, q, share, out):
-    interpolate(world.space, p, q, share, out)
-    out[-1] = q[-1] if share == 1.0 else p[-1] + share * (q[-1] - p[-1])
-    return True
-
-
-@trees.answers(trees.length, SpaceTime)
-@kernel
-def _duration(world, p, q):
-    return abs(q[-1] - p[-1])
-
-
-@trees.answers(trees.shortens, SpaceTime)
-@kernel
-def _shortens(world, p, q, way):
-    return span(world.space, p, q) <= world.speed * abs(q[-1] - p[-1])

@@ -1,10 +1,9 @@
 """Tree search and shortcuts for planners of every kind: RRT-Connect (Kuffner and LaValle, 2000).
 
-A *world* answers six questions about *nodes*, arrays that begin with a configuration: configurations alone
-(`configurations.Space`), with a time (`spacetime.SpaceTime`), with the joints of the arms that carry the load
-(`robots.search.planner.CarriedSpace`), or the joints of a robot alone (`robots.free_space.Room`). The first three are
-named tuples, whose answers are compiled functions registered by `answers`; the last is a Python object with methods
-of these names, for which the searches run uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
+A *world* answers six questions about *nodes*: configurations of a payload with the joints of arms that carry it and
+with times, where there are such (`world.World`), or the joints of a robot alone (`robots.free_space.Room`). The
+former is a named tuple, whose answers are compiled functions registered by `answers`; the latter is a Python object
+with methods of these names, for which the searches run uncompiled (`rrt_connect.py_func`). Every world has a `clock`.
 """
 
 from __future__ import annotations

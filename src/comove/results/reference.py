@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 from comove.errors import ComoveWarning, InputError, ResultError
 from comove.io.folders import require_folder, scene_folder
+from comove.model.files.keys import PayloadPose
 from comove.model.scene import Scene
 from comove.results.sealed import AGAIN, Summary, read_json
 
@@ -150,7 +151,17 @@ def filled_in(scene: Scene, stored: Stored) -> Scene:
             ) from error
         scene = scene.with_limits().timed(duration)
     solved = stored.summary.get("scene_sha256")
-    return next((choice for choice in scene.alternatives if choice.sha256 == solved), scene)
+    return next((choice for choice in scene.ways_to(_goal_in(stored)) if choice.sha256 == solved), scene)
+
+
+def _goal_in(stored: Stored) -> PayloadPose | None:
+    """Return the pose at which a result's own scene puts the payload down; None where it says none."""
+    try:
+        load = read_json(stored.folder / SCENE, AGAIN, SCENE_BYTES)["load"]
+        goal = load["goal"]
+        return PayloadPose(position=tuple(goal["position"]), quaternion_wxyz=tuple(goal["quaternion_wxyz"]))
+    except (ValueError, TypeError, KeyError, ResultError):  # the folder is not trusted
+        return None
 
 
 def changes_to(scene: Scene, stored: Stored, file: Path) -> dict[str, float]:

@@ -1,8 +1,9 @@
 """A stored execution, `run.npz` and `run.json`: read, and verified from its poses and the scene.
 
 `run.npz` holds, at every control period, `time` (n_steps,) [s], `position` (n_steps, n_manipulators, n_dims) [m], and
-`obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles; it also holds the
-poses from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
+`obstacle_center` (n_steps, n_obstacles, n_dims) [m], the true positions of the scene's obstacles, and where any turns
+`obstacle_quaternion` (n_steps, n_obstacles, 4), w x y z, the orientations of their frames; it also holds the poses
+from which the whole load can be reconstructed: `center` (n_steps, n_groups, 3) [m] and `quaternion`
 (n_steps, n_groups, 4), w x y z, of the rigid groups. `scene.json` is the scene that was executed, so that the folder
 can be judged anew and played without other files.
 
@@ -20,13 +21,11 @@ import numpy as np
 from comove.errors import ResultError, shortened
 from comove.model.scene import Scene
 from comove.results.reference import SCENE, own_scene
-from comove.results.sealed import NUMBER, TEXT, TEXTS, TRUTH, Arrays, ResultKind, Summary, require_types
+from comove.results.sealed import FITS, NUMBER, TEXT, TEXTS, TRUTH, Arrays, ResultKind, Summary, require_types
 from comove.ties import first_largest
 from comove.verification.measures import WEIGHTS, unit_terms_of
 from comove.verification.record import ExecutionReport, Record, verify_execution
 
-FITS = 1e-9  # m, s and of a quaternion's length, to which what a run says twice agrees
-SAME = 1e-6  # relative, by which measures may differ from those of the summary
 FEWEST = 3  # steps
 
 _TYPES = (
@@ -42,6 +41,7 @@ RUN = ResultKind(
     made_by="comove run SCENE --out DIR",
     hint="run it again",
     required=("time", "position", "obstacle_center", "center", "quaternion"),
+    optional=("obstacle_quaternion",),
     unsealed=(
         "time_to_first_verified_s",
         "wall_time_s",
@@ -88,20 +88,17 @@ class StoredRun:
             "center": (n, len(scene.groups), 3),
             "quaternion": (n, len(scene.groups), 4),
         }
-        for name, shape in shapes.items():
-            found = arrays[name]
-            if found.shape != shape or n < FEWEST or found.dtype != np.float64:
-                self._refuse(name, f"it holds {found.dtype.name} of shape {found.shape}")
-            if name != "obstacle_center" and not np.isfinite(found).all():  # nobody may know where one was
-                self._refuse(name, "it holds what is no number")
+        if "obstacle_quaternion" in arrays:
+            shapes["obstacle_quaternion"] = (n, len(scene.motions), 4)
+        loose = ("obstacle_center",)  # nobody may know where one was
+        RUN.require_shapes(arrays, shapes, self.folder, fewest=FEWEST, loose=loose)
         if not (np.diff(arrays["time"]) > 0).all():
-            self._refuse("time", "the times do not increase")
+            raise ResultError(
+                "the times do not increase", file=self.folder / RUN.arrays, key="time", way_out=RUN.hint
+            )
         obstacles = np.pad(arrays["obstacle_center"], ((0, 0), (0, 0), (0, 3 - scene.n_dims)))
         sagitta = scene.obstacle_sagittas(arrays["time"])
         return Record(scene, arrays["time"], arrays["center"], arrays["quaternion"], obstacles, sagitta)
-
-    def _refuse(self, key: str, why: str) -> None:
-        raise ResultError(why, file=self.folder / RUN.arrays, key=key, way_out=RUN.hint)
 
 
 def read_run(folder: str | Path, scene: Scene | None = None) -> StoredRun:
@@ -134,6 +131,7 @@ def verify_run(stored: StoredRun) -> ExecutionReport:
     record = replace(recorded, obstacles=moved)
     report = verify_execution(record)
     reasons = [*report.reasons, *_impossible(record), *_elsewhere(recorded, record)]
+    reasons += _turned_otherwise(scene, stored.arrays)
     reasons += RUN.broken_seals(stored.summary, stored.arrays)
     if stored.summary.get("scene_sha256") != scene.sha256:
         reasons.append(
@@ -183,6 +181,17 @@ def _elsewhere(recorded: Record, record: Record) -> list[str]:
     return reasons
 
 
+def _turned_otherwise(scene: Scene, arrays: Arrays) -> list[str]:
+    """List the obstacles that were, by the run's own record, turned otherwise than the scene turns them, in words."""
+    if "obstacle_quaternion" not in arrays:
+        return []
+    apart = np.abs(arrays["obstacle_quaternion"] - scene.orientations(arrays["time"])).max(axis=(0, 2))
+    return [
+        f"{scene.name_of(int(i))} was, by the run's own record alone, turned otherwise than the scene turns it"
+        for i in np.flatnonzero(~(apart <= FITS))
+    ]
+
+
 def _misstated(summary: Summary, report: ExecutionReport, record: Record) -> list[str]:
     """List the measures in the summary that are not those of the run, in words."""
     right: dict[str, float | None] = {**report.asdict(), "duration_s": float(record.time[-1])}
@@ -191,13 +200,9 @@ def _misstated(summary: Summary, report: ExecutionReport, record: Record) -> lis
     terms = {name: weight * units.get(name, 0.0) for name, weight in WEIGHTS.items()}
     right["cost"] = sum(terms.values())
     stated = summary.get("cost_terms")
-    reasons = RUN.differences(summary, right, _near)
-    reasons += RUN.differences(stated if isinstance(stated, dict) else {}, terms, _near, "cost_terms.")
+    reasons = RUN.differences(summary, right)
+    reasons += RUN.differences(stated if isinstance(stated, dict) else {}, terms, prefix="cost_terms.")
     if summary.get("scene") != record.scene.name:
         told = shortened(str(summary.get("scene")))
         reasons.append(f"{RUN.summary} names another scene: {told}")
     return reasons
-
-
-def _near(name: str, value: float) -> float:
-    return SAME * max(1e-3, abs(value))

@@ -10,7 +10,7 @@ import hashlib
 import json
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -95,6 +95,13 @@ Summary = dict[str, Any]
 
 SEAL = "summary_sha256"
 AGAIN = "solve the scene again"
+FITS = 1e-9  # m, s and of a quaternion's length, to which what a result says twice agrees
+SAME = 1e-6  # relative, by which measures may differ from those of the summary
+
+
+def near(name: str, value: float) -> float:
+    """Return by how much a measure may differ from the one in the summary."""
+    return SAME * max(1e-3, abs(value))
 
 
 def checksum(arrays: Mapping[str, Any]) -> str:
@@ -248,11 +255,33 @@ class ResultKind:
             return [f"{self.summary} was edited: {error.key}: {error.message}"]
         return []
 
+    def require_shapes(
+        self,
+        arrays: Arrays,
+        shapes: Mapping[str, tuple[int, ...]],
+        folder: Path = Path(),
+        *,
+        fewest: int = 2,
+        loose: Collection[str] = (),
+        truths: Collection[str] = (),
+    ) -> None:
+        """Refuse arrays of another shape or type, or that are not finite unless they are `loose`."""
+        for name, shape in shapes.items():
+            found, kind = arrays[name], np.bool_ if name in truths else np.float64
+            fits = found.shape == shape and len(found) >= fewest and found.dtype == kind
+            if not fits or not (name in loose or np.isfinite(found).all()):
+                raise ResultError(
+                    f"it holds {found.dtype.name} of shape {found.shape}, not finite numbers of shape {shape}",
+                    file=folder / self.arrays,
+                    key=name,
+                    way_out=self.hint,
+                )
+
     def differences(
         self,
         stated: Mapping[str, Any],
         right: Mapping[str, float | None],
-        within: Callable[[str, float], float],
+        within: Callable[[str, float], float] = near,
         prefix: str = "",
     ) -> list[str]:
         """List the measures in the summary that are not those of the motion, in words.

@@ -33,6 +33,7 @@ from comove.results.sealed import (
     Summary,
     agrees,
     finite,
+    near,
     number,
     require_types,
 )
@@ -64,7 +65,6 @@ MORE_SAMPLES = ("acceleration", "center", "quaternion")  # results of earlier ve
 CURVE = ("coordinates", "weights", "start", "goal", "basis_functions", "basis_metric", "basis_phase")
 REBUILT = 1e-11  # m and m/s, by which samples may differ from the curve rebuilt on another machine
 REBUILT_RATE = 1e-10  # likewise accelerations [m/s^2], relative to the largest where that is above 1 m/s^2
-SAME = 1e-6  # relative, by which measures may differ from those of the summary
 JERK = ("jerk_max", "jerk_squared")  # that a summary says of the motion whatever the scene asks
 SMOOTH = 1e-5  # relative, of measures that take differences of accelerations
 
@@ -227,7 +227,7 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
         )
     reasons += SOLUTION.mistyped(summary)
     if verdict.verified is not None and summary.get("verified") is True:
-        reasons += SOLUTION.differences(summary, verdict.report.asdict(), _near)
+        reasons += SOLUTION.differences(summary, verdict.report.asdict())
         reasons += _edited_cost(summary, motion)
         reasons += _edited_smoothness(summary, motion)
         if summary.get("duration") not in (None, scene.duration):  # older results do not say it
@@ -240,10 +240,6 @@ def verify_result(stored: StoredResult, scene: Scene) -> Verdict:
     elif summary.get("verified") is not True:
         reasons.append(f"{SOLUTION.summary} does not claim a verified motion")
     return Verdict(None if reasons else verdict.verified, verdict.report, tuple(reasons))
-
-
-def _near(name: str, value: float) -> float:
-    return SAME * max(1e-3, abs(value))
 
 
 def _smooth(name: str, value: float) -> float:
@@ -314,8 +310,8 @@ def _edited_cost(summary: Summary, motion: CoordinatedMotion) -> list[str]:
             continue
         total += stated
         if name in units:
-            reasons += SOLUTION.differences(terms, {name: weight * units[name]}, _near, "cost_terms.")
-    if not reasons and not agrees(summary.get("cost"), total, _near("cost", total)):
+            reasons += SOLUTION.differences(terms, {name: weight * units[name]}, prefix="cost_terms.")
+    if not reasons and not agrees(summary.get("cost"), total, near("cost", total)):
         told = shortened(str(summary.get("cost")))
         reasons.append(f"{file} says cost = {told}, its terms make {total:.9g}")
     return reasons

@@ -12,8 +12,8 @@ from comove.planning.objective import Objective
 from comove.planning.objectives import OBJECTIVES, OwnFunctions, PaperCost
 from comove.planning.objectives.own import name_of
 from comove.planning.solution import Solution
-from comove.results.sealed import Summary, finite
-from comove.results.solution import SAME, SOLUTION, motion_arrays, smoothness_of
+from comove.results.sealed import SAME, Summary, finite
+from comove.results.solution import SOLUTION, motion_arrays, smoothness_of
 from comove.verification.measures import WEIGHTS
 
 NAMES = {kind: name for name, kind in OBJECTIVES.items()}
@@ -52,10 +52,10 @@ def _summary_of(solution: Solution, wall_time_s: float) -> Summary:
         "objective": _said_of(solution.objective),
         "demonstration": None if solution.followed is None else vars(solution.followed),
         **smoothness_of(solution.attempt),
-        "evaluations": solution.evaluations,
-        "generations": solution.generations,
+        "evaluations": solution.effort.evaluations,
+        "generations": solution.effort.generations,
         **({"log": dict(solution.log)} if solution.log else {}),
-        "time_to_first_verified_s": solution.time_to_first_verified_s,
+        "time_to_first_verified_s": solution.effort.first_verified,
         "wall_time_s": wall_time_s,
         "scene_sha256": solution.scene.sha256,
     }

@@ -20,6 +20,8 @@ from comove.model.scene import Scene
 from comove.planning.configurations import Space, configuration_space, way_length
 from comove.planning.kinematics import LimitedKinematics
 from comove.planning.seeds import targets_along
+from comove.planning.spacetime import spacetime
+from comove.planning.world import World
 from comove.robots.effort import carried_masses, overburdened, shortest_duration
 from comove.robots.ends import (
     DIGITS,
@@ -42,9 +44,12 @@ from comove.robots.search.planner import ArmPlanSettings, plan_with_arms
 from comove.robots.search.spare import ArmsFollower, FollowerSettings
 from comove.robots.search.tracking import Miss, sampled_nodes, track, track_near
 from comove.robots.transfers import Retreat
+from comove.robots.verification.checks import struck_at_rest
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion, verify_joints
 
 Array = NDArray[np.float64]
+
+SLOWEST = 0.3  # share of their limits of speed that joints may use in plans in time, at least
 
 
 @dataclass(frozen=True)
@@ -119,9 +124,6 @@ class RobotCarrier(LimitedKinematics):
             raise unfit(
                 scene, "workspace", "a robot moves in space, and the scene is planar", "use x, y and z"
             )
-        if scene.moving.any():
-            way_out = "carry it out step by step: comove run SCENE"
-            raise unfit(scene, "obstacles", "robots carry among obstacles that stand only", way_out)
         if scene.file.load is None:
             raise unfit(scene, "load", "there is nothing to carry", "add load: {shape: bar, length: 0.5}")
         if scene.grasp is None:
@@ -171,7 +173,7 @@ class RobotCarrier(LimitedKinematics):
             posture=np.concatenate([arm.home for arm in self.holders]),
             ends=np.stack([scene.nodes_at(end)[:n_nodes] for end in ("start", "goal")]),
             eased=max(0.0, scene.clearance - ROBOT_CLEARANCE),
-        )
+        ).in_motion(scene)
         chains, links, ranges, _ = of_robot(self.robot, self.holders)
         return Arms(chains, links, ranges, around)
 
@@ -185,7 +187,13 @@ class RobotCarrier(LimitedKinematics):
 
     def on(self, scene: Scene) -> RobotCarrier:
         """Return a copy on a scene that differs only in its duration and limits."""
-        return self._changed(scene=scene)
+        other = self._changed(scene=scene)
+        if (
+            scene.moving.any() and scene.duration != self.scene.duration
+        ):  # then they are elsewhere at the goal
+            for name in ("starts", "goals", "_pairs", "_led"):
+                vars(other).pop(name, None)
+        return other
 
     def without(self, ends: Mapping[str, Array]) -> RobotCarrier:
         """Return a copy that does not use some joints of the robot at the ends, or any near them.
@@ -239,26 +247,56 @@ class RobotCarrier(LimitedKinematics):
         max_nodes: int = 1000,
     ) -> Array | None:
         """Plan a path of the load that the arms can follow; arguments as in `comove.planning.planner.plan`."""
+        found = self._planned(World.of(space), start, goal, margin, rng, required, max_nodes)
+        return None if found is None else found[0]
+
+    def plan_in_time(
+        self,
+        world: World,
+        start: Array,
+        goal: Array,
+        speed: float,
+        margin: float,
+        rng: np.random.Generator,
+        *,
+        max_nodes: int,
+        **how: Any,
+    ) -> tuple[Array, Array] | None:
+        """Plan a path among moving obstacles that the arms can follow in time, as `spacetime.plan_in_time`."""
+        share = min(1.0, speed / (self.scene.speed_limit * self.scene.duration))
+        world = world.paced(speed, max(share, SLOWEST))
+        found = self._planned(world, start, goal, margin, rng, world.space.required, max_nodes)
+        return None if found is None else (found[0], found[2][:, 0].copy())
+
+    def _planned(
+        self,
+        world: World,
+        start: Array,
+        goal: Array,
+        margin: float,
+        rng: np.random.Generator,
+        required: float,
+        max_nodes: int,
+    ) -> tuple[Array, Array, Array] | None:
+        """Plan as `plan_with_arms` does, between some of the joints at both ends."""
         drawn = self._tally.drawn(rng, len(self.kept))
         first, last = self._pairs[drawn]
         ends = (np.array(start), first), (np.array(goal), last)  # kernels compile anew for read-only arrays
-        lenient = next(self._leniency)
         found = plan_with_arms(
-            space,
+            world,
             self.arms,
             *ends,
             margin,
             rng,
             required=required,
-            lenient=lenient,
+            lenient=next(self._leniency),
             max_nodes=max_nodes,
             settings=self.settings.plans,
         )
         self._tally.note(drawn, found is not None)
-        if found is None:
-            return None
-        vars(self)["_led"] = np.stack([first, last])
-        return found[0]
+        if found is not None:
+            vars(self)["_led"] = np.stack([first, last])
+        return found
 
     @property
     def ends(self) -> EndJoints:
@@ -363,6 +401,8 @@ class RobotCarrier(LimitedKinematics):
         penalty, possible : arrays, shape (n_rollouts,)
         """
         steps = np.linspace(0, nodes.shape[1] - 1, self.settings.n_samples).round().astype(int)
+        if self.scene.moving.any():  # even times tell where obstacles are
+            steps = np.arange(0, nodes.shape[1], 2)
         nodes = np.ascontiguousarray(nodes[:, steps])
         strain, around = self.strain(nodes, self.best_course(nodes[0])), self.arms.around
         possible = (strain.missing <= MET).all(axis=1) & (strain.rates <= 1.0).all(axis=(1, 2))
@@ -468,16 +508,44 @@ class RobotCarrier(LimitedKinematics):
                 raise unfit(
                     self.scene,
                     f"manipulators.{end}",
-                    f"{near} come too near to each other at the {end}, whatever joints hold the load",
+                    f"{near} come too near to each other at the {end}{self._when(end)}, whatever joints hold the "
+                    "load",
                     "move it, or hold it in another way",
                 )
+
+    def _when(self, end: str) -> str:
+        """Return the time of an end, in words, where it matters."""
+        if not self.scene.moving.any():
+            return ""
+        return f" at {0.0 if end == 'start' else self.scene.duration:g} s"
+
+    def require_room_for_obstacles(self) -> None:
+        """Refuse obstacles that move into what cannot give way: links at rest, and the ends of the carry.
+
+        Raises
+        ------
+        SceneError
+            If one does; with the names of both bodies and the time.
+        """
+        if not self.scene.moving.any():
+            return
+        if (struck := struck_at_rest(self.robot, self.scene)) is not None:
+            pair, near, time = struck
+            raise unfit(
+                self.scene,
+                "obstacles",
+                f"{pair} {'meet' if near <= 0.0 else f'come within {near:.3g} m of each other'} at {time:.2f} s, and "
+                "no arm that carries moves that link",
+                "move the obstacle along another path, or the robot's base or home",
+            )
+        self.require_clear_ends()
 
     @property
     def turning(self) -> float:
         """Return how far joints turn to the start and on to the goal at least, far more where links touch [rad]."""
         first, last = self._pairs[0]
         ends = ((first, "start"), (last, "goal"))
-        free = all(self.ends.tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
+        free = all(self.ends.at(end).tightness(q, self.scene.nodes_at(end)) < 2 for q, end in ends)
         away = apart(self.ends.present, first) + apart(first, last)
         return away + (0.0 if free else 2.0 * np.pi)
 
@@ -485,7 +553,10 @@ class RobotCarrier(LimitedKinematics):
         """Plan from start to goal, and go along a path between them."""
         coordinates, rng = load_coordinates(self.scene), np.random.default_rng(0)
         space, (start, _, goal, _) = configuration_space(self.scene, coordinates), coordinates.boundary()
-        self.plan(space, start, goal, 0.0, rng, max_nodes=8)
+        if self.scene.moving.any():
+            self.plan_in_time(spacetime(self.scene, space), start, goal, np.inf, 0.0, rng, max_nodes=8)
+        else:
+            self.plan(space, start, goal, 0.0, rng, max_nodes=8)
         way_length(space, targets_along(space, np.stack([start, goal]), gentle=False)[0])
         for name in ("_tally", "_leniency", "_led"):  # that this plan does not count
             vars(self).pop(name, None)
@@ -504,7 +575,7 @@ class RobotCarrier(LimitedKinematics):
         """Compute what motions demand of the arms on a course, array of shape (2, n_joints); nodes as in `ask`."""
         parts = np.array_split(nodes, min(len(nodes), N_THREADS))
         arms = self.arms
-        done = THREADS.map(lambda part: follow(arms, part, course, self.scene.duration), parts)
+        done = THREADS.map(lambda part: follow(arms.apart(), part, course, self.scene.duration), parts)
         return Strain(*(np.concatenate(arrays) for arrays in zip(*done, strict=True)))
 
     def best_course(self, nodes: Array) -> Array:

@@ -23,7 +23,7 @@ placed at the hand's pose in the scene: z is the direction of approach, and fing
 base and tip move, except those in `posture`. `home` has one value for each joint that moves, from the base to the
 tip (the middle of its limits unless given); redundant joints are drawn towards it. `limits` replace those of the
 URDF, key by key; `soft_lower`, `soft_upper` and `k_position` those of its ``<safety_controller>``
-(`comove.robots.supplements`). `payload` [kg] is what the maker rates an arm for
+(`comove.robots.further_limits`). `payload` [kg] is what the maker rates an arm for
 beyond its last joint, hand included. Paths are relative to the description, or ``package://NAME/...``.
 
 `gripper` is what the URDF of an arm lacks: a URDF of its own, or shapes, fixed to the tip (`GripperDescription`).
@@ -203,7 +203,7 @@ class JointLimits(Sparse):
     soft_lower: Number | None = None
     soft_upper: Number | None = None
     k_position: Positive | None = None
-    """Gain by which velocities are bounded near the soft limits [1/s]; see `comove.robots.supplements`."""
+    """Gain by which velocities are bounded near the soft limits [1/s]; see `comove.robots.further_limits`."""
 
 
 class Servo(Part):

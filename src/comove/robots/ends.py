@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import islice, product
 
@@ -127,6 +127,7 @@ class EndJoints:
     arms : these as arrays, for kernels
     present : array, shape (n_joints of the arms,), joints from which the robot approaches the start
     settings : settings of the search for joints
+    time : instant at which the obstacles of `arms` are where they are [s]; None where they rest
     """
 
     robot: Robot
@@ -136,6 +137,7 @@ class EndJoints:
     arms: Arms
     present: Array
     settings: EndSettings = EndSettings()
+    time: float | None = None
 
     def pairs(self, starts: tuple[Array, ...], goals: tuple[Array, ...]) -> tuple[Pair, ...]:
         """Return pairs of joint positions at start and goal, first those with the least turns of joints.
@@ -152,9 +154,9 @@ class EndJoints:
         ----------
         starts, goals : joints at both ends, by arm; arrays, shape (n_branches, n_joints)
         """
-        at = [self.scene.nodes_at(end) for end in ("start", "goal")]
+        at = [(self.at(end), self.scene.nodes_at(end)) for end in ("start", "goal")]
         both = [[np.concatenate(q) for q in product(*found)] for found in (starts, goals)]
-        tight = [[self.tightness(q, nodes) for q in some] for some, nodes in zip(both, at, strict=True)]
+        tight = [[own.tightness(q, nodes) for q in some] for some, (own, nodes) in zip(both, at, strict=True)]
         start, goal = (np.array(list(part)) for part in zip(*product(*both), strict=True))
         turned = turned_towards(self.arms.chains, start, goal)
         first, last = (
@@ -179,6 +181,13 @@ class EndJoints:
         places = np.minimum(roomy + roomy // (every - 1), every * near + every - 1)
         ranked = once[np.argsort(places, kind="stable")]
         return tuple((first[k], last[k]) for k in ranked)
+
+    def at(self, end: str) -> EndJoints:
+        """Return the same among obstacles that stand where they are at an end."""
+        if not self.scene.moving.any():
+            return self
+        time = 0.0 if end == "start" else self.scene.duration
+        return replace(self, time=time, arms=self.arms.among(self.scene.obstacles_at(time).copy()))
 
     def _led(self, starts: tuple[Array, ...], n_steps: int = 41) -> list[Array]:
         """Return the joints in which the straight motion from joints at the start ends, by arm.
@@ -247,6 +256,8 @@ class EndJoints:
         SceneError
             If an arm cannot reach the end.
         """
+        if self.time is None and self.scene.moving.any():
+            return self.at(end).branches(end)
         nodes = self.scene.nodes_at(end)
         rotations, how = self.grasp.hand_rotations(nodes), self.settings
         posture, found, n = self._near(end), list[Array](), len(self.holders)
@@ -283,7 +294,8 @@ class EndJoints:
         robot, nodes, q, first = self.robot, self.scene.nodes_at(end), self.robot.home, ""
         bases, carried = Bases(robot, robot.description.uncertainty), Carried.straight(self.scene)
         bodies = bodies_of(bases, self.holders, carried, nodes[None, : len(self.holders)], 0.0)
-        room = Room(bodies.with_load_at(nodes), robot.arms, np.zeros(len(bodies.kind)))
+        time = 0.0 if end == "start" else self.scene.duration
+        room = Room(bodies.placed_at(nodes, time), robot.arms, np.zeros(len(bodies.kind)))
         for joints in product(*branches):
             q[self.columns] = np.concatenate(joints)
             if not (near := room.contact(q)):
@@ -340,17 +352,8 @@ class EndJoints:
         joints : array, shape (n_solutions, n_joints), of all arms
         missing : array, shape (n_solutions,), residuals [m]
         """
-        chains = self.arms.chains
-        *_, forms = of_robot(self.robot, self.holders)
-        if (form := forms[i]) is not None:
-            seeds = closed_seeds(form, chains, i, rotation, point, posture, self.settings.n_angles)
-            if len(seeds):
-                joints, missing = solutions(chains, i, rotation, point, posture, seeds)
-                if missing.min() <= MET:
-                    return joints, missing
-        rng = np.random.default_rng(0)
-        draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
-        return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
+        how = self.settings
+        return solved_for(self.robot, self.holders, i, rotation, point, posture, n_seeds, how.n_angles)
 
     def _homely(self, joints: Array, posture: Array) -> Array:
         """Return the distinct solutions of one arm, nearest to a posture first; `joints` has the shape (n, n_joints
@@ -405,7 +408,8 @@ class EndJoints:
         on = [set(model.supports[item.parentJoint]) for item in geometry.geometryObjects]
         geometry.removeAllCollisionPairs()
         for number in range(len(scene.file.obstacles)):
-            obstacle = geometry.addGeometryObject(obstacle_object(scene, number, f"obstacles[{number}]"))
+            solid = obstacle_object(scene, number, f"obstacles[{number}]", self.time or 0.0)
+            obstacle = geometry.addGeometryObject(solid)
             for link in (k for k, supports in enumerate(on) if moved & supports):
                 geometry.addCollisionPair(pin.CollisionPair(link, obstacle))
         data, placed, q = model.createData(), geometry.createData(), robot.home
@@ -447,6 +451,29 @@ def of_robot(
     chains = chains_of(robot, holders)
     forms = tuple(closed_form(chains, i) for i in range(len(holders)))
     return chains, links_of(robot, holders), ranges_of(chains), forms
+
+
+def solved_for(
+    robot: Robot,
+    holders: tuple[Arm, ...],
+    i: int,
+    rotation: Array,
+    point: Array,
+    posture: Array,
+    n_seeds: int,
+    n_angles: int = EndSettings.n_angles,
+) -> tuple[Array, Array]:
+    """Solve the pose of one hand as `EndJoints` does; arguments and results are those of its method `_solutions`."""
+    chains, _, _, forms = of_robot(robot, holders)
+    if (form := forms[i]) is not None:
+        seeds = closed_seeds(form, chains, i, rotation, point, posture, n_angles)
+        if len(seeds):
+            joints, missing = solutions(chains, i, rotation, point, posture, seeds)
+            if missing.min() <= MET:
+                return joints, missing
+    rng = np.random.default_rng(0)
+    draws = rng.uniform(chains.lower, chains.upper, (n_seeds, len(posture)))
+    return solutions(chains, i, rotation, point, posture, np.concatenate([[posture], draws]))
 
 
 def unfit(scene: Scene, key: str, message: str, way_out: str) -> SceneError:

@@ -36,6 +36,7 @@ from comove.results.sealed import (
     Summary,
     checksum,
     finite,
+    near,
     read_json,
     require_types,
 )
@@ -49,7 +50,7 @@ from comove.robots.verification.verify import JointReport, JointVerdict, Verifie
 
 SAMPLES = ("time", "joint_names", "position", "velocity", "acceleration")
 FITS = 1e-10  # rad and rad/s, to which samples agree with each other
-SAME, SAME_CLEARANCE = 1e-6, 2e-3  # relative; and m, of bounds that are only so tight
+SAME_CLEARANCE = 2e-3  # m, of bounds that are only so tight
 _TYPES = {
     **{"verified": TRUTH, "robot": TEXT, "reasons": TEXTS, "version": TEXT},
     **dict.fromkeys(JointReport().asdict(), NUMBER.or_nothing),
@@ -349,7 +350,7 @@ def verify_stored(
 
 
 def _near(name: str, value: float) -> float:
-    return SAME_CLEARANCE if name.startswith("clearance") else SAME * max(1e-3, abs(value))
+    return SAME_CLEARANCE if name.startswith("clearance") else near(name, value)
 
 
 _NOTHING = JointVerdict(None, JointReport(), ())

@@ -94,7 +94,7 @@ class Room:
     @cached_property
     def _first(self) -> _Pairs:
         """Return the pairs that are checked first: of bodies that move, hulls for the pairs that they hold."""
-        exact, moves = self.bodies.exact, self.bodies.reach[:, :-1].any(axis=1)
+        exact, moves = self.bodies.exact, self.bodies.joint_reach.any(axis=1)
         held = exact[exact != np.arange(len(exact))]
         return _Pairs.of(self.bodies, np.setdiff1d(np.flatnonzero(moves), held), self._required)
 
@@ -127,7 +127,7 @@ class Room:
     @cached_property
     def lever(self) -> Array:
         """Return the largest change of a distance per unit of each joint; array, shape (n_joints,) [m/rad]."""
-        return self.bodies.reach[:, :-1].max(axis=0)
+        return self.bodies.joint_reach.max(axis=0)
 
     def is_free(self, q: Array) -> bool:
         """Return whether all pairs keep their clearance at joint positions q."""
@@ -205,11 +205,10 @@ class Room:
 
     def is_free_between(self, first: Array, second: Array) -> bool:
         """Return whether all pairs keep their clearance, less the spare, straight between two free configurations."""
-        changes = self.bodies.reach[:, :-1] @ np.abs(second - first)
+        changes = self.bodies.joint_reach @ np.abs(second - first)
         count = int(np.ceil((changes / (2.0 * self.spare)).max(initial=0.0)))
-        width = (
-            count.bit_length()
-        )  # by their bits from the last to the first, numbers far from all earlier ones
+        width = count.bit_length()
+        # By their bits from the last to the first, numbers come that are far from all earlier ones.
         coarse_first = sorted(range(1, count), key=lambda k: int(f"{k:0{width}b}"[::-1], 2))
         shares = np.array(coarse_first)[:, None] / count
         return count < 2 or self.are_free(first + shares * (second - first))

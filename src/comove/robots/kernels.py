@@ -16,7 +16,7 @@ from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 
 TWO_ARMS = Path(__file__).parent / "stand_in" / "two_arms.yaml"
-STAND_IN = {
+STAND_IN: dict[str, Any] = {
     "name": "kernels",
     "duration": 1.0,
     "grasp": {"orientation": "down", "yaw": "load"},
@@ -33,32 +33,35 @@ def load_robot_kernels(kind: SceneKind, beside: Callable[[], object] | None = No
     """Compile, or load from the cache, all kernels needed to solve scenes of a kind for robots; `beside` as in
     `load_kernels`.
     """
-    with meanwhile(load_planning_kernels, solids=kind.solids, meshes=kind.meshes):
+    with meanwhile(load_planning_kernels, solids=kind.solids, meshes=kind.meshes, moving=kind.moving):
         begin_loading(beside)
         _load_once(kind)
-    load_planning_kernels(kind.solids, kind.meshes)
+    load_planning_kernels(kind.solids, kind.meshes, kind.moving)
 
 
 @lru_cache(maxsize=2)
 def _load_once(kind: SceneKind) -> None:
     load_smooth_kernels(kind)
-    stand_in = _stand_in(kind.solids, kind.meshes)
+    stand_in = _stand_in(kind.solids, kind.meshes, kind.moving)
     stand_in.try_following()
     if kind.meshes:
         holds(stand_in.scene.surfaces, 0, 0.0, 0.0, 0.0)  # which the verification of links asks by itself
 
 
 @lru_cache(maxsize=2)
-def load_planning_kernels(solids: bool, meshes: bool) -> None:
+def load_planning_kernels(solids: bool, meshes: bool, moving: bool) -> None:
     """Load the kernels by which arms plan."""
-    _stand_in(solids, meshes).try_planning()
+    _stand_in(solids, meshes, moving).try_planning()
 
 
 @lru_cache(maxsize=1)
-def _stand_in(solids: bool, meshes: bool) -> RobotCarrier:
+def _stand_in(solids: bool, meshes: bool, moving: bool) -> RobotCarrier:
     """Return the smallest robot that needs all kernels, in a small scene."""
     load = {"shape": "box", "size": [0.3, 0.02, 0.02]} if solids else {"shape": "bar", "length": 0.3}
     scene: dict[str, Any] = {**STAND_IN, "load": load}
+    if moving:
+        (post,) = STAND_IN["obstacles"]
+        scene["obstacles"] = [post | {"motion": {"velocity": [0.0, 0.0, 0.01]}}]
     with tempfile.TemporaryDirectory() as folder:
         if meshes:
             Path(folder, "mesh.obj").write_text(TETRAHEDRON)

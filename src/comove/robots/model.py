@@ -30,16 +30,10 @@ from comove.robots.description import (
     load_description,
 )
 from comove.robots.formats import GroupState, Srdf
+from comove.robots.further_limits import FurtherLimits, in_radians_or_metres
+from comove.robots.masses import mass_beyond, masses_of, moved_masses, with_guessed_masses
 from comove.robots.mounting import se3_of, with_grippers
 from comove.robots.soundness import ends_of
-from comove.robots.supplements import (
-    FurtherLimits,
-    in_radians_or_metres,
-    mass_beyond,
-    masses_of,
-    moved_masses,
-    with_guessed_masses,
-)
 from comove.robots.urdf import OF_JOINT, Mimic, Source, errors_of_reader, for_pinocchio, read_source
 
 LARGEST_BODY = 50.0  # m, radius of a collision body
@@ -333,10 +327,10 @@ def _built(source: Source, folder: Path, loader: Any) -> tuple[Source, Any, Any]
                 f"the model cannot be built: {reason}", way_out="correct the URDF, or its mesh"
             ) from failure
         _check_bodies(geometry)
-    urdf, note = with_guessed_masses(source.urdf, source.masses, source.gripper_links, model, geometry)
+    source, note = with_guessed_masses(source, model, geometry)
     if note is not None:
         warnings.warn(f"{source.file}: {note}", ComoveWarning, stacklevel=2)
-    return replace(source, urdf=urdf), model, geometry
+    return source, model, geometry
 
 
 def _tell_frames_apart(model: Any) -> None:
@@ -582,7 +576,7 @@ def _reduced(
         replace(
             _arm(name, arm, chains[name], np.array([names.index(j) for j in chains[name]]), states, limits),
             payload=arm.payload or np.inf,
-            hand=mass_beyond(chains[name][-1], [source.urdf for source in sources]),
+            hand=mass_beyond(chains[name][-1], sources),
         )
         for name, arm in description.arms.items()
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -22,21 +22,32 @@ from comove.planning.kernels import SceneKind
 from comove.planning.method import Method
 from comove.planning.methods import Comove
 from comove.planning.objectives import objective_of_scene
-from comove.planning.pace import NONE, least_possible, too_short, with_limits, would_do
+from comove.planning.pace import (
+    NONE,
+    alone,
+    least_possible,
+    rounded_up,
+    too_short,
+    with_limits,
+    would_do,
+)
 from comove.planning.search import Schedule
 from comove.planning.solution import Solution
 from comove.planning.solver import Procedure, perform, problem_of, solved
 from comove.robots.carrying import RobotCarrier
+from comove.robots.choosing import EXACT, Reach
 from comove.robots.kernels import load_robot_kernels
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.present import Joints, present_joints
-from comove.robots.transfers import Retreat, Transfers, possible_transfers
+from comove.robots.transfers import Retreat, Transfers, possible_transfers, require_no_transfers
 from comove.robots.verification.bodies import warn_of_buried_links
 from comove.robots.verification.verify import JointReport, JointVerdict, VerifiedJointMotion
 from comove.verification.verify import Check, verify
 
 Array = NDArray[np.float64]
+
+AT_LEISURE = 30.0  # s, in which arms can follow any path, where the duration is open
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +135,7 @@ def solved_by_robot(
             key="begin",
             way_out="give either begin, or present and approach",
         )
+    require_no_transfers(scene, {"approach": approach, "release": release})
     carriers: dict[str, Any] = {
         "begin": None if begin is None else present_joints(begin, robot, "begin"),
         "present": None if present is None else present_joints(present, robot),
@@ -157,17 +169,20 @@ def _carried(
     carriers: dict[str, Any],
 ) -> Procedure:
     """Carry; `wanted` are further arguments of `problem_of`, `carriers` those of `RobotCarrier`."""
-    at_leisure = 30.0  # s, in which arms can follow any path, where the duration is open
-    if len(scene.alternatives) > 1:
+    if scene.file.choices is not None or len(scene.alternatives) > 1:
         return (yield from _by_some_grasp(scene, robot, budget, wanted, method, carriers | {"begin": None}))
     (scene,) = scene.alternatives
     begun = now()
     wanted["objective"] = wanted.get("objective") or objective_of_scene(scene.file.objective)
+    # Among moving obstacles a motion is only what it is in its own time.
+    at_leisure = _first_duration(scene) if scene.moving.any() else AT_LEISURE
     if (present := carriers["present"]) is not None:
         Retreat.on(scene.timed(at_leisure), robot, "start", present).require_apart()
     with compiling() as compiled:
         carrier = RobotCarrier(robot, scene.timed(at_leisure), **carriers)
         carrier.require_reach()
+        if scene.is_timed:
+            carrier.require_room_for_obstacles()
     budget = budget.after(now() - begun - compiled.seconds, 0.0)
     search = partial(_in_time, scene, method, wanted)
     if carrier.transfers:
@@ -189,7 +204,7 @@ def _with_transfers(
     before: Solution | None = None
     while True:
         found = yield from search(carrier, budget)
-        budget = budget.after(found.solve_time_s, found.work)
+        budget = budget.after(found.effort.seconds, found.effort.work)
         if before is not None:
             found = found.after(before)
         before = found
@@ -224,6 +239,8 @@ def _in_time(
     """Carry on a scene with one grasp, in its duration or as fast as possible; the carrier's scene is at leisure."""
     timed_share = 0.7  # of the work, after which it is seen how long a way takes that arms go at leisure
     whole, objective = budget.size, wanted["objective"]
+    if scene.moving.any():
+        return (yield from _among_moving(scene, carrier, method or robot_method(), budget, wanted))
     if method is not None:
         own = carrier.on(scene) if scene.is_timed else carrier
         return (yield from _searched(scene, own, method, budget, wanted))
@@ -233,7 +250,7 @@ def _in_time(
     if timed:
         share = budget.within(timed_share * whole)
         first = yield from _searched(scene, carrier.on(scene), robot_method(), share, wanted)
-        budget = budget.after(first.solve_time_s, first.work)
+        budget = budget.after(first.effort.seconds, first.effort.work)
         if first.joints.verified or first.interrupted or budget.is_spent:
             return first
     method = replace(robot_method(), n_ways=1)
@@ -254,6 +271,31 @@ def _in_time(
     return solution.after(slow if best is first else first) if timed else solution
 
 
+def _among_moving(
+    scene: Scene, carrier: RobotCarrier, method: Method, budget: Budget, wanted: dict[str, Any]
+) -> Procedure:
+    """Carry among obstacles that move: in the duration that is given, or the shortest found; nothing is stretched."""
+    objective = wanted["objective"]
+    kept = scene.is_timed and not (objective is not None and objective.is_time)
+    if kept and (least := least_possible(scene)) > scene.duration:
+        raise SceneError(
+            f"it is {scene.duration:g} s, and no motion within the limits takes less than {rounded_up(least, 3):g} s",
+            file=scene.path,
+            key="duration",
+            way_out="leave it out: then the shortest one is looked for in which the payload gets past the obstacles",
+        )
+    solution = yield from _searched(scene, carrier, method, budget, wanted)
+    if solution.joints.verified or not kept or solution.interrupted:
+        return solution
+    told = "obstacles move, so the motion is not slowed down: leave duration out to have it looked for"
+    return replace(solution, reasons=(*solution.reasons, told))
+
+
+def _first_duration(scene: Scene) -> float:
+    """Return the duration of a scene with moving obstacles, or the first one that is tried where it is open [s]."""
+    return scene.duration if scene.is_timed else alone(scene.with_limits(), None)
+
+
 def _by_some_grasp(
     scene: Scene,
     robot: Robot,
@@ -267,34 +309,67 @@ def _by_some_grasp(
     Grasps that are out of reach, or by which bodies are too near at an end, are left out. Each of the others has half
     of the work that is left, the last all of it.
     """
-    ranked, first = list[tuple[float, Scene]](), None
     begun, work = now(), 0.0
-    for choice in scene.alternatives:
-        try:
-            carrier = RobotCarrier(robot, choice.timed(1.0), **carriers)
-            carrier.require_reach()
-            carrier.require_clear_ends()
-            ranked.append((round(carrier.turning, 6), choice))
-        except (SceneError, RobotError) as error:
-            first = first or error
-    if not ranked:
-        assert first is not None, "scenes that leave the grasp open have alternatives"
-        raise first
-    ranked.sort(key=lambda pair: pair[0])
+    with compiling() as compiled:
+        ways = _clear_ways(scene, robot, carriers)
+        choice: Scene | None = next(ways)
+    begun += compiled.seconds
     best: Solution | None = None
-    for k, (_, choice) in enumerate(ranked):
-        left = budget.after(now() - begun, work)
+    while choice is not None:
+        left, following = budget.after(now() - begun, work), next(ways, None)
         if best is not None and left.is_spent:
             break
-        part = left if k == len(ranked) - 1 else left.within(0.5 * left.size)
+        part = left if following is None else left.within(0.5 * left.size)
         solution = yield from _carried(choice, robot, part, dict(wanted), method, carriers)
-        work += solution.work
+        work += solution.effort.work
         if (solution.joints.verified and not solution.joints.without) or solution.interrupted:
             return solution
         if best is None or (solution.joints.verified and not best.joints.verified):
             best = solution
+        choice = following
     assert best is not None, "one was tried"
     return best
+
+
+def _clear_ways(scene: Scene, robot: Robot, carriers: dict[str, Any]) -> Iterator[Scene]:
+    """Yield the ways to hold and put down the payload by which nothing is too near at the ends, likely ones first.
+
+    Where a scene leaves many open, they are ranked by the reach of each arm, and the first few that are clear by how
+    far joints turn.
+
+    Raises
+    ------
+    SceneError, RobotError
+        If there is none.
+    """
+    reach, n_found, first = Reach(robot, scene), 0, None
+    choices = scene.file.choices or ()
+    if len(choices) > EXACT or any(choice.free is not None for choice in choices):
+        ways = iter(partial(scene.put_down, *way) for way in reach.ranked())
+    else:
+        ways = iter(partial(replace, alternative) for alternative in scene.alternatives)
+    while True:
+        clear = list[tuple[float, Scene]]()
+        for way in ways:
+            try:
+                choice = way()
+                first_try = _first_duration(choice) if choice.moving.any() else 1.0
+                carrier = RobotCarrier(robot, choice.timed(first_try), **carriers)
+                carrier.require_reach()
+                carrier.require_clear_ends()
+                clear.append((round(carrier.turning, 6), choice))
+            except (SceneError, RobotError) as error:
+                first = first or error
+            if choices and len(clear) == EXACT:
+                break
+        if not clear:
+            break
+        n_found += len(clear)
+        yield from (choice for _, choice in sorted(clear, key=lambda one: one[0]))
+    if not n_found:
+        if first is None:  # which says what is missing
+            RobotCarrier(robot, scene.put_down(reach.nearest()).timed(1.0), **carriers).require_reach()
+        raise first or RobotError("no arms reach the grasps", key="grasps")
 
 
 def robot_method() -> Comove:
@@ -323,6 +398,7 @@ def _searched(
 
 def _with_joints(solution: Solution, carrier: RobotCarrier) -> Solution:
     """Return a solution with the joints that carry it out."""
+    carrier = carrier.on(solution.scene) if carrier.scene.moving.any() else carrier
     joints = JointSolution(carrier.robot, *carrier.carried_out(solution.attempt))
     return replace(solution, joints=joints)
 

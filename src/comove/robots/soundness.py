@@ -54,13 +54,7 @@ TAKEN = "universe"  # Pinocchio's own frame
 
 
 def require_sound(tree: ET.Element) -> None:
-    """Refuse a model that is meaningless or too large.
-
-    Raises
-    ------
-    RobotError
-        If the model is refused; the message names the link or joint, and the way out.
-    """
+    """Refuse a model that is meaningless or too large."""
     joints, links = tree.findall("./joint"), tree.findall("./link")
     for element in (*links, *joints):
         _require_name(element)
@@ -278,13 +272,7 @@ def ends_of(joint: ET.Element) -> tuple[str, str]:
 
 
 def require_tree(tree: ET.Element) -> None:
-    """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep.
-
-    Raises
-    ------
-    RobotError
-        If the links are no tree; the message names the link or joint, and the way out.
-    """
+    """Refuse joints without links, several roots, links on two joints, circles, and trees that are too deep."""
     links = dict.fromkeys(link.get("name", "") for link in tree.findall("./link"))
     if not links:
         raise RobotError("it has no link", way_out="name a URDF with the links of a robot")

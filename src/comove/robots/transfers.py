@@ -10,6 +10,7 @@ fingers is not judged.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 
@@ -142,6 +143,7 @@ def possible_transfers(
     -------
     Transfers, None where neither was found, and the errors of those that were not, by the end of the carry
     """
+    require_no_transfers(carry.scene, {"approach": approach, "release": release})
     grip_time, robot = _whole(grip_time), carry.robot
     ends = {"start": present_joints(present, robot)} if approach else {}
     ends |= {"goal": robot.home} if release else {}
@@ -164,6 +166,26 @@ def possible_transfers(
         seal=_JUDGED,
     )
     return transfers, errors
+
+
+def require_no_transfers(scene: Scene, wanted: Mapping[str, bool]) -> None:
+    """Refuse approach and release among moving obstacles: the scene's times are those of the carry.
+
+    Parameters
+    ----------
+    wanted : whether each is asked for, by its name
+
+    Raises
+    ------
+    OptionError
+        If one is.
+    """
+    for name in (name for name, asked in wanted.items() if asked and scene.moving.any()):
+        raise OptionError(
+            f"obstacles of '{scene.name}' move, and the scene says where they are during the carry only",
+            key=name,
+            way_out=f"leave {name} out, and bring the arms to the start of the joint motion before time 0",
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,20 +237,14 @@ class Retreat:
         """Return all bodies, the load's at the end, and named so."""
         bases = Bases(self.robot, self.robot.description.uncertainty)
         where, _ = self.carried.hands(self.carried.time)
-        bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).with_load_at(self.place)
+        bodies = bodies_of(bases, self.arms, self.carried, where, 0.0, held=False).placed_at(self.place)
         names = list(bodies.names)
         for rod, *_ in bodies.rods:
             names[rod] = f"{names[rod]} at its {self.end}"
         return replace(bodies, names=tuple(names))
 
     def require_apart(self) -> None:
-        """Refuse other joints at which bodies of the robot and obstacles meet.
-
-        Raises
-        ------
-        RobotError
-            If they do, by the exact bodies.
-        """
+        """Refuse other joints at which bodies of the robot and obstacles meet."""
         bodies = self.bodies.some(self.bodies.kind != LOAD)
         room = Room(bodies, self.robot.arms, -bodies.required[bodies.kind] - bodies.taken)
         if near := room.contact(self.other):
@@ -239,13 +255,7 @@ class Retreat:
             )
 
     def require_free_rest(self) -> None:
-        """Refuse other joints that are not free.
-
-        Raises
-        ------
-        RobotError
-            If bodies come too near to each other there.
-        """
+        """Refuse other joints that are not free."""
         room = self._room(self.other)
         if near := room.contact(self.other):
             what, mend = "release", "give another home in the robot's description"

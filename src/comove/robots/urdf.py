@@ -31,8 +31,8 @@ from comove.geometry.triangles import FORMATS, as_stl, triangles_of
 from comove.geometry.triangles import MAX_BYTES as MAX_MESH_BYTES
 from comove.robots.description import JointLimits, ModelSource, Placement, RobotFile, errors_in, is_file
 from comove.robots.formats import SRDF, URDF, Srdf, bytes_in, elements_in, srdf_of
+from comove.robots.further_limits import FurtherLimits, doubts_of_limits, further_limits
 from comove.robots.soundness import FREE, LIMITS, doubts, number, require_sound
-from comove.robots.supplements import FurtherLimits, doubts_of_limits, further_limits
 
 OF_JOINT = " (joint)"  # after the name of a frame that a link has, too
 # rad, of each right angle in an angle of a URDF, within which its five digits were rounded or cut

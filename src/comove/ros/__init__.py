@@ -2,7 +2,7 @@
 
 from comove.errors import ExportError, SendError
 from comove.ros.formats import FORMATS, ExportFormat, check_export, export, usual_format
-from comove.ros.parts import JointSamples, MotionPart, MotionProvenance, parts_of
+from comove.ros.parts import IN_STEP, JointSamples, MotionPart, MotionProvenance, parts_of
 from comove.ros.ros1 import Ros1Client
 from comove.ros.send import SendOutcome, Tolerances, TrajectoryClient, send
 
@@ -12,6 +12,7 @@ __all__ = [
     "ExportFormat",
     "JointSamples",
     "MotionPart",
+    "IN_STEP",
     "MotionProvenance",
     "Ros1Client",
     "SendError",

@@ -150,11 +150,6 @@ def check_export(
     ----------
     motion, folder, format, rate : as for `export`
     parts : names of the motions that there will be
-
-    Raises
-    ------
-    ExportError
-        As `export`.
     """
     (carry,) = parts_of(motion).values()
     format = format or usual_format(motion)

@@ -27,13 +27,15 @@ LEAST_RATE = 20.0  # Hz; below, cubic interpolation bends the load by more than 
 LARGEST_RATE = 1000.0  # Hz, of the fastest controllers
 NANO = 10**9
 PARTS = CARRY, APPROACH, RELEASE = "carry", "approach", "release"
+IN_STEP = "obstacles move: begin the motion at the instant at which they are where the scene has them at 0 s"
 
 
 @dataclass(frozen=True)
 class MotionProvenance:
     """Provenance of a motion, written into everything that is exported.
 
-    The checksums are those in the `robot.json` of a result: of the hands' motion and of the joints' carry.
+    `begin` says when the motion must begin, where that matters. The checksums are those in the `robot.json` of a
+    result: of the hands' motion and of the joints' carry.
     """
 
     comove: str
@@ -44,10 +46,11 @@ class MotionProvenance:
     motion_sha256: str
     joints_sha256: str
     part: str
+    begin: str = ""
 
     def asdict(self) -> dict[str, str]:
-        """Return the entries by name."""
-        return asdict(self)
+        """Return the entries by name, without empty ones."""
+        return {name: text for name, text in asdict(self).items() if text}
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +151,7 @@ def parts_of(motion: VerifiedJointMotion, transfers: Transfers | None = None) ->
         motion_sha256=checksum(motion_arrays(motion.motion.motion)),
         joints_sha256=checksum(joint_arrays(motion.joints)),
         part=CARRY,
+        begin=IN_STEP if scene.moving.any() else "",
     )
     return {
         name: MotionPart(name, joints, arms, gripped_from, replace(provenance, part=name))

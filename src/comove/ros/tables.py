@@ -67,13 +67,7 @@ def write_baxter(path: Path, part: MotionPart, rate: float) -> None:
 
 
 def require_baxter(part: MotionPart) -> None:
-    """Refuse robots that are not a Baxter.
-
-    Raises
-    ------
-    ExportError
-        If the moving joints are not those of Baxter's two arms.
-    """
+    """Refuse robots that are not a Baxter."""
     found, wanted = part.joints.joint_names, [*ARMS["left"], *ARMS["right"]]
     missing = [name for name in wanted if name not in found]
     strange = [name for name in found if name not in wanted]

@@ -43,13 +43,7 @@ class CameraPose:
 
 
 def require_cameras() -> None:
-    """Make sure that pictures can be drawn, by drawing one.
-
-    Raises
-    ------
-    OptionError
-        If they cannot.
-    """
+    """Make sure that pictures can be drawn, by drawing one."""
     require_pictures()
     try:
         model = engine().MjModel.from_xml_string("<mujoco/>")

@@ -19,7 +19,7 @@ from comove.sim.grasps import GraspModel, Weld
 from comove.sim.loads import SETTLED, hand_poses, load_of, require_fit, supports_under
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos, motor_weight
 from comove.sim.settings import PLAN, USUAL, Perturbation, Settings
-from comove.sim.world import THE_LOAD, World, lower_floor
+from comove.sim.world import THE_LOAD, World, lower_floor, moving_poses
 
 
 def simulate(
@@ -34,7 +34,8 @@ def simulate(
     """Simulate servos that follow a joint motion in MuJoCo, with the load in the hands.
 
     The servos get positions and velocities at every time step, as controllers that interpolate a trajectory do, and
-    know the payload by the mass that the scene states; the perturbation's `mass` is the error of that.
+    know the payload by the mass that the scene states; the perturbation's `mass` is the error of that. Obstacles that
+    move do so from the motion's beginning to its end, and then stay.
 
     Parameters
     ----------
@@ -59,6 +60,8 @@ def simulate(
         data = at_start(world, motion, payload, perturbation)
         if load is not None:
             grasp.close(world, data)
+        mocap, places, turns = moving_poses(world.model, scene, np.zeros(1))
+        data.mocap_pos[mocap], data.mocap_quat[mocap] = places[0], turns[0]
         engine().mj_step(world.model, data, round(settings.settle / TIMESTEP))
         log = _run(world, data, scene, motion, payload, perturbation, settings)
     return Execution(
@@ -127,11 +130,14 @@ def _run(
     control = position + world.lead * velocity
     carrying = payload.at(position[::limiting], velocity[::limiting], acceleration[::limiting])
     push, pushed = _push(world, motion, perturbation, time)
+    # After the motion obstacles stay: nothing is known of a payload that stands where they go on.
+    mocap, places, turns = moving_poses(model, scene, np.minimum(time, motion.duration))
     log, unstable = _Log(world, n_steps // every + 1), None
     contacts: dict[tuple[int, int], tuple[float, float]] = {}
     began = perf_counter()
     for step in range(n_steps + 1):
         data.ctrl[world.servos] = control[step]
+        data.mocap_pos[mocap], data.mocap_quat[mocap] = places[step], turns[step]
         if step % limiting == 0:
             carry_payload(world, data, carrying[step // limiting])
         if step == 0 or pushed[step] != pushed[step - 1]:

@@ -64,13 +64,7 @@ def without_log() -> Iterator[None]:
 
 
 def require_pictures() -> None:
-    """Make sure that pictures can be drawn.
-
-    Raises
-    ------
-    OptionError
-        If neither EGL nor OSMesa works.
-    """
+    """Make sure that pictures can be drawn."""
     engine()
     if os.environ.get("MUJOCO_GL", "").lower() in (NO_PICTURES, "disable", "off", "false", "0"):
         raise no_pictures("neither EGL nor OSMesa works here")

@@ -31,6 +31,7 @@ from comove.model.scene import Scene
 from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.robots.verification.bodies import beyond_wrists, depth_of, obstacle_object
+from comove.robots.verification.moving import MovingObstacles
 from comove.sim.loads import SETTLED, Load, carried, points_of, supports_under
 from comove.sim.settings import PLAN, Perturbation, Settings
 
@@ -321,10 +322,14 @@ def contacts_between(
     data, state = robot.model.createData(), geometry.createData()
     found: dict[int, tuple[float, float]] = {}
     parts = [] if load is None else [part.placement for part in load.parts]
+    obstacles = MovingObstacles.among(scene, geometry, robot.collision.ngeoms, {})
+    turns, places = obstacles.placements(np.minimum(time, scene.duration if scene.is_timed else np.inf))
     for step, q in enumerate(joints):
         pin.updateGeometryPlacements(robot.model, data, geometry, state, q)
         for item, part in zip(moved, parts, strict=True):
             state.oMg[item] = pin.SE3(poses[step]) * part
+        for item, turn, place in zip(obstacles.body.tolist(), turns[step], places[step], strict=True):
+            state.oMg[item] = pin.SE3(turn, place)
         if not pin.computeCollisions(geometry, state, False):
             continue
         under = supports_under(scene, load, poses[step])

@@ -13,8 +13,10 @@ from comove._version import __version__
 from comove.errors import OptionError, ResultError
 from comove.model.scene import Scene
 from comove.results.sealed import (
+    FITS,
     MAPPING,
     NUMBER,
+    SAME,
     TEXT,
     TEXTS,
     TRUTH,
@@ -30,12 +32,10 @@ from comove.robots.model import Robot
 from comove.robots.motion import JointMotion
 from comove.sim.execution import Contact, Execution, contacts_at
 from comove.sim.grasps import GRASPS
-from comove.sim.loads import hand_poses, load_of
+from comove.sim.loads import are_poses, hand_poses, load_of
 from comove.sim.settings import USUAL, Perturbation
 
 TOOLS = ("mujoco", "pin", "numpy")
-FITS = 1e-9  # s
-SAME_POSE = 1e-6  # m, rad and shares, to which poses and joints agree
 PLACED = 2e-2  # m, by which a load may be off its place when it is grasped
 DEEP = 1e-3  # m, from which on bodies count as inside each other: shapes of simulators are simplified
 LOOKS = 200  # samples at which it is looked what touches
@@ -194,15 +194,7 @@ def _restored(summary: Summary, arrays: Arrays, robot: Robot, scene: Scene, moti
         "load_pose": (n, 4, 4),
         "wrench": (n, n_holders, 6),
     }
-    for name, shape in shapes.items():
-        loose = name == "load_pose" and load is None
-        if arrays[name].shape != shape or n < 2 or not (loose or np.isfinite(arrays[name]).all()):
-            raise ResultError(
-                f"it holds an array of shape {arrays[name].shape} where finite numbers of shape {shape} belong",
-                file=SIMULATION.arrays,
-                key=name,
-                way_out=SIMULATION.hint,
-            )
+    SIMULATION.require_shapes(arrays, shapes, loose=("load_pose",) if load is None else ())
     series: dict[str, Any] = {name: arrays[name] for name in shapes}
     return Execution(
         robot=robot,
@@ -234,15 +226,12 @@ def _impossible(execution: Execution, arrays: Arrays) -> list[str]:
         "hands": hand_poses(robot, scene, execution.joints),
     }
     for name, poses in right.items():
-        if not np.abs(getattr(execution, name) - poses).max() <= SAME_POSE:
+        if not np.abs(getattr(execution, name) - poses).max() <= SAME:
             reasons.append(f"'{name}' in {SIMULATION.arrays} is not that of the motion and its joints")
     if np.linalg.norm(execution.perturbation.start_error) > PLACED:
         reasons.append(f"{SIMULATION.summary} says that the load began {PLACED:g} m or more from its place")
-    if execution.load is not None:
-        turn = execution.load_pose[:, :3, :3]
-        unit = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max() <= SAME_POSE
-        if not (unit and np.linalg.det(turn).min() > 0):
-            return [*reasons, f"'load_pose' in {SIMULATION.arrays} is no pose"]
+    if execution.load is not None and not are_poses(execution.load_pose):
+        return [*reasons, f"'load_pose' in {SIMULATION.arrays} is no pose"]
     series = execution.series()
     for name in ("lag", "distance_error", "slip", "internal", "squeeze"):
         stated = arrays.get(name)
@@ -268,9 +257,7 @@ def _untold(execution: Execution) -> list[str]:
 
 def _misstated(summary: Summary, execution: Execution) -> list[str]:
     """List what the summary says otherwise than the series, in words."""
-    reasons = SIMULATION.differences(
-        summary, execution.measures, lambda name, value: 1e-6 * max(1e-3, abs(value))
-    )
+    reasons = SIMULATION.differences(summary, execution.measures)
     if summary["delivered"] is not execution.delivered and summary["delivered"]:
         reasons += [f"{SIMULATION.summary} says delivered: {reason}" for reason in execution.reasons]
     if summary["delivered"] is not (not summary["reasons"]):

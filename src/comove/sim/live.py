@@ -19,7 +19,7 @@ from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import hand_poses, load_of
 from comove.sim.servos import PayloadTorques, carry_payload, limit_servos
 from comove.sim.settings import PLAN, USUAL, Perturbation
-from comove.sim.world import World, moving_body
+from comove.sim.world import World, move_obstacles
 
 
 def steps_of(period: float) -> int:
@@ -130,6 +130,4 @@ def _command(executor: JointExecutor, measured: Array) -> Array:
 
 def _move_obstacles(world: World, data: Any, executor: JointExecutor) -> None:
     centers = executor.observer.ground_truth(np.array([executor.time]))[0]
-    for i in np.flatnonzero(executor.scene.moving):
-        mocap = world.model.body(moving_body(int(i))).mocapid[0]
-        data.mocap_pos[mocap] = centers[i]
+    move_obstacles(world, data, executor.scene, executor.time, centers)

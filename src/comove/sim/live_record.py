@@ -21,6 +21,7 @@ import pinocchio as pin
 
 from comove.arrays import Array
 from comove.brief import brief
+from comove.model.moving import rotations
 from comove.model.scene import Scene
 from comove.robots.grippers import without_gripper
 from comove.robots.model import Robot
@@ -70,7 +71,8 @@ class OnlineRecord:
     nodes : hands and corners of the load as commanded, arrays of shape (n_nodes, 3) [m]
     load : poses of the load in the simulator, arrays of shape (4, 4)
     driven_off : whether the robot gave way to what had driven it off; commands hold nothing then
-    obstacles : true places of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]
+    obstacles : true places of the obstacles' centres, arrays of shape (n_obstacles, 3) [m]; they turn as the scene
+        says
     period : control period [s]
     contacts : what touched and should not have
     arrived, unstable, interrupted : how it ended
@@ -274,8 +276,9 @@ def _clearances(
     for q, poses in zip(joints, _loads(record, load, joints), strict=True):
         for step in range(0, len(q), stride):
             pin.updateGeometryPlacements(robot.model, data, geometry, placed, q[step])
+            turned = rotations(record.scene.turns(np.array([record.time[step]]))[0])
             for i, center in enumerate(record.obstacles[step]):
-                placed.oMg[first + i] = pin.SE3(placed.oMg[first + i].rotation, center)
+                placed.oMg[first + i] = pin.SE3(turned[i] @ placed.oMg[first + i].rotation, center)
             for item, part in zip(parts, () if load is None else load.parts, strict=True):
                 placed.oMg[item] = pin.SE3(poses[step]) * part.placement
             distance = np.array(

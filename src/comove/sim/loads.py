@@ -241,6 +241,13 @@ def points_of(poses: Array, points: Array) -> Array:
     return poses[..., None, :3, 3] + np.einsum("...ij,nj->...ni", poses[..., :3, :3], points)
 
 
+def are_poses(poses: Array) -> bool:
+    """Return whether all matrices, shape (n_steps, 4, 4), turn rigidly, to 1e-6."""
+    turn = poses[:, :3, :3]
+    off = np.abs(turn @ turn.transpose(0, 2, 1) - np.eye(3)).max()
+    return bool(off <= 1e-6 and np.linalg.det(turn).min() > 0)
+
+
 def supports_under(scene: Scene, load: Load | None, pose: Array) -> set[str]:
     """Return the names of the supports on which a payload in some pose, array of shape (4, 4), may rest.
 

@@ -73,11 +73,6 @@ def convex_parts_of(mesh: Path, scale: tuple[float, float, float], moves: bool) 
     ----------
     scale : what coordinates are multiplied by
     moves : whether the link moves; the larger bodies of those that do not are cut finer
-
-    Raises
-    ------
-    RobotError
-        As `as_obj`.
     """
 
     def hulls(data: bytes) -> list[tuple[bytes, Colour | None]]:
@@ -91,11 +86,6 @@ def convex_parts_of(mesh: Path, scale: tuple[float, float, float], moves: bool) 
 def coloured_parts(mesh: Path) -> list[Part]:
     """Convert a mesh to one OBJ file for each colour; returns them with their colours (red, green, blue, alpha), None
     without one.
-
-    Raises
-    ------
-    RobotError
-        As `as_obj`.
     """
     return _cached(mesh, "coloured", lambda data: _by_colour(mesh, data))
 

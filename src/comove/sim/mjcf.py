@@ -34,7 +34,7 @@ from comove.robots.proposal.tree import GUESSED, GUESSES, SPRINGS
 from comove.sim.engine import engine
 from comove.sim.mjcf_actuators import drives_of
 from comove.sim.mjcf_left_out import LeftOut
-from comove.sim.mjcf_surroundings import ModelSurroundings, Roles, fragment
+from comove.sim.mjcf_surroundings import MeshFile, ModelSurroundings, Roles, fragment
 from comove.sim.urdf import text_of, write_origin
 
 ROOT = "world"
@@ -100,7 +100,7 @@ def obstacles_in(file: Path) -> list[dict[str, Any]]:
     Raises
     ------
     RobotError
-        If MuJoCo cannot read it, or a mesh stands in it.
+        If MuJoCo cannot read it, or a mesh stands in it whose file no obstacle can have.
     ExtraError
         If MuJoCo is not installed.
     """
@@ -108,18 +108,31 @@ def obstacles_in(file: Path) -> list[dict[str, Any]]:
     drives = drives_of(mj, model)
     roles = Roles.of(mj, model, drives)
 
-    def no_mesh(number: int) -> str:
-        message = f"'{model.mesh(number).name or number}' is a mesh, which MuJoCo changes when it reads it"
-        raise RobotError(message, file=file, way_out="name it as an obstacle of the shape mesh")
-
-    around = ModelSurroundings(mj, model, roles, no_mesh)
-    found = around.obstacles("")
+    around = ModelSurroundings(mj, model, roles, lambda number: _original(model, number, file))
+    found = around.obstacles()
     moved = [
         f"'{model.body(root).name or root}' has joints: it is no obstacle" for root in sorted(roles.robot)
     ]
     for note in (*around.notes, *moved, *around.payloads()):
         warnings.warn(f"{file}: {note}", ComoveWarning, stacklevel=2)
     return found
+
+
+def _original(model: Any, number: int, file: Path) -> MeshFile:
+    """Return the file of a mesh, and where its frame is in that of the mesh, which MuJoCo centres and turns."""
+    name, start = model.mesh(number).name or number, int(model.mesh_pathadr[number])
+    if start < 0:
+        told = f"the triangles of '{name}' are written in the model"
+        raise RobotError(
+            told, file=file, way_out="write them to an STL or OBJ file, and name that in the model"
+        )
+    scale = model.mesh_scale[number]
+    if np.ptp(scale) > 1e-9 * abs(scale[0]) or scale[0] <= 0.0:
+        told = f"'{name}' is scaled by {scale.tolist()}"
+        raise RobotError(told, file=file, way_out="scale its file, so that one positive number will do")
+    path = Path(model.paths[start:].split(b"\0", 1)[0].decode())
+    turn = matrices(model.mesh_quat[number]).T
+    return MeshFile(path.resolve(), float(scale[0]), -turn @ model.mesh_pos[number], turn)
 
 
 def model_in(file: Path) -> Any:
@@ -141,11 +154,6 @@ def _require_bounded(file: Path) -> None:
 
     A line of a model may ask for any number of bodies, and MuJoCo builds it in native code that cannot be stopped. It
     is therefore built in a process of its own first.
-
-    Raises
-    ------
-    RobotError
-        If it cannot be built; MuJoCo's reason is told.
     """
     command = [sys.executable, "-c", BUILD, str(file), str(SECONDS), str(GIGABYTES)]
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
@@ -197,8 +205,10 @@ class _Writer:
                 )
         for tree in (self.robot, srdf):
             ET.indent(tree)
-        around = ModelSurroundings(self.mj, model, self.roles, self._mesh)
-        obstacles = around.obstacles(MESHES)
+        around = ModelSurroundings(
+            self.mj, model, self.roles, lambda number: MeshFile(f"{MESHES}/{self._mesh(number)}")
+        )
+        obstacles = around.obstacles()
         told = [text.format(", ".join(names)) for text, names in self.told.items()]
         return Converted(
             name,

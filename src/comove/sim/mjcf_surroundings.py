@@ -7,10 +7,10 @@ others stand where the model begins, but for those that move freely.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
@@ -53,6 +53,15 @@ class Roles:
         return cls(frozenset(robot), frozenset(roots - robot - loose), frozenset(loose))
 
 
+class MeshFile(NamedTuple):
+    """A file of a mesh: factor from its lengths to metres, and the pose of its frame in that of the mesh [m]."""
+
+    file: Path | str
+    scale: float = 1.0
+    position: Array = np.zeros(3)
+    rotation: Array = np.eye(3)
+
+
 class ModelSurroundings:
     """Writer of what is no part of the robot.
 
@@ -60,21 +69,21 @@ class ModelSurroundings:
     ----------
     mj, model : MuJoCo, and the compiled model
     roles : roles of its trees
-    mesh : function that returns the file name of a mesh by its number
+    mesh : function that returns the file of a mesh by its number
     """
 
-    def __init__(self, mj: Any, model: Any, roles: Roles, mesh: Any):
+    def __init__(self, mj: Any, model: Any, roles: Roles, mesh: Callable[[int], MeshFile]):
         self.mj, self.model, self.roles, self.mesh = mj, model, roles, mesh
         self.data = mj.MjData(model)
         mj.mj_forward(model, self.data)
         self.notes: list[str] = []
 
-    def obstacles(self, folder: str) -> list[dict[str, Any]]:
-        """Return what stands as the obstacles of a scene, in the frame of the model; meshes are in a folder."""
+    def obstacles(self) -> list[dict[str, Any]]:
+        """Return what stands as the obstacles of a scene, in the frame of the model."""
         found, names = list[dict[str, Any]](), dict[str, int]()
         for body in self._bodies(self.roles.standing, world=True):
             for geom in self._geoms(body):
-                entry = self._obstacle(geom, folder)
+                entry = self._obstacle(geom)
                 if entry is None:
                     self.notes.append(
                         f"'{self._name(geom)}' stands in the model, and no obstacle has its shape: it is left out"
@@ -115,7 +124,7 @@ class ModelSurroundings:
         body = int(model.geom_bodyid[geom])
         return str(model.geom(geom).name or (model.body(body).name if body else "") or f"geom {geom}")
 
-    def _obstacle(self, geom: int, folder: str) -> dict[str, Any] | None:
+    def _obstacle(self, geom: int) -> dict[str, Any] | None:
         """Return a geom as an obstacle, None where there is no such shape."""
         kinds, size = self.mj.mjtGeom, self.model.geom_size[geom].tolist()
         kind = kinds(int(self.model.geom_type[geom]))
@@ -136,8 +145,11 @@ class ModelSurroundings:
         elif kind == kinds.mjGEOM_ELLIPSOID:
             shape = {"shape": "ellipsoid", "radii": size}
         elif kind == kinds.mjGEOM_MESH:
-            number = int(self.model.geom_dataid[geom])
-            shape = {"shape": "mesh", "file": f"{folder}/{self.mesh(number)}"}
+            mesh = self.mesh(int(self.model.geom_dataid[geom]))
+            shape = {"shape": "mesh", "file": str(mesh.file)} | (
+                {} if mesh.scale == 1.0 else {"scale": mesh.scale}
+            )
+            center, turn = center + turn @ mesh.position, turn @ mesh.rotation
         else:
             return None
         entry = shape | {"center": _rounded(center)}

@@ -30,7 +30,7 @@ from comove.sim.grasps import GraspModel, Weld
 from comove.sim.live_record import OnlineRecord
 from comove.sim.loads import Load, hand_poses, load_of
 from comove.sim.settings import PLAN, Perturbation
-from comove.sim.world import World, lower_floor, moving_body
+from comove.sim.world import World, lower_floor, move_obstacles
 
 DRAWN_GROUPS = (1, 2)  # visual meshes; obstacles, floor and load
 LARGEST = (1080, 1920)  # pixels of a picture, height and width
@@ -170,11 +170,6 @@ def draw_film(execution: Filmed, path: str | Path, *, rate: float = 20.0, width:
     Returns
     -------
     Path of the file that was written
-
-    Raises
-    ------
-    OptionError, ResultError
-        As `draw_sheet`.
     """
     path = Path(path).with_suffix(".mp4" if encodes() else ".gif")
     width, height = width // 2 * 2, round(width * 3 / 8) * 2  # encoders want even numbers
@@ -307,10 +302,8 @@ def place(execution: Filmed, world: World, data: Any, step: int) -> None:
     data.qpos[world.qpos] = execution.joints[step]
     if execution.fingers is not None:
         data.qpos[world.finger_qpos] = execution.fingers[step]
-    offsets = execution.scene.offsets(execution.time[step : step + 1])[0]
-    for i in np.flatnonzero(execution.scene.moving):
-        mocap = model.body(moving_body(int(i))).mocapid[0]
-        data.mocap_pos[mocap] = execution.scene.centers[i] + offsets[i]
+    scene, time = execution.scene, float(execution.time[step])
+    move_obstacles(world, data, scene, time, scene.centers + scene.offsets(np.array([time]))[0])
     if world.load is not None:
         world.put_load(data, execution.load_pose[step])
     mj.mj_kinematics(model, data)

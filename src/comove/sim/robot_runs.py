@@ -25,7 +25,9 @@ from comove.model.scene import Scene
 from comove.results.reference import SCENE
 from comove.results.sealed import (
     COUNT,
+    FITS,
     NUMBER,
+    SAME,
     TEXT,
     TEXTS,
     TRUTH,
@@ -38,13 +40,11 @@ from comove.results.sealed import (
 from comove.robots.files import source_of
 from comove.robots.model import Robot
 from comove.sim.live_record import OnlineRecord, OnlineReport, judge_run
-from comove.sim.loads import carried, hand_poses, load_of, points_of
+from comove.sim.loads import are_poses, carried, hand_poses, load_of, points_of
 
 if TYPE_CHECKING:
-    from comove.robots.online.executor import OnlineLog
+    from comove.control.loop import ExecutionLog
 
-FITS = 1e-9  # m and s, to which what a run says twice agrees
-SAME = 1e-6  # relative, by which measures may differ from those of the summary
 LOST = 0.5  # rad, difference of measured and commanded joints from which on a robot counts as driven off
 HELD, PLACED = 5e-3, 2e-2  # m, by which a load may move in the hands, and be off its place when it is grasped
 ARRIVED, AT_REST = 1e-3, 5e-3  # m and m/s, of commanded hands at the end
@@ -72,7 +72,7 @@ def write_robot_run(
     folder: Path,
     record: OnlineRecord,
     report: OnlineReport,
-    log: OnlineLog,
+    log: ExecutionLog,
     *,
     seed: int,
     wall_time_s: float,
@@ -103,16 +103,12 @@ def write_robot_run(
         "version": __version__,
         "period_s": record.period,
         **measures,
-        "relaxed_max": log.relaxed,
         "stopped_steps": log.stopped,
         "contacts": [asdict(contact) for contact in record.contacts],
-        "plans": len(log.planning),
         "planning_s": [float(seconds) for seconds in log.planning],
-        "control_s_median": float(np.median(log.control)),
-        "control_s_p999": float(np.quantile(log.control, 0.999)),
         "wall_time_s": wall_time_s,
         "blocking": {str(obstacle): steps for obstacle, steps in sorted(log.blocking.items())},
-        "events": [{"time": event.time, "what": event.what} for event in log.events],
+        **log.summary,
     }
     arrays = {
         "time": np.array(record.time),
@@ -196,7 +192,6 @@ def verify_robot_run(stored: StoredRobotRun, scene: Scene, robot: Robot) -> tupl
 
 
 def _require_shapes(stored: StoredRobotRun, scene: Scene, robot: Robot) -> None:
-    """Refuse arrays of another shape or type, or that are no finite numbers."""
     arrays, n = stored.arrays, stored.arrays["time"].size
     n_joints = len(robot.joint_names)
     shapes = {
@@ -208,16 +203,8 @@ def _require_shapes(stored: StoredRobotRun, scene: Scene, robot: Robot) -> None:
         "driven_off": (n,),
         "obstacle_center": (n, len(scene.motions), 3),
     }
-    for name, shape in shapes.items():
-        found, kind = arrays[name], np.bool_ if name == "driven_off" else np.float64
-        loose = name == "load_pose" and scene.file.load is None
-        if found.shape != shape or n < 2 or found.dtype != kind or not (loose or np.isfinite(found).all()):
-            raise ResultError(
-                f"it holds {found.dtype.name} of shape {found.shape} where finite numbers of shape {shape} belong",
-                file=stored.folder / ROBOT_RUN.arrays,
-                key=name,
-                way_out=ROBOT_RUN.hint,
-            )
+    loose = ("load_pose",) if scene.file.load is None else ()
+    ROBOT_RUN.require_shapes(arrays, shapes, stored.folder, loose=loose, truths=("driven_off",))
     if not (np.diff(arrays["time"], prepend=0.0) > 0).all():
         raise ResultError(
             "the times do not increase",
@@ -275,8 +262,7 @@ def _unheld(record: OnlineRecord, arrays: Arrays) -> list[str]:
     if load is None:
         return reasons
     poses, hands = arrays["load_pose"], measured[:, list(load.holders)]
-    turn = poses[:, :3, :3] @ poses[:, :3, :3].transpose(0, 2, 1)
-    if not (np.abs(turn - np.eye(3)).max() <= SAME and np.linalg.det(poses[:, :3, :3]).min() > 0):
+    if not are_poses(poses):
         reasons.append(f"'load_pose' in {ROBOT_RUN.arrays} is no pose")
         return reasons
     held = carried(hands, np.linalg.inv(hands[0]) @ poses[0])
@@ -290,7 +276,7 @@ def _unheld(record: OnlineRecord, arrays: Arrays) -> list[str]:
 def _misstated(summary: Summary, report: OnlineReport, record: OnlineRecord) -> list[str]:
     """List the measures in the summary that are not those of the run, in words."""
     right = {name: value for name, value in vars(report).items() if isinstance(value, float)}
-    reasons = ROBOT_RUN.differences(summary, right, lambda name, value: SAME * max(1e-3, abs(value)))
+    reasons = ROBOT_RUN.differences(summary, right)
     said: dict[str, Any] = {"scene": record.scene.name, "robot": record.robot.name, "arrived": record.arrived}
     reasons += [
         f"{ROBOT_RUN.summary} says {key} = {shortened(repr(summary.get(key)))}, it is {value!r}"

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from comove.arrays import Array, Integers
 from comove.geometry.distances import ROTATION
 from comove.geometry.polytopes import vertices_in
-from comove.geometry.rotations import quaternion_of_rotation
+from comove.geometry.rotations import exponential, quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.sim.engine import STIFF, THE_LOAD, engine
@@ -146,6 +146,27 @@ def _add_mesh(spec: Any, body: Any, rows: Array, name: str, place: Any) -> list[
         geom.quat = quaternion_of_rotation(row[ROTATION : ROTATION + 9].reshape(3, 3))
         geoms.append(geom)
     return geoms
+
+
+def move_obstacles(world: World, data: Any, scene: Scene, time: float, centers: Array) -> None:
+    """Put the obstacles that move at centres, array of shape (n_obstacles, 3) [m], turned as at an instant [s]."""
+    turned = exponential(scene.turns(np.array([time]))[0])
+    for i in np.flatnonzero(scene.moving).tolist():
+        mocap = world.model.body(moving_body(i)).mocapid[0]
+        data.mocap_pos[mocap], data.mocap_quat[mocap] = centers[i], turned[i]
+
+
+def moving_poses(model: Any, scene: Scene, time: Array) -> tuple[Integers, Array, Array]:
+    """Return where obstacles that move are at some instants, array of shape (n_steps,) [s].
+
+    Returns
+    -------
+    mocap : array, shape (n_moving,), numbers of their bodies among those that MuJoCo moves as it is told
+    position, quaternion : arrays, shape (n_steps, n_moving, 3) [m] and (n_steps, n_moving, 4), w x y z
+    """
+    own = np.flatnonzero(scene.moving)
+    mocap = np.array([model.body(moving_body(i)).mocapid[0] for i in own.tolist()], dtype=np.int64)
+    return mocap, (scene.centers + scene.offsets(time))[:, own], exponential(scene.turns(time)[:, own])
 
 
 def moving_body(obstacle: int) -> str:

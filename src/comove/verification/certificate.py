@@ -103,11 +103,11 @@ class CertificateSettings:
         most = self.most_cells, self.most_halves
         return Need(scene.clearance, self.loose * unit, self.tight * unit, rounding, *most)
 
-    def turned(self, scene: Scene) -> Array:
-        """Return normalised times between which points of turning obstacles stray from their chords by little."""
+    def turned(self, scene: Scene, duration: float) -> Array:
+        """Return times between which points of turning obstacles stray from their chords by little [s]."""
         bend = np.linalg.norm(scene.spins, axis=1) * scene.obstacle_speeds
-        finest = scene.duration * np.sqrt(bend.max(initial=0.0) / (8 * self.strays))
-        return np.linspace(0.0, 1.0, int(min(np.ceil(finest), self.most_knots)) + 1)
+        finest = duration * np.sqrt(bend.max(initial=0.0) / (8 * self.strays))
+        return np.linspace(0.0, duration, int(min(np.ceil(finest), self.most_knots)) + 1)
 
 
 SETTINGS = CertificateSettings()
@@ -168,8 +168,8 @@ def certify(
     deviation = INTERVAL**2 / 8 * (bounds or node_bounds(motion)).acceleration
     if len(scene.obstacle_kinks) or since > 0 or scene.turning.any():
         # Between kinks obstacles go straight, or on circles; those that turn fast are looked at more often.
-        s = np.concatenate([s, scene.obstacle_kinks / scene.duration, [since], settings.turned(scene)])
-        s = np.unique(s)
+        times = np.concatenate([scene.obstacle_kinks, settings.turned(scene, scene.duration)])
+        s = np.unique(np.concatenate([s, [since], times / scene.duration]))
         s = s[s >= since]
         q = motion.at(s)[0]
         k = np.minimum((0.5 * (s[1:] + s[:-1]) / INTERVAL).astype(int), N_INTERVALS - 1)
@@ -231,8 +231,8 @@ def _views(
     scene: Scene, curve: CurveArrays, paths: Paths
 ) -> Iterator[tuple[CurveArrays, Rows, list[MeshAround]]]:
     """Yield the curve as obstacles see it, and these obstacles: first all that stand, then each one that moves."""
-    moves = np.any(paths.offset, axis=(0, 2)) | np.any(paths.turn, axis=(0, 2))
-    moves = np.atleast_1d(moves | np.any(paths.sagitta, axis=0))
+    displaced = np.concatenate([paths.offset, paths.turn], axis=2).any(axis=(0, 2))
+    moves = np.asarray(displaced | paths.sagitta.any(axis=0))
     for own in (np.flatnonzero(~moves), *np.flatnonzero(moves)[:, None]):
         rows = scene.convex_rows & np.isin(scene.owners, own)
         meshes = np.flatnonzero(np.isin(scene.surfaces.owner, own))

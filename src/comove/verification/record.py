@@ -20,7 +20,7 @@ from comove.errors import OptionError
 from comove.geometry.rotations import matrices, quaternion_product
 from comove.model.constraints import Course
 from comove.model.scene import Scene
-from comove.verification.certificate import Clearance, Paths, certify_curve
+from comove.verification.certificate import SETTINGS, Clearance, Paths, certify_curve
 from comove.verification.clearance_kernels import CurveArrays
 from comove.verification.verify import Report, broken_limits, examine, measures, support_measures
 
@@ -41,7 +41,8 @@ class Record:
     time : array, shape (n_steps,), evenly spaced, from 0 [s]
     center : array, shape (n_steps, n_groups, 3), origins of the rigid groups' frames [m]
     quaternion : array, shape (n_steps, n_groups, 4), orientations of the rigid groups, w x y z
-    obstacles : array, shape (n_steps, n_obstacles, 3), true positions of the obstacles' centres [m]
+    obstacles : array, shape (n_steps, n_obstacles, 3), true positions of the obstacles' centres [m]; they turn as the
+        scene says
     sagitta : array, shape (n_steps - 1, n_obstacles), largest distance of these from their chords [m]
     """
 
@@ -53,6 +54,10 @@ class Record:
     quaternion: Array
     obstacles: Array
     sagitta: Array
+
+    def table(self, step: int) -> Array:
+        """Return the table of the obstacles with their true poses at a step."""
+        return self.scene.obstacles_at(float(self.time[step]), self.obstacles[step])
 
     @cached_property
     def nodes(self) -> Array:
@@ -239,13 +244,16 @@ def clearance_of(record: Record | RecordSamples) -> Clearance:
     """Return the certificate over all steps; a step in which the known motion of an obstacle has a kink is cut there.
 
     On either side of a kink obstacles stray less from their chords than over the step, and nodes no more from theirs.
+    So are steps in which an obstacle turns far.
     """
     scene, time, nodes, chord_deviations = record.scene, record.time, record.nodes, record.chord_deviations
     obstacles, sagitta = record.obstacles, record.sagitta
     kinks = {t - scene.begins for motion in scene.motions if motion is not None for t in motion.kinks}
-    inside = sorted(t for t in kinks if time[0] < t < time[-1])
-    if inside and np.allclose(obstacles, scene.centers + scene.offsets(time), rtol=0.0, atol=1e-12):
-        cut = np.union1d(time, inside)
+    inside = [*kinks, *SETTINGS.turned(scene, float(time[-1]))]
+    cut = np.union1d(time, [t for t in inside if time[0] < t < time[-1]])
+    if len(cut) > len(time) and np.allclose(
+        obstacles, scene.centers + scene.offsets(time), rtol=0.0, atol=1e-12
+    ):
         k = np.clip(np.searchsorted(time, cut, side="right") - 1, 0, len(time) - 2)
         share = ((cut - time[k]) / (time[k + 1] - time[k]))[:, None, None]
         nodes, chord_deviations = (1 - share) * nodes[k] + share * nodes[k + 1], chord_deviations[k[:-1]]

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from comove.control.safety.twist_qp import Sighting, TwistProgramme
+from comove.control.safety.cbf_qp import FilterSettings, SafetyFilter, Sighting
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.geometry.distances import CENTER, ROTATION
 from comove.model import Scene
@@ -116,7 +116,7 @@ class Run(NamedTuple):
 def run(world, wanted, n_steps, *, period=0.01, settings=None, look=5, margin=0.0):
     """Drive with the hands' velocities `wanted(i, nodes)`, array of shape (n_hands, 3), for so many steps."""
     scene = world.scene
-    programme, poses = TwistProgramme(scene, period, settings), poses_of(scene, "start")
+    programme, poses = SafetyFilter(scene, period, settings or FilterSettings()), poses_of(scene, "start")
     before = np.zeros((len(scene.manipulators), 3))
     clearance, speed, acceleration, relaxed, n_relaxed = np.inf, 0.0, 0.0, 0.0, 0
     for i in range(n_steps):

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comove.control.safety.twist_qp import TwistProgramme
+from comove.control.safety.cbf_qp import SafetyFilter
 from comove.control.safety.twists import nodes_of, poses_of
 from tests.cases import examples
 
@@ -293,5 +293,5 @@ def test_margins_give_way_before_what_is_certain():
     world, before = World(scene, velocity=[[0.0] * 3, [0.9, 0.0, 0.0]]), np.tile([0.9, 0.0, 0.0], (2, 1))
     sighting = world.sighting()
     sighting.margin[1] = 0.5
-    allowed = TwistProgramme(scene).allowed(poses_of(scene, "start"), before, before, sighting)
+    allowed = SafetyFilter(scene).allowed(poses_of(scene, "start"), before, before, sighting)
     assert allowed.twists[0, 0] == pytest.approx(0.9 - 0.02, abs=1e-3)

@@ -29,7 +29,7 @@ def test_it_holds_the_distance_and_hits_the_wall():
 
 def test_the_error_falls_epoch_by_epoch_to_what_is_forgotten(led):
     errors = led.log["epoch_error_rms_m"]
-    assert len(errors) == 20 == led.generations
+    assert len(errors) == 20 == led.effort.generations
     assert errors[0] > 5 * errors[2] > 20 * errors[-1]
     assert led.report.distance_error_max == pytest.approx(led.log["epoch_error_max_m"][-1], rel=0.05)
 

@@ -41,7 +41,7 @@ def test_walls_are_not_seen(moved):
 
 def test_stiffness_rises_and_cycles_are_told(moved):
     log = moved.log
-    assert len(log["cycle_duration_s"]) == len(log["cycle_deviation_rms_m"]) == 8 == moved.generations
+    assert len(log["cycle_duration_s"]) == len(log["cycle_deviation_rms_m"]) == 8 == moved.effort.generations
     for name in ("stiffness_tangent_N_per_m", "stiffness_normal_N_per_m"):
         assert (np.diff(log[name]) > 0).all()
     assert log["cycle_deviation_rms_m"][-1] < log["cycle_deviation_rms_m"][0]

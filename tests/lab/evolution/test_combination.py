@@ -26,7 +26,7 @@ def test_a_combination_passes_where_no_movement_does(seed, bar):
     assert found.verified and not found.reasons
     assert found.motion.clearance_min >= 0
     assert found.cost < (0.27 if bar is None else 0.55)  # the same optimum whatever the seed
-    assert found.evaluations < 100_000
+    assert found.effort.evaluations < 100_000
 
 
 @pytest.mark.slow
@@ -116,7 +116,7 @@ def test_where_nothing_passes_the_best_attempt_is_labelled_so():
 def test_equal_seeds_give_equal_combinations():
     a, b, c = (combine(bumps(), two_gaps(), seed=seed) for seed in (3, 3, 4))
     assert np.array_equal(a.coefficients, b.coefficients)
-    assert a.evaluations == b.evaluations
+    assert a.effort.evaluations == b.effort.evaluations
     assert not np.array_equal(a.coefficients, c.coefficients)
 
 

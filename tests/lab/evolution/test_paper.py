@@ -75,7 +75,7 @@ def test_what_there_is_when_time_runs_out_is_judged_and_labelled(monkeypatch):
     solution = comove.solve(example("complex"), method=Paper())
     assert not solution.verified
     assert solution.attempt.coordinates.kind == "arms"
-    assert solution.generations == 30
+    assert solution.effort.generations == 30
     assert solution.attempt.weights.any()
     assert any("distance between" in reason or "reaches" in reason for reason in solution.reasons)
 
@@ -138,5 +138,5 @@ def test_from_a_demonstration_within_a_hundred_thousand_rollouts(name, seed):
     taught = comove.DMP.fit(recording_of(scene)) if recording_of(scene) else None
     solution = comove.solve(scene, demonstration=taught, method=Paper(), seed=seed, budget=120.0)
     assert solution.verified
-    assert solution.evaluations <= 100_000
+    assert solution.effort.evaluations <= 100_000
     assert solution.report.distance_error_max <= 1e-3 * scene.constraints[0].distance

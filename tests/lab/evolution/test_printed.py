@@ -50,7 +50,7 @@ def test_the_narrow_passage_is_not_passed(taught):
     dmp = demonstration_of(scene) if taught else None
     solution = comove.solve(scene, demonstration=dmp, method=Printed(), budget=5.0)
     assert solution.method == "printed"
-    assert solution.generations == 0
+    assert solution.effort.generations == 0
     assert not solution.verified
     assert solution.reasons
 

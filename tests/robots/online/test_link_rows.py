@@ -5,8 +5,8 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
+from comove.control.safety.cbf_qp import SafetyFilter
 from comove.control.safety.qp_workspace import HANDS, Rates, Sighting
-from comove.control.safety.twist_qp import TwistProgramme
 from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.geometry.closest_points import near_on_edge
 from comove.model import Scene
@@ -43,7 +43,7 @@ def told(q, poses, velocity=None, near=5.0, bounds=None):
     seen = Sighting.still(carrier.scene)
     if velocity is not None:
         seen = seen._replace(velocity=velocity)
-    basis = TwistProgramme(carrier.scene)._freedom.basis[0]
+    basis = SafetyFilter(carrier.scene)._freedom.basis[0]
     work = empty_rows(carrier.arms, len(seen.margin), basis.shape[1])
     needs = LinkNeeds(np.zeros(len(seen.margin)), 0.0, 0.0, near)
     count = link_rows(
@@ -89,7 +89,7 @@ def along_joints(q, poses):
 def along_load(q, poses):
     """Slopes of all distances along the load's twists."""
     carrier, _, _ = at_start()
-    basis = TwistProgramme(carrier.scene)._freedom.basis[0]
+    basis = SafetyFilter(carrier.scene)._freedom.basis[0]
     sides = [[advanced(poses, sign * twist[None], STEP) for sign in (1.0, -1.0)] for twist in basis.T]
     return np.array([(distances(q, there) - distances(q, back)) / (2 * STEP) for there, back in sides]).T
 

@@ -10,11 +10,12 @@ import pytest
 from comove.model.coordinates import load_coordinates
 from comove.planning.configurations import clearance_of, configuration_space
 from comove.planning.planner import plan
+from comove.planning.world import World
 from comove.robots.carrying import RobotCarrier
 from comove.robots.search.capsules import PROUDEST
 from comove.robots.search.following import MET
 from comove.robots.search.links import FAT, ROUGH
-from comove.robots.search.planner import LEADING, SETTINGS, CarriedSpace, _dense, _follow, follow_edge
+from comove.robots.search.planner import LEADING, SETTINGS, CarryingArms, dense, follow_edge, follow_path
 from tests.robots.search.test_links import between, obstacle, solid
 from tests.robots.small_robots import POST, columns, gantry_scene, grasp_errors, robot, task
 
@@ -46,12 +47,11 @@ def led(carrying, path):
     """A path with close vertices, and joints that follow it from one of the starts; two arrays."""
     space, around, n = space_of(carrying.scene), carrying.arms.around, path.shape[1]
     arms = carrying.arms._replace(around=around._replace(clearance=around.clearance - FAT))  # as lenient
-    fine = _dense(
-        space, np.hstack([path, np.zeros((len(path), len(carrying.robot.joint_names)))]), SETTINGS.spacing
-    )
+    whole = np.hstack([path, np.zeros((len(path), len(carrying.robot.joint_names)))])
     for first, last in product(product(*carrying.starts), product(*carrying.goals)):
         course = np.stack([np.concatenate(first), np.concatenate(last)])
-        if _follow(CarriedSpace(space, arms, n, course, SETTINGS, space.clock), fine):
+        world = World.of(space, arms=CarryingArms(arms, n, course, SETTINGS))
+        if follow_path(world, fine := dense(world, whole)):
             return fine[:, :n], fine[:, n:]
     raise AssertionError("no start leads along the path")
 
@@ -166,9 +166,9 @@ def test_an_edge_is_refused_when_an_arm_is_left_behind_or_links_touch():
     scene = gantry_scene((POST,), workspace={"lower": [-2, -2, 0], "upper": [2, 2, 1]})
     carrying = RobotCarrier(robot("gantry"), scene)
     boundary, joints = load_coordinates(scene).boundary(), np.concatenate([s[0] for s in carrying.starts])
-    space, course, n = space_of(scene), np.stack([joints, joints]), len(boundary[0])
-    world = CarriedSpace(space, carrying.arms, n, course, SETTINGS, space.clock)
+    carrying = CarryingArms(carrying.arms, len(boundary[0]), np.stack([joints, joints]), SETTINGS)
+    world, begin = World.of(space_of(scene), arms=carrying), np.concatenate([boundary[0], joints])
     for shift, free in (((0.0, 0.1, 0.0), True), ((0.0, 1.0, 0.0), False), ((0.6, 0.5, 0.0), False)):
-        target = boundary[0].copy()
+        target = begin.copy()
         target[:3] += shift
-        assert follow_edge(world, boundary[0], target, joints.copy()) is free
+        assert follow_edge(carrying, world, begin, target) is free

@@ -346,7 +346,9 @@ def test_hands_that_glide_just_above_a_table_are_certified_with_few_distances(ro
 @given(st.integers(0, 2**32 - 1))
 def test_halves_of_cells_cover_the_same_pairs_at_the_same_times(seed):
     rng, (motion, joints) = np.random.default_rng(seed), known_carry()
-    at = Instants(CarryCourse(baxter(), Carried(motion), joints.curve), np.array([1.0, 3.0, 7.0]), 0.5)
+    at = Instants(
+        CarryCourse(world_of(motion)[1], Carried(motion), joints.curve), np.array([1.0, 3.0, 7.0]), 0.5
+    )
     cells = PairCells(at, np.sort(rng.integers(3, size=12)), rng.permutation(12))
     chosen = rng.random(12) < 0.5
     halves = cells.halved(chosen)
@@ -366,7 +368,7 @@ def test_balls_about_bodies_are_never_further_apart_than_the_bodies(instant):
     carried, world = world_of(motion)
     distances, n_pairs = Distances(world), len(world.kind)
     at = Instants(
-        CarryCourse(baxter(), carried, joints.curve), np.linspace(0.05, 0.95, 10) * joints.duration, 0.1
+        CarryCourse(world, carried, joints.curve), np.linspace(0.05, 0.95, 10) * joints.duration, 0.1
     )
     cells = PairCells(at, np.full(n_pairs, 4 * instant), np.arange(n_pairs))
     exact, rough = distances(cells), distances.of_balls(cells)

@@ -80,7 +80,7 @@ def test_the_hull_of_a_mesh_ends_where_its_outermost_point_is():
 
 def cells_of(world, curve, pairs, time, half=0.1):
     """PairCells of pairs about one instant; the load has no part in it."""
-    at = Instants(CarryCourse(world.robot, Carried(known_carry()[0]), curve), np.array([time]), half)
+    at = Instants(CarryCourse(world, Carried(known_carry()[0]), curve), np.array([time]), half)
     return PairCells(at, np.zeros(len(pairs), dtype=np.int64), pairs)
 
 
@@ -138,7 +138,7 @@ def test_the_bound_is_tight_where_bodies_glide_past_each_other():
         if world.name(k) == "l_gripper_l_finger and obstacles[0] (box)" and nearing.applies[k]
     )
     time = np.linspace(0.5, 9.5, 50)
-    at = Instants(CarryCourse(baxter(), carried, joints.curve), time, 0.1)
+    at = Instants(CarryCourse(world, carried, joints.curve), time, 0.1)
     _, speed = nearing.first_order(PairCells(at, np.arange(50), np.full(50, pair)))
     assert speed.max() < 1e-3  # m/s, of a hand that moves at 0.15 m/s
     knots = np.searchsorted(joints.time, time)

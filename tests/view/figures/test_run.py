@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from comove.control import Executor
 from comove.model import Scene
@@ -67,7 +68,7 @@ def test_obstacles_go_on_once_an_execution_is_over(record):
 def test_what_moves_is_drawn_where_it_is_in_one_piece_a_state(tmp_path):
     corners, faces = l_profile()
     write_obj(tmp_path / "profile.obj", corners, faces)
-    motion = {"velocity": [0.03, -0.04, 0.02]}
+    motion = {"velocity": [0.03, -0.04, 0.02], "turn": {"rate_deg_per_s": 45, "axis": [0, 1, 0]}}
     mesh = {"shape": "mesh", "file": "profile.obj", "center": [0.5, 0.6, 0.4], "motion": motion}
     hands = [{"name": n, "start": [0.2, y, 0.4], "goal": [0.8, y, 0.4]} for n, y in (("a", 0.2), ("b", 0.4))]
     scene = Scene.from_dict(
@@ -84,10 +85,11 @@ def test_what_moves_is_drawn_where_it_is_in_one_piece_a_state(tmp_path):
     assert len(scene.obstacles) > 1
     moved, view = np.array([[0.7, 0.3, 0.5]]), (2, 0)
     axes = new_figure(1, 1).add_subplot()
-    drawn = MovingBorders(scene, view).draw(axes, moved, 0.5)
+    drawn = MovingBorders(scene, view).draw(axes, scene.obstacles_at(2.0, moved), 0.5)
     assert list(axes.collections) == [drawn]
     reached = np.concatenate([path.vertices for path in drawn.get_paths()])
-    seen = (corners + moved[0])[:, view]
+    turned = Rotation.from_rotvec([0.0, np.pi / 2, 0.0]).apply(corners)
+    seen = (turned + moved[0])[:, view]
     # Parts are up to 2 mm thicker than the mesh.
     np.testing.assert_allclose(reached.min(axis=0), seen.min(axis=0), atol=2e-3)
     np.testing.assert_allclose(reached.max(axis=0), seen.max(axis=0), atol=2e-3)

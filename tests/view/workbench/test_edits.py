@@ -92,6 +92,20 @@ def test_the_path_of_a_moving_obstacle_moves_along():
     np.testing.assert_allclose(again.centers[0] - scene.centers[0], [0.05, -0.02, 0.0], atol=1e-6)
 
 
+def test_a_hinge_turns_with_its_door():
+    """A door that is turned by a quarter opens as before, seen from its own frame."""
+    scene = example("narrow")
+    turn = {"rate_deg_per_s": 30, "hinge": [-0.05, 0.01]}
+    contents, grip = contents_of(scene), grip_of(scene, "obstacle_0")
+    contents["obstacles"][0]["motion"] = {"turn": turn}
+    door = Scene.from_dict(contents, check_ends=False)
+    turned = moved(contents, grip, place_of(contents, grip), QUARTER)
+    times = np.linspace(0.0, 4.0, 7)
+    again = Scene.from_dict(turned, check_ends=False)
+    np.testing.assert_allclose(again.turns(times), door.turns(times))
+    np.testing.assert_allclose(again.offsets(times), door.offsets(times) @ matrices(QUARTER).T, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     "to", [[np.nan, 0, 0], [0, 0], "here", [np.inf, 0, 0], [1e9, 0, 0], None, [[0, 0, 0]]]
 )

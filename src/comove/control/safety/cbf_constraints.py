@@ -1,4 +1,4 @@
-"""Rows of the twist programme, in numba kernels.
+"""Rows of the safety filter, in numba kernels.
 
 The variables x are the free velocities of all groups in m/s; the twist of group g is ``basis[g] x``. A row
 ``A[i] x >= low[i]`` requires that a point p of a body approaches an obstacle no faster than the distance h that
@@ -22,8 +22,8 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.control.safety.control_points import moved_obstacles
 from comove.control.safety.limits import bent_limits, broken_limits, length_of, limit_rows
@@ -40,7 +40,6 @@ from comove.geometry.distances import CENTER, REACH, TINY, distance_and_gradient
 from comove.geometry.solids import empty_solid, solid_at
 from comove.model.coordinates import HandPoses
 
-Array = NDArray[np.float64]
 Direction = tuple[float, float, float]
 
 BEND = 0.05  # of a distance: allowance of a step for second-order terms
@@ -93,12 +92,10 @@ def horizon(speed: float, gain: float, rates: Rates) -> float:
 
 
 @kernel
-def first_rows(qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> int:
-    """Write the objective and the rows of all that is near now, and return the number of rows."""
-    freedom, rates, work, center = qp.freedom, qp.rates, qp.work, poses.center
+def first_rows(qp: QP, first: int, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> int:
+    """Write the objective and, from row `first` on, the rows of all that is near now; return the number of rows."""
+    freedom, rates, work, center, m = qp.freedom, qp.rates, qp.work, poses.center, first
     pace = _set_up(qp, poses, before, wanted, sighting)
-    # Typed: a plain 0 would have all kernels below compiled for it as well.
-    m: int = np.int64(0)  # type: ignore[assignment]
     m = _first_of_points(qp, m, center, sighting, pace)
     m = _first_of_edges(qp, m, center, sighting, pace)
     m = _first_of_solids(qp, m, center, sighting, pace)
@@ -107,7 +104,7 @@ def first_rows(qp: QP, poses: HandPoses, before: Array, wanted: Array, sighting:
         h = _pair_distance(freedom, work.nodes, k)
         if h <= horizon(2 * pace, _pair_gain(qp, k), rates):
             m = _pair_row(qp, m, k, h)
-    return limit_rows(qp, m, before, wanted, m > 0)
+    return limit_rows(qp, m, before, wanted, m > first)
 
 
 @kernel
@@ -335,8 +332,8 @@ def _objective(qp: QP, center: Array, wanted: Array) -> None:
     """
     points, freedom, work = qp.points, qp.freedom, qp.work
     n_groups, _, n = freedom.basis.shape
-    work.quadratic[:] = 0.0
-    work.linear[:] = 0.0
+    work.quadratic[:n, :n] = 0.0
+    work.linear[:n] = 0.0
     for i in range(work.hands.shape[0]):
         g = points.node_group[i]
         x, y, z = (
@@ -411,6 +408,7 @@ def speed_along(sighting: Sighting, j: int, p: Array, normal: Direction) -> floa
 @kernel
 def _row(qp: QP, m: int, g: int, center: Array, p: Array, normal: Direction) -> None:
     """Write in row m the velocity of the point p of group g along a normal."""
+    qp.work.rows[m, :] = 0.0
     write_along(qp.freedom.basis[g], center[g], p, normal, 1.0, qp.work.rows[m])
     qp.work.body[m] = g
 
@@ -537,8 +535,8 @@ def _pair_row(qp: QP, m: int, k: int, h: float) -> int:
     points, freedom, rates, work = qp.points, qp.freedom, qp.rates, qp.work
     a, b = freedom.pairs[k]
     length = max(h + freedom.apart[k], TINY)
-    for c in range(work.rows.shape[1]):
-        work.rows[m, c] = 0.0
+    work.rows[m, :] = 0.0
+    for c in range(work.hands.shape[2]):
         for axis in range(3):
             n = (work.nodes[a, axis] - work.nodes[b, axis]) / length
             work.rows[m, c] += n * (work.hands[a, axis, c] - work.hands[b, axis, c])

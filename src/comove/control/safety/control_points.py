@@ -9,16 +9,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.control.safety.twists import exponential_at, group_nodes, turn_into
 from comove.geometry.distances import CENTER, ROTATION, TINY
 from comove.geometry.polytopes import solid_hull_of
 from comove.geometry.solids import N_CORNERS
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 
 class LoadPoints(NamedTuple):
@@ -36,15 +34,15 @@ class LoadPoints(NamedTuple):
         [m]
     """
 
-    group: NDArray[np.int64]
+    group: Integers
     point: Array
     radius: Array
-    node_group: NDArray[np.int64]
+    node_group: Integers
     node_point: Array
     node_radius: Array
-    edges: NDArray[np.int64]
+    edges: Integers
     edge_radius: Array
-    solids: NDArray[np.int64]
+    solids: Integers
     reach: Array
 
 

@@ -1,4 +1,4 @@
-"""Limits of the hands in the twist programme: bounds of the length of velocities, accelerations and rotations.
+"""Limits of the end effectors in the safety filter: bounds of the length of velocities, accelerations and rotations.
 
 Each is a ball |M x - c| <= radius in the variables x, approximated by tangent planes where a solution leaves it.
 """
@@ -8,12 +8,10 @@ from __future__ import annotations
 from math import sqrt
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.compiled import kernel
 from comove.control.safety.qp_workspace import LIMIT, QP
-
-Array = NDArray[np.float64]
 
 INSIDE, INSIDE_BENDS = 1e-3, 2e-2  # of a speed, and of an acceleration or a turn: how far inside tangents lie
 ROUND, FAR_OUT = 1e-9, 1.5  # of a limit: rounding error, and factor for far outside
@@ -41,13 +39,13 @@ def limit_rows(qp: QP, m: int, before: Array, wanted: Array, near: bool) -> int:
         balls[2 * n_hands + g, 0] = balls[2 * n_hands + g, 1] = balls[2 * n_hands + g, 2] = 0.0
         balls[2 * n_hands + g, 3] = np.inf
     if reach < np.inf:
-        n = work.linear.shape[0]
+        n = freedom.basis.shape[2]
         right = np.zeros(n)
         for i in range(n_hands):
             for axis in range(3):
                 for c in range(n):
                     right[c] += work.hands[i, axis, c] * before[i, axis]
-        x = np.linalg.solve(work.quadratic, right)
+        x = np.linalg.solve(np.ascontiguousarray(work.quadratic[:n, :n]), right)
         for g in range(freedom.spread.shape[0]):
             spread = freedom.spread[g]
             if spread == 0.0:
@@ -140,8 +138,8 @@ def _tangent(qp: QP, m: int, b: int, y: Array, bend: Array) -> int:
     if not length > ball[3] * (1.0 + ROUND):
         return m
     x, y, z = out = x / length, y / length, z / length
-    for c in range(work.rows.shape[1]):
-        work.rows[m, c] = 0.0
+    work.rows[m, :] = 0.0
+    for c in range(work.hands.shape[2]):
         for axis in range(3):
             work.rows[m, c] -= out[axis] * _bound(qp, b, n_hands, axis, c)
     inside = INSIDE if b < n_hands else INSIDE_BENDS

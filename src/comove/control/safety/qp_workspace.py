@@ -1,17 +1,15 @@
-"""Arrays and parameters on which the kernels of the twist programme work, as named tuples."""
+"""Arrays and parameters on which the kernels of the safety filter work, as named tuples."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.control.safety.control_points import LoadPoints
 from comove.geometry.closest_points import N_PARTS
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
 
 BORDER, HANDS, LIMIT = -1, -2, -3
 """Who asks for a row, where it is no obstacle: the border, a hand of another body, a limit of the hands."""
@@ -35,12 +33,12 @@ class Freedom(NamedTuple):
     """
 
     basis: Array
-    axis: NDArray[np.int64]
+    axis: Integers
     scale: Array
     idle: Array
     spread: Array
     lever: Array
-    pairs: NDArray[np.int64]
+    pairs: Integers
     apart: Array
     lower: Array
     upper: Array
@@ -98,8 +96,9 @@ class QPWorkspace(NamedTuple):
 
     Attributes
     ----------
-    quadratic, linear : arrays, shapes (n, n), (n,), the objective ``x' quadratic x / 2 + linear x``
-    rows, low : arrays, shapes (n_rows, n), (n_rows,), the constraints ``rows x >= low``
+    quadratic, linear : arrays, shapes (n + n_joints, n + n_joints), (n + n_joints,), the objective
+        ``z' quadratic z / 2 + linear z``, where the rates of the joints of arms follow the n variables of the twists
+    rows, low : arrays, shapes (n_rows, n + n_joints), (n_rows,), the constraints ``rows z >= low``
     owner, body : arrays of int, shape (n_rows,): the obstacle, `BORDER`, `HANDS` or `LIMIT` that requires a row; the
         group that it constrains
     hands : array, shape (n_hands, 3, n), velocities of the hands per unit of the variables
@@ -116,8 +115,8 @@ class QPWorkspace(NamedTuple):
     linear: Array
     rows: Array
     low: Array
-    owner: NDArray[np.int64]
-    body: NDArray[np.int64]
+    owner: Integers
+    body: Integers
     hands: Array
     rotation: Array
     nodes: Array
@@ -156,11 +155,12 @@ def empty_workspace(
     n_hands: int,
     shape: tuple[int, int],
     n_rounds: int,
-    n_sampled: int = 0,
+    n_more: int = 0,
+    n_joints: int = 0,
 ) -> QPWorkspace:
     """Return work arrays for a table of that shape, large enough for `n_rounds` rounds of missing rows.
 
-    `n_sampled` rows more are for constraints that are sampled.
+    `n_more` rows are for constraints that are sampled, and for arms.
     """
     n_obstacles, n_columns = shape
     n_groups, _, n = freedom.basis.shape
@@ -168,11 +168,11 @@ def empty_workspace(
     parts = len(points.edges) + N_PARTS * len(points.solids)
     first = (len(points.group) + parts) * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 2 * n_hands
     later = n_edges * n_obstacles + 6 * n_nodes + len(freedom.pairs) + 4 * n_hands + n_groups
-    n_rows = first + n_sampled + n_rounds * later
+    n_rows = first + n_more + n_rounds * later
     return QPWorkspace(
-        np.zeros((n, n)),
-        np.zeros(n),
-        np.zeros((n_rows, n)),
+        np.zeros((n + n_joints, n + n_joints)),
+        np.zeros(n + n_joints),
+        np.zeros((n_rows, n + n_joints)),
         np.zeros(n_rows),
         np.zeros(n_rows, dtype=np.int64),
         np.zeros(n_rows, dtype=np.int64),

@@ -13,16 +13,14 @@ from math import atan2, cos, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.rotations import quaternion_of_rotation, similarity
 from comove.model.coordinates import HandPoses
 from comove.model.groups import RigidGroup, fit_pose, orientation_of
 from comove.model.scene import Scene
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 STAYS, POINTS, TURNS = range(3)
 """What a group can do about its centre: nothing; point elsewhere, its roll being nobody's business; turn."""
@@ -37,7 +35,7 @@ class Nodes(NamedTuple):
     point : array, shape (n_nodes, 3), positions in the group's frame [m]
     """
 
-    group: NDArray[np.int64]
+    group: Integers
     point: Array
 
 
@@ -132,7 +130,7 @@ def twists_between(scene: Scene, here: HandPoses, there: HandPoses, duration: fl
 
 
 @lru_cache(maxsize=16)
-def _turning(scene: Scene) -> NDArray[np.int64]:
+def _turning(scene: Scene) -> Integers:
     """Return how groups turn, `STAYS`, `POINTS` or `TURNS`; array of int, shape (n_groups,)."""
     how = {"none": STAYS, "fixed": STAYS, "axis": POINTS}
     return np.array([how.get(group.orientation, TURNS) for group in scene.groups])
@@ -193,7 +191,7 @@ def turns(quaternion: Array) -> Array:
 
 
 @kernel
-def place(group: Numbers, point: Array, center: Array, rotation: Array, placed: Array) -> None:
+def place(group: Integers, point: Array, center: Array, rotation: Array, placed: Array) -> None:
     """Write in `placed` the positions in the world of points (n, 3) in the groups' frames [m]."""
     for i in range(point.shape[0]):
         turn, x, y, z = rotation[group[i]], point[i, 0], point[i, 1], point[i, 2]
@@ -204,7 +202,7 @@ def place(group: Numbers, point: Array, center: Array, rotation: Array, placed: 
 
 
 @kernel
-def velocities_into(group: Numbers, point: Array, rotation: Array, twists: Array, velocities: Array) -> None:
+def velocities_into(group: Integers, point: Array, rotation: Array, twists: Array, velocities: Array) -> None:
     """Write in `velocities` the velocities of the first points (n, 3) in the groups' frames [m/s]."""
     for i in range(velocities.shape[0]):
         turn, twist = rotation[group[i]], twists[group[i]]
@@ -228,7 +226,7 @@ def _first_axis(q: Array) -> tuple[float, float, float]:
 
 @kernel
 def twists_into(
-    turning: Numbers,
+    turning: Integers,
     center: Array,
     quaternion: Array,
     next_center: Array,

@@ -77,6 +77,9 @@ def movements_of(episode: EpisodeSamples) -> Iterator[tuple[str, RecordedSamples
     for name, g in zip(loads, bodies, strict=True):
         yield name, RecordedSamples(time, poses.center[:, g], orientation=poses.quaternion[:, g])
     centers, taken = scene.centers + scene.offsets(time), {*scene.manipulators, *loads}
+    turned = scene.orientations(time)
     for i, name in enumerate(obstacle_names(scene)):
         is_topic = rosbag.NAME.fullmatch(name) and name not in taken
-        yield name if is_topic else f"obstacle{i}", RecordedSamples(time, centers[:, i])
+        orientation = turned[:, i] if scene.turning[i] else None
+        movement = RecordedSamples(time, centers[:, i], orientation=orientation)
+        yield name if is_topic else f"obstacle{i}", movement

@@ -123,11 +123,9 @@ class EpisodeSamples:
         centers = np.zeros((n_steps, 0))
         if scene.file.obstacles:
             centers = (scene.centers + scene.offsets(self.time))[..., : scene.n_dims].reshape(n_steps, -1)
-        fixed = np.concatenate(
-            [*obstacle_sizes(scene), payload_size(scene), [scene.load_mass or 0.0, scene.duration]]
-        )
+        fixed = np.concatenate([payload_size(scene), [scene.load_mass or 0.0, scene.duration]])
         still = [np.tile(values, (n_steps, 1)) for values in (scene.goal.ravel(), fixed)]
-        return np.concatenate([still[0], centers, still[1]], axis=1)
+        return np.concatenate([still[0], centers, *obstacle_sizes(scene, self.time), still[1]], axis=1)
 
     @cached_property
     def hand_names(self) -> tuple[str, ...]:
@@ -212,11 +210,6 @@ def chosen_rate(rate: int | None, cameras: Mapping[str, Any] | None) -> int:
     Parameters
     ----------
     cameras : what a study says of its cameras; None without them
-
-    Raises
-    ------
-    OptionError
-        If the rate is out of range, or not that of the cameras.
     """
     taken = None if cameras is None else cameras["rate"]
     if rate is None:
@@ -285,7 +278,8 @@ def _solved_on(drawn: Scene, motion: CoordinatedMotion) -> Iterator[Scene]:
     hasty = drawn.file.objective is not None and drawn.file.objective.type == "least_time"
     if hasty or not drawn.is_timed:
         drawn = drawn.with_limits().timed(motion.scene.duration)
-    yield from (drawn, *drawn.alternatives)
+    load = motion.scene.file.load
+    yield from (drawn, *drawn.ways_to(None if load is None else load.goal))
 
 
 def _figures(verified: VerifiedMotion) -> dict[str, Any]:
@@ -302,13 +296,7 @@ def _figures(verified: VerifiedMotion) -> dict[str, Any]:
 
 
 def require_alike(episode: EpisodeSamples, first: EpisodeSamples) -> None:
-    """Refuse an episode whose columns are not those of the first, which one dataset could not hold.
-
-    Raises
-    ------
-    ResultError
-        If hands or obstacles differ.
-    """
+    """Refuse an episode whose columns are not those of the first, which one dataset could not hold."""
     for one, other in (
         (episode.state_names, first.state_names),
         (episode.environment_names, first.environment_names),

@@ -19,21 +19,25 @@ def obstacle_names(scene: Scene) -> list[str]:
     return [name if found.count(name) == 1 else f"obstacle{i}" for i, name in enumerate(found)]
 
 
-def obstacle_sizes(scene: Scene) -> list[Array]:
+def obstacle_sizes(scene: Scene, time: Array) -> list[Array]:
     """Return the extents of each obstacle along its own axes, and how it is turned.
+
+    Parameters
+    ----------
+    time : array, shape (n_times,) [s]
 
     Returns
     -------
-    list of arrays, one for each obstacle: shape (3,) in the plane, two extents [m] and an angle [rad]; shape (7,) in
-    space, three extents [m] and a quaternion w x y z
+    list of arrays, one for each obstacle: shape (n_times, 3) in the plane, two extents [m] and an angle [rad]; shape
+    (n_times, 7) in space, three extents [m] and a quaternion w x y z
     """
-    found = []
+    found, angles, turned = [], scene.turns(time)[..., 2:], scene.orientations(time)
     for i, obstacle in enumerate(scene.file.obstacles):
+        extents = np.tile(_extents(scene, i, obstacle), (len(time), 1))
+        turn = turned[:, i]
         if scene.n_dims == 2:
-            turn = np.array([np.deg2rad(getattr(obstacle, "rotation_deg", 0.0))])
-        else:
-            turn = np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0)), dtype=float)
-        found.append(np.concatenate([_extents(scene, i, obstacle), turn]))
+            turn = np.deg2rad(getattr(obstacle, "rotation_deg", 0.0)) + angles[:, i]
+        found.append(np.concatenate([extents, turn], axis=1))
     return found
 
 

@@ -161,13 +161,7 @@ def doubtful_time(stamps: NDArray, name: str, origin: Origin, way_out: str = "")
 
 
 def require_rate(rate: float) -> float:
-    """Return a sampling rate [Hz], and raise if it is none.
-
-    Raises
-    ------
-    OptionError
-        If it is no positive number.
-    """
+    """Return a sampling rate [Hz], and raise if it is none."""
     if isinstance(rate, bool) or not 0 < rate < np.inf:
         raise OptionError(f"{rate!r} is no rate", key="rate", way_out="give samples a second, such as 100")
     return float(rate)

@@ -81,13 +81,7 @@ def in_base_unit(unit: str) -> float:
 
 
 def require_unit(text: str, file: object = None) -> str:
-    """Return the unit of positions or joints that a user names.
-
-    Raises
-    ------
-    OptionError
-        If it is neither a length nor an angle.
-    """
+    """Return the unit of positions or joints that a user names."""
     unit = unit_named(text)
     if unit is None or not (is_length(unit) or is_angle(unit)):
         known = (*LENGTHS, *ANGLES)

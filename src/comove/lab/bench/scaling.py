@@ -240,15 +240,7 @@ def _solved(case: Case, seed: int, budget: float = 20.0) -> tuple[float, bool]:
 def write_scaling(
     folder: str | Path, names: Sequence[str], repeats: int, *, solves: bool = True
 ) -> list[ScalingCurve]:
-    """Measure the curves, and write `scaling.md` and `scaling.png`.
-
-    Raises
-    ------
-    OptionError
-        As `measure`.
-    ResultError
-        If the folder holds something else or cannot be written.
-    """
+    """Measure the curves, and write `scaling.md` and `scaling.png`."""
     with whole_folder(folder, CONTENTS) as draft:
         curves = measure(names, repeats, solves=solves)
         (draft / REPORT).write_text(scaling_text(curves), encoding="utf-8")

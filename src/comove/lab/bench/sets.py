@@ -148,13 +148,7 @@ SETS: dict[str, SceneSet] = {
 
 
 def set_named(name: str) -> SceneSet:
-    """Return the set of a name.
-
-    Raises
-    ------
-    OptionError
-        If there is none.
-    """
+    """Return the set of a name."""
     if name not in SETS:
         raise OptionError(f"there is no set '{name}'", key="set", way_out=near_name(name, SETS))
     return SETS[name]

@@ -18,7 +18,8 @@ import numpy as np
 from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.geometry.closest_points import near_on_edge
-from comove.geometry.distances import distance_and_gradient
+from comove.geometry.distances import CENTER, distance_and_gradient
+from comove.geometry.rotations import cross
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
 
@@ -56,7 +57,7 @@ def clearance_rows(
     ----------
     hands : array, shape (n_hands, n_dims), positions of the hands [m]
     table, velocity : arrays, shapes (n_obstacles, N_COLUMNS) and (n_obstacles, 3), obstacles at this instant and
-        their velocities [m/s]
+        the velocities of their centres [m/s]; they turn as the scene says
     reach : clearance beyond the needed one from which on obstacles are left out [m]
 
     Returns
@@ -72,7 +73,13 @@ def clearance_rows(
     numbers = np.arange(count)
     np.add.at(rows, (numbers, ends[:, 0]), (1.0 - share)[:, None] * normal[:, :n_dims])
     np.add.at(rows, (numbers, ends[:, 1]), share[:, None] * normal[:, :n_dims])
-    low = (normal * velocity[obstacle]).sum(axis=1) - approach.rate(left)
+    comes = velocity[obstacle]
+    if scene.turning.any():
+        first, second = spatial(hands)[ends.T]
+        point = first + share[:, None] * (second - first)
+        arm = point - table[obstacle, CENTER : CENTER + 3]
+        comes = comes + cross(scene.spins[scene.owners[obstacle]], arm)
+    low = (normal * comes).sum(axis=1) - approach.rate(left)
     sets = [
         (rows.reshape(count, hands.size), low),
         _border_rows(scene, hands, approach),

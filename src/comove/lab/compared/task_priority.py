@@ -246,7 +246,8 @@ class Controller:
         """Return an upper bound of the speed at which hands and obstacles approach each other [m/s]."""
         scene, step = self.scene, np.linalg.norm(np.diff(reference, axis=0), axis=2).max()
         time = np.linspace(0.0, scene.duration, len(reference))
-        coming = np.linalg.norm(scene.obstacle_velocities(time), axis=2).max(initial=0.0)
+        tips = np.linalg.norm(scene.spins, axis=1) * scene.reaches
+        coming = (np.linalg.norm(scene.obstacle_velocities(time), axis=2) + tips).max(initial=0.0)
         return min(self.method.catching_up * step / self.period, scene.speed_limit) + coming
 
     @staticmethod

@@ -3,6 +3,6 @@
 from comove.lab.evolution.combination import Combination, combine
 from comove.lab.evolution.paper import Paper
 from comove.lab.evolution.printed import Printed
-from comove.lab.evolution.projection import Projection
+from comove.lab.evolution.paper import Projection
 
 __all__ = ["Combination", "Paper", "Printed", "Projection", "combine"]

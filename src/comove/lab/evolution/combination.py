@@ -35,9 +35,9 @@ from comove.planning.compiling import compiling
 from comove.planning.displays import displayed
 from comove.planning.kernels import SceneKind, load_kernels
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
-from comove.planning.objectives.paper import PaperCost
+from comove.planning.objectives.criteria import PaperCost
 from comove.planning.search import Journal, OutOfTime, Schedule, Search, SearchClock, stricter
-from comove.planning.solution import ProgressCallback
+from comove.planning.solution import ProgressCallback, SearchEffort
 from comove.processes import one_blas_thread
 from comove.ties import first_largest
 from comove.verification.verify import Check, VerifiedMotion, verify
@@ -86,7 +86,8 @@ class Combination:
     motion : `attempt` as a verified motion; None if it is not verified
     reasons : why `attempt` is not verified, in words
     cost : J of `attempt`
-    evaluations, generations, restarts : numbers of evaluated samples, of generations, and of runs of the optimiser
+    effort : samples, time and work of the search
+    restarts : number of runs of the optimiser
     seed : seed of all random numbers
     interrupted : whether the user stopped the search
     timed_out : whether the budget ran out before the search ended by itself
@@ -99,8 +100,7 @@ class Combination:
     motion: VerifiedMotion | None
     reasons: tuple[str, ...]
     cost: float
-    evaluations: int
-    generations: int
+    effort: SearchEffort
     restarts: int
     seed: int
     interrupted: bool = False
@@ -181,8 +181,7 @@ def combine(
         motion=verdict.verified,
         reasons=reasons,
         cost=search.objective.cost(found.motion).total,
-        evaluations=search.journal.evaluations,
-        generations=search.journal.generations,
+        effort=search.effort,
         restarts=attempts.restarts,
         seed=int(seed),
         interrupted=search.clock.interruption.wished,

@@ -27,13 +27,13 @@ import numpy as np
 from comove.arrays import Array
 from comove.dmp.system import Phase
 from comove.model.coordinated_dmp import CoordinatedDMP
-from comove.model.coordinates import Coordinates, arms_coordinates, load_coordinates
+from comove.model.coordinates import Coordinates, arms_coordinates, load_coordinates, projected_coordinates
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 from comove.optim.ccmaes import CCMAES, CCMAESRun, Reduction
 from comove.optim.method import Start
 from comove.planning.method import Method, require_distances
-from comove.planning.methods import GROWING, first_guess, threaded
+from comove.planning.methods import GROWING, Comove, first_guess, threaded
 from comove.planning.objective import N_STEPS, Objective
 from comove.planning.search import Search, stricter
 
@@ -251,3 +251,12 @@ def window_errors(scene: Scene, q: Array, n_windows: int) -> Array:
         for error in (apart - c.distance, c.distance - apart):
             errors.append(np.maximum.reduceat(error, edges, axis=1))
     return np.concatenate(errors, axis=1)
+
+
+@dataclass(frozen=True)
+class Projection(Comove):
+    """A variant of the default method with free hands, which projects every rollout onto the constraints."""
+
+    name: ClassVar[str] = "projection"
+    smooths: ClassVar[bool] = False
+    coordinates: Callable[[Scene], Coordinates] = projected_coordinates

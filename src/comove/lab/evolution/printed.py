@@ -21,7 +21,7 @@ from comove.dmp.system import ExponentialPhase, Phase
 from comove.model.coordinated_dmp import CoordinatedDMP
 from comove.model.coordinates import Coordinates, arms_coordinates
 from comove.model.scene import Scene
-from comove.optim.printed import PrintedCCMAES as Algorithm
+from comove.optim.ccmaes import PrintedCCMAES as Algorithm
 from comove.planning.method import Method, require_distances
 from comove.planning.objective import N_STEPS, ContactPenalty, Objective
 from comove.planning.search import Search

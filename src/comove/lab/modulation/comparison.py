@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 
 from comove._version import __version__
 from comove.arrays import Array
-from comove.control.executor import Executor, Pace
+from comove.control.executor import Executor
 from comove.control.observers import Functions, Known
+from comove.control.replanning import Pace
 from comove.control.safety.twists import poses_of
 from comove.geometry.distances import CENTER
 from comove.lab.modulation.matrices import Sharing, modulated
-from comove.lab.modulation.obstacles import level_obstacle
+from comove.lab.modulation.obstacles import axes_of, level_obstacle
 from comove.lab.systems import distance_errors
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
@@ -247,8 +248,14 @@ def loose_run(
         wanted = _wanted(motion, now, at, settings.gain)
         seen = observer.observe(now)
         around = [
-            replace(o, center=row[CENTER : CENTER + n], velocity=v[:n])
-            for o, row, v in zip(bare, seen.table, seen.velocity, strict=True)
+            replace(
+                o,
+                center=row[CENTER : CENTER + n],
+                rotation=axes_of(row, n),
+                velocity=v[:n],
+                angular_velocity=w[2:] if n == 2 else w,
+            )
+            for o, row, v, w in zip(bare, seen.table, seen.velocity, seen.spin, strict=True)
         ]
         points, velocities = at, wanted
         for a, b in pairs if load else ():

@@ -144,13 +144,7 @@ class MovingObstacle:
         return row
 
     def moved(self, dt: float) -> MovingObstacle:
-        """Return the obstacle `dt` [s] later, at constant velocities.
-
-        Raises
-        ------
-        OptionError
-            If `dt` is not finite.
-        """
+        """Return the obstacle `dt` [s] later, at constant velocities."""
         if not is_number(dt):
             raise OptionError(f"dt = {dt!r}", key="dt", way_out="give a finite number of seconds")
         center, rotation = self.center + self.velocity * dt, self.rotation
@@ -216,9 +210,6 @@ def level_obstacle(scene: Scene, j: int, *, margin: float = 0.0) -> MovingObstac
             way_out="put boxes or ellipsoids in its place, or use the twist programme",
         )
     kind, size = int(row[sd.KIND]), [float(x) for x in row[sd.SIZE : sd.SIZE + 3]]
-    rotation = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
-    if n == 2 and kind == sd.CAPSULE:
-        rotation = rotation @ PLANAR_CAPSULE.T
     shapes: dict[int, Callable[[], Shape]] = {
         sd.BOX: lambda: Box(tuple(2 * edge for edge in size[:n])),
         sd.SPHERE: lambda: Sphere(size[0]),
@@ -227,7 +218,15 @@ def level_obstacle(scene: Scene, j: int, *, margin: float = 0.0) -> MovingObstac
         sd.ELLIPSOID: lambda: Ellipsoid(tuple(size[:n])),
     }
     center = row[sd.CENTER : sd.CENTER + n]
-    return MovingObstacle(shapes[kind](), center, rotation[:n, :n], margin=margin)
+    return MovingObstacle(shapes[kind](), center, axes_of(row, n), margin=margin)
+
+
+def axes_of(row: Array, n_dims: int) -> Array:
+    """Return the axes of an obstacle, of a row of the table of obstacles; array, shape (n_dims, n_dims)."""
+    axes = row[sd.ROTATION : sd.ROTATION + 9].reshape(3, 3)
+    if n_dims == 2 and row[sd.KIND] == sd.CAPSULE:
+        axes = axes @ PLANAR_CAPSULE.T
+    return axes[:n_dims, :n_dims]
 
 
 def table_of(obstacles: tuple[MovingObstacle, ...], n_dims: int) -> Array:
@@ -313,13 +312,7 @@ def _common(table: Array, members: list[int]) -> Array | None:
 
 
 def points_of(name: str, value: ArrayLike, n_dims: int | None = None) -> Array:
-    """Return a new array of finite vectors, shape (..., n_dims), of numbers up to `FARTHEST`.
-
-    Raises
-    ------
-    OptionError
-        If `value` is not such an array.
-    """
+    """Return a new array of finite vectors, shape (..., n_dims), of numbers up to `FARTHEST`."""
     array = numbers(value)
     allowed = (2, 3) if n_dims is None else (n_dims,)
     if array.ndim < 1 or array.shape[-1] not in allowed or not (np.abs(array) <= FARTHEST).all():

@@ -67,7 +67,7 @@ def draw_comparison(compared: Sequence[Compared], n_states: int = 11) -> Figure:
             borders = MovingBorders(scene, view)
             for k, step in enumerate(steps):
                 share = (k + 1) / n_states
-                borders.draw(axes, record.obstacles[step], 0.08 + 0.4 * share)
+                borders.draw(axes, record.table(step), 0.08 + 0.4 * share)
                 lines = load_lines(scene, record.nodes[step][:, list(view)])
                 axes.add_collection(
                     LineCollection(lines, colors=_tone(one, step), linewidths=1.3, alpha=0.35 + 0.6 * share)

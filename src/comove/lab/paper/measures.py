@@ -77,9 +77,9 @@ class Along:
 
 def measure(solution: Solution) -> Measures:
     """Measure the final motion of a solution, whose times are processor times."""
-    first, total = solution.time_to_first_verified_s, solution.solve_time_s
+    first, total = solution.effort.first_verified, solution.effort.seconds
     found = _measures(solution.attempt, solution.cost.total, first, total)
-    return replace(found, generations=solution.generations)
+    return replace(found, generations=solution.effort.generations)
 
 
 def measure_motion(motion: CoordinatedMotion) -> Measures:

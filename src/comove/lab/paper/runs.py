@@ -442,13 +442,7 @@ Done = Outcome | baxter.Transport | list[Compared]
 
 
 def _all_done(jobs: Sequence[Wanted], processes: int, tell: Callable[[int], None]) -> list[Done]:
-    """Do all jobs on some processes; returns what came of them, in their order.
-
-    Raises
-    ------
-    ResultError
-        If one fails, which is a defect, or its process was killed.
-    """
+    """Do all jobs on some processes; returns what came of them, in their order."""
     waiting, done = iter(enumerate(jobs)), dict[int, Done]()
     for ended in run_tasks(_do, lambda: next(waiting, None), workers=processes):
         number, job = ended.task

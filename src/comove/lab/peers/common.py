@@ -33,13 +33,7 @@ class PeerOutOfTime(Exception):
 
 
 def needed(name: str) -> ModuleType:
-    """Import a module that `comove[bench]` installs.
-
-    Raises
-    ------
-    ExtraError
-        If it is not installed.
-    """
+    """Import a module that `comove[bench]` installs."""
     try:
         return import_module(name)
     except ImportError as error:

@@ -274,7 +274,18 @@ class CylinderPart(_Part):
     height: PositiveLength
 
 
-PartShape = Annotated[BarPart | BoxPart | CylinderPart, Field(discriminator="shape")]
+class HullPart(_Part):
+    """The convex hull of `vertices` [m]; spatial scenes only.
+
+    It reaches up to `excess` beyond the shape that it stands for.
+    """
+
+    shape: Literal["hull"]
+    vertices: Annotated[tuple[Vector, ...], BeforeValidator(as_tuple), at_least(4, "vertices")]
+    excess: Length = 0.0
+
+
+PartShape = Annotated[BarPart | BoxPart | CylinderPart | HullPart, Field(discriminator="shape")]
 
 
 class PayloadPose(Part):
@@ -589,12 +600,16 @@ class SceneKeys(Sparse):
 
 
 class GraspOption(Sparse):
-    """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal."""
+    """A way to hold the payload and to put it down: grasps [m], orientations of all grasp frames, and the goal.
 
-    LATER = ("frames",)
+    The goal may be `free` to turn about the vertical (`yaw`), or about an axis of the payload.
+    """
+
+    LATER = ("frames", "free")
     grasps: dict[str, Vector]
     frames: dict[str, Quaternion] | None = None
     goal: PayloadPose
+    free: Literal["yaw", "x", "y", "z"] | None = None
 
 
 class SceneFile(SceneKeys):

@@ -283,6 +283,8 @@ def _file_flaws(scene: Any, folder: Path | None, is_stored: bool) -> Iterator[Fl
         (("payload",), getattr(scene, "payload", None)),
         *((("obstacles", i), obstacle) for i, obstacle in enumerate(scene.obstacles)),
     ]
+    parts = getattr(getattr(scene, "payload", None), "parts", ())
+    named += [(("payload", "parts", i), part) for i, part in enumerate(parts)]
     for path, part in named:
         name = getattr(part, "file", None)
         if name is not None and (told := _file_flaw(name, folder, part is scene.demonstration)):
@@ -440,8 +442,10 @@ def _of_version_2(
         SceneFile2,
         converted,
         flaws_of,
+        with_arms,
     )
 
+    data = with_arms(data, folder)
     payload = data.get("payload")
     if isinstance(payload, dict) and "parts" in payload and "shape" not in payload:
         data = {**data, "payload": {"shape": "parts", **payload}}

@@ -8,6 +8,7 @@ pose of an end effector's grasp frame (z the approach, fingers open along y) in 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from importlib import import_module
 from itertools import combinations, product
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -43,12 +44,15 @@ from comove.model.files.imported import ImportedObstacles
 from comove.model.files.keys import (
     CONTRACT,
     ROUNDING,
+    BarPart,
     BoxObstacle,
+    BoxPart,
     CapsuleObstacle,
     CylinderObstacle,
+    CylinderPart,
     EllipsoidObstacle,
+    HullPart,
     MeshObstacle,
-    PartShape,
     PayloadPose,
     SceneKeys,
     SphereObstacle,
@@ -57,7 +61,7 @@ from comove.model.files.keys import (
     by_name,
 )
 from comove.model.files.words import Words
-from comove.model.grasp import hands_of
+from comove.model.grasp import axis_of, hands_of, nearest_turn
 
 Array = NDArray[np.float64]
 
@@ -66,8 +70,6 @@ MAX_CHOICES = 64
 """Ways to hold and to put down a payload among which is chosen."""
 PROPOSED = 16
 """Sets of grasps that `auto` proposes at most; every one costs the inverse kinematics of both ends."""
-YAW_STEP = 45.0
-"""Step between the orientations of a goal that is free about an axis [deg]."""
 SAME_PLACE = 1e-3
 """Distance of two grasps up to which they collide, whatever the hands [m]."""
 PARALLEL = 1e-3
@@ -95,6 +97,13 @@ class _Payload(Part):
     mass: Positive | None = None
     start: StartPose
     goal: GoalPose
+    symmetric: Literal["x", "y", "z"] | None = None
+    """Axis about which it is symmetric, so that its roll at the goal does not matter."""
+
+    @property
+    def free(self) -> Literal["yaw", "x", "y", "z"] | None:
+        """Return the axis about which its goal is free."""
+        return self.goal.free or self.symmetric
 
 
 class BarPayload(_Payload):
@@ -145,11 +154,24 @@ class MeshPayload(_Payload):
     resolution: PositiveLength | None = None
 
 
+class MeshPart(Turned):
+    """A triangle mesh from `file` in a payload's frame; its lengths times `scale` are metres."""
+
+    shape: Literal["mesh"]
+    position: Vector | None = None
+    file: str
+    scale: PositiveLength = 1.0
+    resolution: PositiveLength | None = None
+
+
+AnyPart = Annotated[BarPart | BoxPart | CylinderPart | HullPart | MeshPart, Field(discriminator="shape")]
+
+
 class PartsPayload(_Payload):
     """Several shapes that are one rigid body; spatial scenes only."""
 
     shape: Literal["parts"] = "parts"
-    parts: Annotated[tuple[PartShape, ...], BeforeValidator(as_tuple), at_least(1, "part")]
+    parts: Annotated[tuple[AnyPart, ...], BeforeValidator(as_tuple), at_least(1, "part")]
 
 
 Payload = Annotated[
@@ -221,10 +243,11 @@ Grasps = Annotated[
 
 
 def _by_arm(value: Any) -> Any:
-    """Refuse the word `auto` for all arms: a scene file does not know which arms a robot has."""
+    """Refuse the word `auto` for all arms where no robot is named, whose arms they could be."""
     if isinstance(value, str):
         raise Wrong(
-            f"{show(value)} does not say which arms hold the payload", "write {left: auto, right: auto}"
+            f"{show(value)} does not say which arms hold the payload",
+            "write {left: auto, right: auto}, or name a robot",
         )
     return value
 
@@ -269,13 +292,29 @@ class SceneFile2(SceneKeys):
         return tuple(self.sets[0]) if self.sets else ()
 
 
+def with_arms(data: Mapping[str, Any], folder: Path | None) -> Mapping[str, Any]:
+    """Return the contents of a file, in which `grasps: auto` names all arms of the scene's robot.
+
+    Raises
+    ------
+    InputError
+        If the robot's description cannot be read.
+    """
+    robot = data.get("robot")
+    if data.get("grasps") != "auto" or not isinstance(robot, str):
+        return data
+    described = import_module("comove.robots.description")  # a room above: most scenes need none of it
+    file = described.load_description(described.find_description(robot, folder))
+    return {**data, "grasps": {name: "auto" for name in file.arms}}
+
+
 CONTRACT_2 = Contract(
     root=SceneFile2,
     families={
         **CONTRACT.families,
         "obstacles": Family("shape", by_name(AnyObstacle, "shape"), 2),
         "payload": Family("shape", by_name(Payload, "shape"), 1),
-        "payload.parts": Family("shape", by_name(PartShape, "shape"), 3),
+        "payload.parts": Family("shape", by_name(AnyPart, "shape"), 3),
     },
 )
 """What messages know of the keys of version 2."""
@@ -318,6 +357,16 @@ def _orientation_flaws(scene: SceneFile2) -> Iterator[Flaw]:
                 yield Flaw(("payload", *path, pose.turned_by), told, instead)
         if scene.dimension == 2 and scene.payload.goal.free not in (None, "yaw"):
             yield Flaw(("payload", "goal", "free"), "the scene is planar", "write yaw")
+        if scene.dimension == 2 and scene.payload.symmetric is not None:
+            yield Flaw(("payload", "symmetric"), "the scene is planar", "write free: yaw at the goal")
+        if scene.payload.symmetric is not None and scene.payload.goal.free not in (
+            None,
+            scene.payload.symmetric,
+        ):
+            told = (
+                f"a goal is free about one axis, and the payload is symmetric about {scene.payload.symmetric}"
+            )
+            yield Flaw(("payload", "goal", "free"), told, "leave one of them out")
     for name, some in ((name, some) for given in scene.sets for name, some in given.items()):
         if some == "auto" and scene.dimension == 2:
             yield Flaw(
@@ -371,21 +420,27 @@ def converted(
     words = Words(2, lines, tuple(hands), tuple(origin))
     contents: dict[str, Any] = {key: getattr(scene, key) for key in SceneKeys.model_fields}
     contents |= {"obstacles": obstacles, "manipulators": []}
-    free = [{"name": name, "start": e.start, "goal": e.goal} for name, e in scene.end_effectors.items()]
+    others = [{"name": name, "start": e.start, "goal": e.goal} for name, e in scene.end_effectors.items()]
     if scene.payload is None:
-        return contents | {"manipulators": free}, words
-    goals, held = _goals(scene.payload), _ways_to_hold(scene, folder, words.key("load.grasps"), file)
-    choices = [{**how, "goal": goal} for how, goal in product(held, goals)]
+        return contents | {"manipulators": others}, words
+    held, free = _ways_to_hold(scene, folder, words.key("load.grasps"), file), scene.payload.free
+    goal = {"goal": _goal(scene.payload)} | ({"free": free} if free else {})
+    choices = [how | goal for how in held]
     if len(choices) > MAX_CHOICES:
-        message = f"{len(choices)} ways to hold the payload and to put it down are left open"
+        message = f"{len(choices)} ways to hold the payload are left open"
         way_out = f"write fewer grasps: at most {MAX_CHOICES} combinations"
         raise SceneError(message, file=file, key=words.key("load.grasps"), way_out=way_out)
     first, start = choices[0], _written(scene.payload.start.position, scene.payload.start.rotation)
-    contents["load"] = _load(scene.payload, held) | {"start": start, "goal": first["goal"]}
-    contents["manipulators"] = [*hands_of(start, first["goal"], first["grasps"]), *free]
+    parts = [*_hulls(scene.payload, folder, file, lines)]
+    contents["load"] = (
+        _load(scene.payload, held)
+        | ({"parts": parts} if parts else {})
+        | {"start": start, "goal": first["goal"]}
+    )
+    contents["manipulators"] = [*hands_of(start, first["goal"], first["grasps"]), *others]
     if "frames" in first:
         contents["grasp"] = {"frames": first["frames"]}
-    if len(choices) > 1:
+    if len(choices) > 1 or free:
         contents["choices"] = choices
     return contents, words
 
@@ -395,17 +450,13 @@ def _written(position: tuple[float, ...], rotation: Array) -> PayloadPose:
     return PayloadPose(position=position, quaternion_wxyz=quaternion)
 
 
-def _goals(payload: _Payload) -> list[PayloadPose]:
-    """Return the poses at the goal, the one that turns least first."""
-    position, given, free = payload.goal.position, payload.goal.rotation, payload.goal.free
-    if free is None:
-        return [_written(position, given)]
-    turns = np.arange(0.0, 360.0, YAW_STEP)
-    axis = np.eye(3)["xyz".index("z" if free == "yaw" else free)]
-    about = [matrices(exponential(np.deg2rad(angle) * axis)) for angle in turns]
-    rotations = [turn @ given if free == "yaw" else given @ turn for turn in about]
-    far = [-np.trace(payload.start.rotation.T @ rotation) for rotation in rotations]
-    return [_written(position, rotations[k]) for k in np.argsort(np.round(far, 9), kind="stable")]
+def _goal(payload: _Payload) -> PayloadPose:
+    """Return the pose at the goal; of those that a free axis allows, the one that turns least."""
+    rotation, free = payload.goal.rotation, payload.free
+    if free is not None:
+        turn = matrices(exponential(nearest_turn(payload.start.rotation, rotation, free) * axis_of(free)))
+        rotation = turn @ rotation if free == "yaw" else rotation @ turn
+    return _written(payload.goal.position, rotation)
 
 
 def _ways_to_hold(scene: SceneFile2, folder: Path | None, key: str, file: object) -> list[dict[str, Any]]:
@@ -504,10 +555,40 @@ def _piece(shape: Any) -> GraspableShape | None:
     return None
 
 
+def _hulls(payload: _Payload, folder: Path | None, file: object, lines: Lines) -> Iterator[Part]:
+    """Yield the parts of a payload, meshes among them as the convex hulls that contain them.
+
+    Raises
+    ------
+    InputError
+        If a mesh cannot be read, or has no volume.
+    """
+    for i, part in enumerate(payload.parts if isinstance(payload, PartsPayload) else ()):
+        if not isinstance(part, MeshPart):
+            yield part
+            continue
+        from comove.geometry.meshes import read_mesh  # most scenes need no reader of meshes
+
+        key = place(("payload", "parts", i, "file"), lines) or ""
+        mesh = read_mesh((folder or Path()) / part.file, part.scale, file=file, key=key)
+        if mesh.is_flat:
+            told = f"'{part.file}' has no volume: all its points are in one plane"
+            raise SceneError(
+                told, file=file, key=key, way_out="give it a thickness, or write a box in its place"
+            )
+        found = mesh.decomposed(part.resolution, few=True)
+        turned = {key: getattr(part, key) for key in ("position", *part.orientation_keys())}
+        for polytope in found.polytopes:
+            corners = tuple(map(tuple, polytope.vertices.tolist()))
+            yield HullPart(shape="hull", vertices=corners, excess=found.excess, **turned)
+
+
 def _load(payload: _Payload, held: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the payload as the load of a `SceneFile`, held as by the first of the ways to hold it."""
     grasps = held[0]["grasps"]
-    load = {key: getattr(payload, key) for key in type(payload).model_fields if key not in ENDS}
+    load = {
+        key: getattr(payload, key) for key in type(payload).model_fields if key not in (*ENDS, "symmetric")
+    }
     load["held_by"] = tuple(grasps)
     if isinstance(payload, FramePayload):  # whose rods are where the hands are
         return load

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
@@ -11,11 +11,13 @@ from comove.arrays import Array
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
 
-if TYPE_CHECKING:
-    from comove.planning.objectives.least_jerk import LeastJerk
-    from comove.planning.objectives.paper import PaperCost
-
 N_SAMPLES = 101
+
+
+class Pulling(Protocol):
+    """An objective that says how much a deviation from a demonstration counts (`LeastJerk`)."""
+
+    def pull(self, taught: bool) -> float: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,13 +116,13 @@ class PaperSquares:
 
     Attributes
     ----------
-    weights : weights of the terms
+    weights : c_goal, c_vel and c_res
     goal : array, shape (n_hands * n_dims,), goal of the hands [m]
     demonstration : array, shape (n_samples, n_hands * n_dims) [m], if resemblance to it counts; else None
     haste : 0, as J does not depend on the duration (see `programme.QuadraticCost`)
     """
 
-    weights: PaperCost
+    weights: tuple[float, float, float]
     goal: Array
     demonstration: Array | None = None
     haste: float = 0.0
@@ -147,13 +149,13 @@ class PaperSquares:
         return np.concatenate([part.reshape(-1, moves.shape[2]) for part in parts])
 
     def _roots(self, n: int) -> tuple[float, float, float]:
-        w = self.weights
-        return np.sqrt(w.goal / n), np.sqrt(w.velocity / n) * (n - 1), np.sqrt(w.resemblance / n)
+        goal, velocity, resemblance = np.sqrt(np.array(self.weights) / n)
+        return goal, velocity * (n - 1), resemblance
 
 
 def squares(
     scene: Scene,
-    objective: LeastJerk,
+    objective: Pulling,
     demonstration: Array | None,
     n_samples: int = N_SAMPLES,
     precision: Array | None = None,
@@ -176,7 +178,7 @@ def squares(
 
 def jerk_cost(
     motion: CoordinatedMotion,
-    objective: LeastJerk,
+    objective: Pulling,
     demonstration: Array | None,
     precision: Array | None = None,
 ) -> float:

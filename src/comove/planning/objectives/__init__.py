@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from comove.planning.objectives.criterion import Criterion
-from comove.planning.objectives.least_jerk import LeastJerk
-from comove.planning.objectives.least_time import LeastTime
+from comove.planning.objectives.criteria import Criterion, LeastJerk, LeastTime, PaperCost
 from comove.planning.objectives.own import Equality, OwnFunctions, Samples
-from comove.planning.objectives.paper import PaperCost
 from comove.model.files.keys import Objective
 
 __all__ = [

@@ -15,10 +15,10 @@ from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.control.safety.qp_workspace import Sighting
 from comove.geometry.distances import CAPSULE, CENTER, KIND, REACH, ROTATION, SIZE, SPHERE, segment_distance
@@ -27,9 +27,6 @@ from comove.planning.configurations import Space
 from comove.robots.online.roadmap import SLOT, Roadmap, Way
 from comove.robots.search.following import Arms
 from comove.robots.search.links import ROUGH, Links, nearest_shares, place_links
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 WAIT = -1
 
@@ -88,7 +85,7 @@ class Places(NamedTuple):
     radius: Array
 
 
-def fewer(links: Links, within: float) -> tuple[Numbers, Array]:
+def fewer(links: Links, within: float) -> tuple[Integers, Array]:
     """Return which links, made a little thicker, hold all that move; arrays, shape (n,), of numbers and radii [m].
 
     Hands have many small links, of which a larger one beside them nearly holds the most.
@@ -116,7 +113,7 @@ def fewer(links: Links, within: float) -> tuple[Numbers, Array]:
 
 @kernel
 def places(
-    space: Space, arms: Arms, which: tuple[Numbers, Array], configurations: Array, joints: Array
+    space: Space, arms: Arms, which: tuple[Integers, Array], configurations: Array, joints: Array
 ) -> Places:
     """Return links and load at samples; arrays, shape (n_samples, n_columns) and (n_samples, n_joints).
 
@@ -334,7 +331,7 @@ def dangers_along(bodies: Places, seen: Sighting, times: Array, costs: SlotCosts
 
 
 @kernel
-def least_costs(net: Roadmap, cost: Array, left: Array) -> tuple[Array, Numbers]:
+def least_costs(net: Roadmap, cost: Array, left: Array) -> tuple[Array, Integers]:
     """Return the least cost from every node and slot to the end of the time, and the way to take or `WAIT`.
 
     Parameters
@@ -414,7 +411,7 @@ class Foresight:
         """Return the bodies at samples."""
         return places(self.space, self.arms, self._which, *way)
 
-    def cost_along(self, bodies: Places, rows: Numbers, seen: Sighting, times: Array) -> Array:
+    def cost_along(self, bodies: Places, rows: Integers, seen: Sighting, times: Array) -> Array:
         """Return what it costs to be at some samples, each at its own time; array, shape (n_times,).
 
         Parameters
@@ -461,7 +458,7 @@ class Foresight:
         return np.minimum(left, how.meeting * how.n_slots)
 
 
-def _samples(net: Roadmap, choice: Numbers) -> tuple[list[int], int]:
+def _samples(net: Roadmap, choice: Integers) -> tuple[list[int], int]:
     """Return the samples that the choices from the last node lead through, and the node at which they end.
 
     Waiting at the goal at the end is left out.

@@ -1,7 +1,7 @@
 """Online execution of a carry: measured joints in, commanded joints out, among obstacles that move.
 
 A carry is planned and verified among what stands, and followed until something that moves would meet it: then a pilot
-chooses another course in time (`comove.robots.online.pilot`). Every control step the joint programme changes the
+chooses another course in time (`comove.robots.online.pilot`). Every control step the safety filter changes the
 wanted rates of all joints so that links and load keep clear of what is seen now, and the hands keep hold of the load.
 Where the arms fall behind, the reference waits for them.
 
@@ -17,41 +17,36 @@ from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from comove.arrays import Array
 from comove.control.clouds import Clouds
-from comove.control.executor import Event, StepLog
+from comove.control.loop import ControlLoop, ExecutionLog, Reference
 from comove.control.observers import Functions, Observer
-from comove.control.safety.qp_workspace import Sighting
-from comove.control.safety.twists import advanced, hand_velocities, nodes_of, poses_of, twists_between
+from comove.control.safety.cbf_qp import FilterSettings, JointState, SafetyFilter
+from comove.control.safety.twists import advanced, nodes_of, poses_of
 from comove.dmp.arguments import require_positive
 from comove.errors import OptionError, RobotError
-from comove.geometry.rotations import matrices, quaternion_of_rotation
-from comove.model.blocks import write_pose
-from comove.model.coordinates import HandPoses, poses_at
-from comove.model.groups import GroupPose
+from comove.geometry.rotations import quaternion_of_rotation
+from comove.model.coordinates import HandPoses
 from comove.model.resting import require_no_rest
 from comove.model.scene import Scene
 from comove.planning.clock import Budget
 from comove.robots.carrying import RobotCarrier
 from comove.robots.model import Robot
 from comove.robots.motion import approach_shares
-from comove.robots.online.joint_programme import JointProgramme, JointSettings, JointState
-from comove.robots.online.pilot import Pilot, PilotSettings
+from comove.robots.online.arm_rows import ArmRows, JointSettings
+from comove.robots.online.pilot import Pilot, PilotSettings, movers
 from comove.robots.online.recovery import Recovery, RecoverySettings, at_ease, way_back
 from comove.robots.online.reference import MotionReference
-from comove.robots.online.roadmap import Way
 from comove.robots.search.chains import Iteration
 from comove.robots.search.tracking import tracked
 from comove.robots.solving import solve_joints
 from comove.robots.verification.verify import VerifiedJointMotion
 
-Array = NDArray[np.float64]
-
 SHARES = (1.0, 0.9, 0.75, 0.5, 0.25, 0.0)  # of a twist, tried in turn
 HOLDING = Iteration(gain=0.0, keep=0.0, tolerance=1e-10, steady=np.inf, most=30)
-"""Iteration for the next command: redundant joints stay where the programme has taken them."""
+"""Iteration for the next command: redundant joints stay where the safety filter has taken them."""
 
 
 @dataclass(frozen=True)
@@ -68,8 +63,8 @@ class OnlineSettings:
     lag : difference of measured and commanded joints at which the reference waits [rad]
     lost : difference at which a robot does not come along any more [rad]
     at_goal, at_rest : distance and speed of the hands at which a run ends [m, m/s]
-    programme, pilot, recovery : settings of the joint programme, of what chooses the reference, and of what a robot
-        does that was driven off
+    filter, joints, pilot, recovery : settings of the safety filter, of the rows that arms add to it, of what chooses
+        the reference, and of what a robot does that was driven off
     """
 
     period: float = 0.004
@@ -81,13 +76,14 @@ class OnlineSettings:
     lost: float = 0.5
     at_goal: float = 1e-3
     at_rest: float = 2e-3
-    programme: JointSettings = field(default_factory=JointSettings)
+    filter: FilterSettings = field(default_factory=lambda: FilterSettings(spare=5e-4))
+    joints: JointSettings = field(default_factory=JointSettings)
     pilot: PilotSettings = field(default_factory=PilotSettings)
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if name not in ("programme", "pilot", "recovery"):
+            if name not in ("filter", "joints", "pilot", "recovery"):
                 require_positive(name, value)
         if not 1e-3 <= self.period <= 0.02:
             raise OptionError(
@@ -95,14 +91,7 @@ class OnlineSettings:
             )
 
 
-@dataclass(eq=False)
-class OnlineLog(StepLog):
-    """The log of a run, see `StepLog`; `stopped` control steps are those in which the robot had to stand at once."""
-
-    stopped: int = 0
-
-
-class JointExecutor:
+class JointExecutor(ControlLoop):
     """An executor that moves the joints of a robot that carries a load, step by step.
 
     Parameters
@@ -138,33 +127,39 @@ class JointExecutor:
         settings: OnlineSettings = OnlineSettings(),
     ):
         require_no_rest(scene)
-        self.scene, self.robot, self.seed, self.settings = scene, robot, seed, settings
-        self.observer = Functions.of_motions(scene) if observer is None else observer
-        if isinstance(self.observer, Clouds):
+        self.robot, self.settings = robot, settings
+        if isinstance(observer, Clouds):
             way_out = "name what moves in the scene, and give Observed(scene), which takes measured places"
             raise OptionError(
                 "arms keep clear of what a scene names, not of clouds", key="observer", way_out=way_out
             )
-        self.log, self.n_steps = OnlineLog(), 0
+        begun = clock.perf_counter()
+        self.plan = self._first_plan(scene, seed)
+        planned, scene = clock.perf_counter() - begun, scene.held_as_in(self.plan.scene)
         standing = scene.standing()
-        self.plan = self._first_plan(standing)
-        if len(scene.alternatives) > 1:
-            scene = self.scene = scene.held_as_in(self.plan.scene)
-            standing = scene.standing()
         self.carrier = RobotCarrier(robot, standing.timed(self.plan.scene.duration))
         self.columns = np.concatenate([arm.columns for arm in self.carrier.holders])
         self.arms, grasp = self.carrier.arms, self.carrier.grasp
-        self.programme = JointProgramme(scene, self.arms, grasp, settings.period, settings.programme)
+        super().__init__(
+            scene,
+            Functions.of_motions(scene) if observer is None else observer,
+            settings.period,
+            catch_up=settings.catch_up,
+            at_goal=settings.at_goal,
+            at_rest=settings.at_rest,
+        )
+        self.log.planning.append(planned)
+        self.tell(f"a plan of {self.plan.scene.duration:.2f} s")
+        self.rows = ArmRows(scene, self.arms, grasp, settings.period, settings.joints)
+        self.filter = SafetyFilter(scene, settings.period, settings.filter, self.rows)
         self._follow_plan()
-        self.goal = poses_of(scene, "goal")
-        self._coordinates = self.plan.motion.motion.coordinates
         stands = ~scene.moving[scene.owners]
-        self.pilot = Pilot(
+        self.replanner = self.pilot = Pilot(
             standing,
             self.arms,
-            self._coordinates,
+            self.plan.motion.motion.coordinates,
             MotionReference.of_plan(self.plan, self.columns, settings.pilot.reference),
-            self.programme.needs._replace(obstacle=self.programme.needs.obstacle[stands]),
+            self.rows.needs._replace(obstacle=self.rows.needs.obstacle[stands]),
             goals=np.array([np.concatenate(q) for q in product(*self.carrier.goals)]),
             seed=seed,
             settings=settings.pilot,
@@ -175,43 +170,34 @@ class JointExecutor:
     def _rehearse(self) -> None:
         """Make a step, which loads all kernels, and the roadmap: the first step of a run would take seconds."""
         self._stand_at_start()
-        log, self.log = self.log, OnlineLog()
-        seen = self.observer.observe(0.0)
-        self._advance(seen, 0.0)
+        log, self.log = self.log, ExecutionLog()
+        self._advance(0.0)
         if self.scene.moving.any():
-            self.pilot.prepare(self._movers(seen))
+            self.pilot.prepare(movers(self.scene, self.observer.observe(0.0)))
         self.log = log
 
     def _stand_at_start(self) -> None:
         """Stand at the beginning of the plan."""
         self.position = self.plan.joints.position[0].copy()
-        self._stop_at(poses_of(self.scene, "start"), self.position[self.columns])
-        self._waited = self.pilot.clock = 0.0
+        self._hold_at(poses_of(self.scene, "start"), self.position[self.columns])
+        self.pilot.waited = self.pilot.clock = 0.0
         self._recovery: Recovery | None = None
 
-    def _stop_at(self, poses: HandPoses, joints: Array) -> None:
-        """Take the load to be at rest at some poses, held by some joints."""
-        self.poses, self._before = poses, np.zeros((len(self.scene.manipulators), 3))
+    def _hold_at(self, poses: HandPoses, joints: Array) -> None:
+        """Be at rest at some poses, held by some joints."""
+        self._stop_at(poses)
         self.rates, self._bend = np.zeros(len(self.columns)), np.zeros(len(self.columns))
         self.position[self.columns] = joints
 
     @property
-    def time(self) -> float:
-        """Return the present time [s]."""
-        return self.n_steps * self.settings.period
+    def joints(self) -> Array:
+        """Return the commanded joints of the arms; array, shape (n_joints,) [rad]."""
+        return self.position[self.columns]
 
     @property
     def driven_off(self) -> bool:
         """Return whether the robot is not where it was commanded; then `recover` takes the place of `step`."""
         return self._recovery is not None
-
-    @property
-    def arrived(self) -> bool:
-        """Return whether the load is at its goal, at rest."""
-        n = len(self.scene.manipulators)
-        off = nodes_of(self.scene, self.poses)[:n] - nodes_of(self.scene, self.goal)[:n]
-        near = np.linalg.norm(off, axis=1).max() <= self.settings.at_goal
-        return bool(near and np.linalg.norm(self._before, axis=1).max() <= self.settings.at_rest)
 
     def step(self, measured: Array) -> Array:
         """Perform one control step, and return the joints to command; arrays, shape (n_joints,) [rad].
@@ -222,14 +208,7 @@ class JointExecutor:
             If measured joints are no numbers, or far from what was commanded; then nothing is done, and `driven_off`
             is true.
         """
-        lag = self._lag(measured)
-        seen = self.observer.observe(self.time)
-        begun, n_planned = clock.perf_counter(), len(self.log.planning)
-        self._keep_a_course(seen)
-        self._advance(seen, lag)
-        self.n_steps += 1
-        planned = sum(self.log.planning[n_planned:])
-        self.log.control.append(clock.perf_counter() - begun - planned)
+        self._step(self._lag(measured))
         return self.position.copy()
 
     def recover(self, measured: Array) -> Array:
@@ -304,10 +283,10 @@ class JointExecutor:
         (solved,), missed = tracked(self.arms, nodes_of(self.scene, poses)[None], joints[None], HOLDING)
         if missed.max() > HOLDING.tolerance:
             raise self._cannot_go_on()
-        self._stop_at(poses, solved)
-        self.pilot.stand(self._here())
-        self._waited, self._recovery = self.settings.pilot.patience, None
-        self._tell("it goes on from where it stands")
+        self._hold_at(poses, solved)
+        self.pilot.stand(self.pilot.present(self))
+        self._recovery = None
+        self.tell("it goes on from where it stands")
 
     def _numbers(self, measured: Array) -> Array:
         measured = np.asarray(measured, dtype=float)
@@ -326,42 +305,33 @@ class JointExecutor:
             name = self.robot.joint_names[int(apart.argmax())]
             self._recovery = Recovery(self.time, measured[self.columns], self.settings.recovery)
             off = f"{name} is {apart.max():.2g} rad from where it was commanded"
-            self._tell(off)
+            self.tell(off)
             raise RobotError(f"{off} at {self.time:.2f} s", way_out="look what holds it, or command slower")
         return float(apart.max())
 
-    def _advance(self, seen: Sighting, lag: float) -> None:
-        """Move the load and the joints by one step of the programme."""
-        how, scene, period = self.settings, self.scene, self.settings.period
-        here, ahead, (there, wanted_rates), behind = self._reference()
-        pace = self._pace(behind, lag)
-        twists = pace * twists_between(scene, here, ahead, period)
-        twists = twists + twists_between(scene, self.poses, here, how.catch_up)
-        wanted = hand_velocities(scene, self.poses, twists)
-        joints = self.position[self.columns]
-        drawn = pace * wanted_rates + (there - joints) / how.catch_up
-        state = JointState(joints, self.rates, drawn, self._bend)
-        self.programme.expect(passes=self.pilot.is_clear and behind <= how.near_by)
-        allowed = self.programme.allowed_rates(self.poses, state, self._before, wanted, seen)
-        self.log.note(allowed, self.scene)
-        self._move(allowed.twists, self.programme.rates)
-        pilot = self.pilot
-        pilot.clock = min(pilot.clock + pace * period, pilot.reference.duration)
-        waits = pace < 0.5 or pilot.clock >= pilot.reference.duration
-        self._waited = self._waited + period if waits else 0.0
+    def _pace(self, reference: Reference, lag: float) -> float:
+        """Return the share of the reference's pace at which it goes on: 1 where arms come along, 0 where it waits."""
+        how, self._behind = self.settings, self.distance_from(reference.here)
+        left = min(1.0 - self._behind / how.behind, 2.0 * (1.0 - lag / how.lag))
+        return min(max(left, 0.0), 1.0)
 
-    def _move(self, twists: Array, rates: Array) -> None:
-        """Move the load by a twist, or by a share of it with which the joints can come along, and the joints too."""
-        scene, period, joints = self.scene, self.settings.period, self.position[self.columns]
-        chains, n = self.arms.chains, len(self.scene.manipulators)
+    def _joint_state(self, reference: Reference, pace: float) -> JointState:
+        """Return the joints, and the rates that lead them back to the reference."""
+        how = self.settings
+        passes = self.pilot.is_clear and self._behind <= how.near_by
+        self.filter.passing(how.joints.passing if passes else 1.0)
+        drawn = pace * reference.rates + (reference.joints - self.joints) / how.catch_up
+        return JointState(self.joints, self.rates, drawn, self._bend)
+
+    def _move(self, rates: Array) -> None:
+        """Move the payload by its twist, or by a share of it with which the joints can come along, and the joints."""
+        scene, period, joints, chains = self.scene, self.period, self.joints, self.arms.chains
         soft = chains.approach, chains.lower, chains.upper
-        at_first, roughest = nodes_of(scene, self.poses), np.inf
-        poses, nodes, following = self.poses, at_first, joints
+        poses, following, roughest = self.poses, joints, np.inf
         for share in SHARES:
-            there = advanced(self.poses, share * twists, period)
-            then = nodes_of(scene, there)
+            there = advanced(self.poses, share * self.twists, period)
             guess = joints + share * period * rates
-            (solved,), missed = tracked(self.arms, then[None], guess[None], HOLDING)
+            (solved,), missed = tracked(self.arms, nodes_of(scene, there)[None], guess[None], HOLDING)
             moved = (solved - joints) / period
             rough = float((np.abs(moved - self.rates) / (chains.acceleration * period)).max())
             if (
@@ -370,79 +340,32 @@ class JointExecutor:
                 and (approach_shares(solved, moved, *soft) <= 1.0).all()
                 and rough < roughest
             ):
-                poses, nodes, following, roughest = there, then, solved, rough
+                poses, following, roughest = there, solved, rough
                 if share == 1.0:
                     self._bend = moved - rates  # of the way that joints go in a step
             if roughest <= 1.0:
                 break
         self.log.stopped += roughest == np.inf  # it cannot hold on: it stands
-        self._before = (nodes[:n] - at_first[:n]) / period
-        self.rates, self.poses = (following - joints) / period, poses
+        self._placed(poses)
+        self.rates = (following - joints) / period
         self.position[self.columns] = following
 
-    def _reference(self) -> tuple[HandPoses, HandPoses, tuple[Array, Array], float]:
-        """Return the reference's poses now and a period later, its joints and their rates, and how far hands are from
-        it [m].
-        """
-        times = self.pilot.clock + np.array([0.0, self.settings.period])
-        configurations, joints, rates = self.pilot.reference.at(times)
-        here, ahead = (poses_at(self._coordinates, q) for q in configurations)
-        n = len(self.scene.manipulators)
-        off = nodes_of(self.scene, self.poses)[:n] - nodes_of(self.scene, here)[:n]
-        return here, ahead, (joints[0], rates[0]), float(np.linalg.norm(off, axis=1).max())
-
-    def _pace(self, behind: float, lag: float) -> float:
-        """Return the share of the plan's pace at which it goes on: 1 where arms come along, 0 where it waits."""
-        how = self.settings
-        left = min(1.0 - behind / how.behind, 2.0 * (1.0 - lag / how.lag))
-        return min(max(left, 0.0), 1.0)
-
-    def _first_plan(self, standing: Scene) -> VerifiedJointMotion:
-        begun = clock.perf_counter()
+    def _first_plan(self, scene: Scene, seed: int) -> VerifiedJointMotion:
         budget = Budget(work=self.settings.leisure)
-        found = solve_joints(standing, self.robot, seed=self.seed, budget=budget)
-        self.log.planning.append(clock.perf_counter() - begun)
+        found = solve_joints(scene.standing(), self.robot, seed=seed, budget=budget)
         if found.joints.motion is None:
             raise RobotError(
                 f"no carry is found among what stands: {found.reasons[0]}",
-                file=self.scene.path,
+                file=scene.path,
                 way_out="solve it with 'comove solve' first",
             )
         motion: VerifiedJointMotion = found.joints.motion
-        self._tell(f"a plan of {motion.scene.duration:.2f} s")
         return motion
 
-    def _keep_a_course(self, seen: Sighting) -> None:
-        """Let the pilot look on, and choose another course where that is worth it."""
-        pilot, movers = self.pilot, self._movers(seen)
-        if not pilot.looks_on(self.time, movers, self._waited):
-            return
-        begun = clock.perf_counter()
-        found = pilot.choose(self.time, movers, self._here(), self._reference()[3], self._waited)
-        self.log.planning.append(clock.perf_counter() - begun)
-        if found:
-            self._waited = 0.0
-            self._tell(f"another course, of {pilot.reference.duration:.2f} s")
-
-    def _here(self) -> Way:
-        """Return configuration and joints of the run, one sample."""
-        (part,) = self._coordinates.parts  # one rigid load, or the programme had refused it
-        pose = GroupPose(self.poses.center[0], matrices(self.poses.quaternion[0]))
-        return Way(write_pose(part.kind, pose, self.scene.n_dims)[None], self.position[self.columns][None])
-
-    def _movers(self, seen: Sighting) -> Sighting:
-        """Return the rows of what moves, and of what is seen beyond the scene's obstacles."""
-        n_more = len(seen.margin) - len(self.scene.owners)
-        moves = np.append(self.scene.moving[self.scene.owners], np.ones(n_more, dtype=bool))
-        return Sighting(*(array[moves] for array in seen))
-
     def _follow_plan(self, n_steps: int = 201) -> None:
-        """Tell the programme which clearances the plan has."""
+        """Ask links for no more clearance than the plan has."""
         motion, joints = self.plan.motion.motion, self.plan.joints
         s = np.linspace(0.0, 1.0, n_steps)
         along = np.ascontiguousarray(joints.at(s * joints.duration)[0][:, self.columns])
         nodes = np.ascontiguousarray(motion.coordinates.motion(motion.at(s))[0])
-        self.programme.follow(along, nodes)
-
-    def _tell(self, what: str) -> None:
-        self.log.events.append(Event(self.time, what))
+        self.rows.follow(along, nodes)

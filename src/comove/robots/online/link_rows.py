@@ -1,6 +1,6 @@
-"""Rows of the joint programme, in numba kernels: how fast links may approach obstacles, the load and each other.
+"""Rows of links in the safety filter, in numba kernels: how fast they may approach obstacles, payload and each other.
 
-The variables are those of the twist programme, x, which move the load, and the rates of the joints. A row
+The variables are those of the twists, x, which move the load, and the rates of the joints. A row
 
     n . (velocity of a link's nearest point - velocity of the other's) >= -rate(h)
 
@@ -16,8 +16,8 @@ from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.control.safety.cbf_constraints import Direction, against, horizon, rate, speed_along, write_along
 from comove.control.safety.limits import length_of
@@ -34,8 +34,6 @@ from comove.robots.search.links import (
     nearest_shares,
     place_links,
 )
-
-Array = NDArray[np.float64]
 
 
 class LinkNeeds(NamedTuple):
@@ -78,14 +76,19 @@ class LinkRows(NamedTuple):
     speed: Array
     rows: Array
     low: Array
-    owner: NDArray[np.int64]
-    filled: NDArray[np.int64]
+    owner: Integers
+    filled: Integers
+
+
+def most_rows(arms: Arms, n_obstacles: int) -> int:
+    """Return the largest number of rows among that many obstacles."""
+    links = arms.links
+    return len(links.moving) * n_obstacles + len(links.radius) * len(arms.around.edges) + len(links.pairs)
 
 
 def empty_rows(arms: Arms, n_obstacles: int, n_variables: int) -> LinkRows:
     """Return work arrays for that many obstacles, and variables of the load."""
-    links, n_joints = arms.links, len(arms.chains.lower)
-    count = len(links.moving) * n_obstacles + len(links.radius) * len(arms.around.edges) + len(links.pairs)
+    links, n_joints, count = arms.links, len(arms.chains.lower), most_rows(arms, n_obstacles)
     return LinkRows(
         links.start.copy(),
         links.end.copy(),

@@ -12,16 +12,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import pairwise
+from time import perf_counter
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
+from comove.control.loop import ControlLoop, Reference, Replanner
 from comove.control.safety.qp_workspace import Sighting
 from comove.dmp.arguments import require_positive
-from comove.model.coordinates import Coordinates
+from comove.geometry.rotations import matrices
+from comove.model.blocks import write_pose
+from comove.model.coordinates import Coordinates, poses_at
+from comove.model.groups import GroupPose
 from comove.model.scene import Scene
 from comove.planning.configurations import configuration_space, span
 from comove.planning.planner import continuous
+from comove.planning.world import World
 from comove.robots.online.courses import CourseSettings, Foresight, Places, RoadmapCourse
 from comove.robots.online.link_rows import LinkNeeds, clearances_along
 from comove.robots.online.reference import MotionReference, ReferenceSettings, Stop
@@ -30,8 +36,6 @@ from comove.robots.search.chains import turned_towards
 from comove.robots.search.following import Arms
 from comove.robots.search.planner import plan_with_arms
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,15 @@ class PilotSettings:
             require_positive(name, getattr(self, name))
 
 
-class Pilot:
-    """A pilot, which keeps a reference.
+def movers(scene: Scene, seen: Sighting) -> Sighting:
+    """Return the rows of moving obstacles, and of what is seen beyond the scene's obstacles."""
+    n_more = len(seen.margin) - len(scene.owners)
+    moves = np.append(scene.moving[scene.owners], np.ones(n_more, dtype=bool))
+    return Sighting(*(array[moves] for array in seen))
+
+
+class Pilot(Replanner):
+    """A replanner of arms, which keeps a reference on a roadmap in time.
 
     Parameters
     ----------
@@ -98,6 +109,7 @@ class Pilot:
     ----------
     reference, clock : what is followed, and where on it the run is [s]
     is_clear : whether nothing was foreseen, at the last look, to be touched on it soon
+    waited : time that the arms have not come along [s]
     """
 
     def __init__(
@@ -112,7 +124,8 @@ class Pilot:
         seed: int,
         settings: PilotSettings,
     ):
-        self.settings, self.reference, self.clock, self.is_clear = settings, plan, 0.0, False
+        self.settings, self.reference = settings, plan
+        self.clock, self.waited, self.is_clear = 0.0, 0.0, False
         self.standing, self.coordinates, self._plan, self._seed = standing, coordinates, plan, seed
         how, chains = settings.roadmap, arms.chains
         space = configuration_space(standing, coordinates)
@@ -159,6 +172,41 @@ class Pilot:
             if found is None or found.cost < self.settings.courses.meeting:
                 break
 
+    def update(self, run: ControlLoop) -> None:
+        """Look along the reference from time to time, and choose another course where that is worth it."""
+        if not self._is_due(run.time):
+            return
+        seen = movers(run.scene, run.observer.observe(run.time))
+        if not self.looks_on(run.time, seen, self.waited):
+            return
+        begun, off = perf_counter(), run.distance_from(self.current(run).here)
+        found = self.choose(run.time, seen, self.present(run), off, self.waited)
+        run.log.planning.append(perf_counter() - begun)
+        if found:
+            self.waited = 0.0
+            run.tell(f"another course, of {self.reference.duration:.2f} s")
+
+    def current(self, run: ControlLoop) -> Reference:
+        """Return the reference's poses now and a period later, its joints and their rates."""
+        configurations, joints, rates = self.reference.at(self.clock + np.array([0.0, run.period]))
+        here, ahead = (poses_at(self.coordinates, q) for q in configurations)
+        return Reference(here, ahead, False, joints[0], rates[0])
+
+    def advance(self, run: ControlLoop, pace: float) -> None:
+        """Go on by a control period, at a share of the reference's pace; below a half the arms wait."""
+        self.clock = min(self.clock + pace * run.period, self.reference.duration)
+        waits = pace < 0.5 or self.clock >= self.reference.duration
+        self.waited = self.waited + run.period if waits else 0.0
+
+    def present(self, run: ControlLoop) -> Way:
+        """Return the configuration and joints of the run, one sample."""
+        (part,) = self.coordinates.parts  # one rigid payload, or `ArmRows` had refused it
+        pose = GroupPose(run.poses.center[0], matrices(run.poses.quaternion[0]))
+        return Way(write_pose(part.kind, pose, run.scene.n_dims)[None], run.joints[None])
+
+    def _is_due(self, time: float) -> bool:
+        return time - self._looked >= self.settings.every - 1e-9
+
     def looks_on(self, time: float, seen: Sighting, waited: float) -> bool:
         """Look along the reference from time to time; return whether another course should be chosen.
 
@@ -168,7 +216,7 @@ class Pilot:
         waited : time that the arms have not come along [s]
         """
         how = self.settings
-        if time - self._looked < how.every - 1e-9:
+        if not self._is_due(time):
             return False
         self._looked = time
         cost = self._ahead(self.reference, self.clock, seen)
@@ -219,7 +267,7 @@ class Pilot:
     def stand(self, here: Way) -> None:
         """Follow nothing any more but stand at a sample, and look for a course at once."""
         self.reference, self.clock = MotionReference.standing(here, self.settings.reference), 0.0
-        self.is_clear = False
+        self.is_clear, self.waited = False, self.settings.patience
         self._looked = self._chosen = -np.inf
 
     def _course(
@@ -270,7 +318,7 @@ class Pilot:
         )
         for k in np.argsort(np.abs(goals - joints).max(axis=1), kind="stable")[: how.most_goals]:
             found = plan_with_arms(
-                ground.space,
+                World.of(ground.space),
                 self.arms._replace(around=around),
                 (configuration, joints),
                 (end, goals[k].copy()),
@@ -281,7 +329,7 @@ class Pilot:
                 densely=True,
             )
             if found is not None:
-                return self._paced(Way(*found))
+                return self._paced(Way(*found[:2]))
         return None
 
     def _paced(self, path: Way) -> Way:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array
 from comove.dmp.arguments import require_positive
 from comove.geometry.rotations import exponential, logarithm, matrices, quaternion_of_rotation
 from comove.planning.seeds import minimum_jerk
@@ -18,8 +18,6 @@ from comove.robots.motion import approach_shares
 from comove.robots.search.chains import Iteration, reach_pose
 from comove.robots.search.following import Arms
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 SLOWEST = (
     100.0  # times as long, at most, as joints far from their soft limits: arms may have been driven onto them

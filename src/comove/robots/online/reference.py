@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
+from comove.arrays import Array, Integers
 from comove.robots.online.roadmap import Way
 from comove.robots.verification.verify import VerifiedJointMotion
 from comove.trajectory import interpolated
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class MotionReference:
     def of_plan(
         cls,
         plan: VerifiedJointMotion,
-        columns: NDArray[np.int64],
+        columns: Integers,
         settings: ReferenceSettings = ReferenceSettings(),
     ) -> MotionReference:
         """Return a verified carry as a reference; `columns` are those of the arms' joints."""

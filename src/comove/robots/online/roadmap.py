@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.compiled import kernel
 from comove.model.blocks import place_one
 from comove.planning.configurations import Space, edge_is_free, interpolate, random_configuration, span
@@ -22,9 +22,6 @@ from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import Arms, hand_rotation
 from comove.robots.search.links import place_links
 from comove.robots.search.planner import LEADING
-
-Array = NDArray[np.float64]
-Numbers = NDArray[np.int64]
 
 SLOT = 0.1  # s, between two samples of a way
 FREE, BLOCKED, FAST = range(3)
@@ -135,7 +132,7 @@ def nearest(space: Space, configurations: Array, q: Array) -> int:
 
 
 @kernel
-def nearby(space: Space, configurations: Array, q: Array, within: tuple[float, float], most: int) -> Numbers:
+def nearby(space: Space, configurations: Array, q: Array, within: tuple[float, float], most: int) -> Integers:
     """Return numbers of configurations near to q, nearest first, that are not all at one place; array, shape (n,).
 
     Parameters
@@ -179,13 +176,13 @@ class Roadmap(NamedTuple):
 
     configurations: Array
     joints: Array
-    nodes: Numbers
+    nodes: Integers
     goal: int
-    source: Numbers
-    target: Numbers
-    slots: Numbers
-    begin: Numbers
-    stride: Numbers
+    source: Integers
+    target: Integers
+    slots: Integers
+    begin: Integers
+    stride: Integers
 
     def with_node(self, configuration: Array, joints: Array, ways: list[tuple[int, Way]]) -> Roadmap:
         """Return the roadmap with one node more, and ways to it from others, to be gone in both directions."""

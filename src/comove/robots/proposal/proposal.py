@@ -23,13 +23,13 @@ from comove.geometry.rotations import quaternion_of_rotation
 from comove.model.scene import Scene
 from comove.robots.description import RobotFile, errors_in
 from comove.robots.formats import SRDF, URDF, elements_in
+from comove.robots.further_limits import in_radians_or_metres
 from comove.robots.model import FREEDOMS, LARGEST_LIMIT, Arm, Robot, assembled, frame_of_joint
 from comove.robots.proposal.bodies import link_of, near_but_apart, pairs_of, points_from_tip, touching
 from comove.robots.proposal.examination import overloaded
 from comove.robots.proposal.homes import clearance_at_home, homes_of
 from comove.robots.proposal.tree import GUESSED, LONGEST_FINGER, MOVING, Chain, Tree, has_word
 from comove.robots.soundness import require_tree
-from comove.robots.supplements import in_radians_or_metres
 from comove.robots.urdf import has_rounded_right_angles, resolve
 from comove.robots.verification.kinematics import joint_axes
 

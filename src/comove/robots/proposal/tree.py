@@ -14,8 +14,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, pi
 
+from comove.robots.further_limits import stated_limits
 from comove.robots.soundness import ends_of, number
-from comove.robots.supplements import stated_limits
 
 MOVING = ("revolute", "continuous", "prismatic")
 # By kind of joint, where a model states nothing above 0 [rad/s, N m, m/s, N].

@@ -21,6 +21,7 @@ from comove.robots.search.links import (
     clearance_around,
     clearance_between,
     place_links,
+    set_share,
 )
 from comove.robots.search.ranges import WristRanges
 
@@ -42,6 +43,14 @@ class Arms(NamedTuple):
     links: Links
     ranges: WristRanges
     around: LinkSurroundings
+
+    def among(self, obstacles: Array) -> Arms:
+        """Return the same arms with another table of obstacles, which kernels may move."""
+        return self._replace(around=self.around.among(obstacles))
+
+    def apart(self) -> Arms:
+        """Return the same arms with a table of obstacles of their own, for kernels that move these."""
+        return self.among(self.around.obstacles.copy())
 
 
 class Strain(NamedTuple):
@@ -143,7 +152,7 @@ def posture_on(course: Array, around: LinkSurroundings, nodes: Array, out: Array
 
 @kernel(nogil=True)
 def follow(arms: Arms, nodes: Array, course: Array, duration: float) -> tuple[Array, ...]:
-    """Follow motions of the load and its hands; returns the fields of `Strain`.
+    """Follow motions of the load and its hands; returns the fields of `Strain`. It moves the table of obstacles.
 
     Parameters
     ----------
@@ -205,7 +214,8 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     """Compute the least clearance of the links [m], at most the wished one, and the penalty of what is less.
 
     Links are placed at every second sample. In between the ends of their axes are assumed to move on straight lines;
-    where an obstacle or the load is near, distances are computed at every 2 cm, at most ten times.
+    where an obstacle, as it moves meanwhile, or the load is near, distances are computed at every 2 cm, at most ten
+    times.
     """
     stride, sub_step, most = 2, 0.02, 10
     chains, links, around = arms.chains, arms.links, arms.around
@@ -220,6 +230,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
     place_links(chains, links, q[0], ends[0, 0], ends[0, 1])
     for t in range(0, n_steps, stride):
         turn, after = (t // stride) % 2, min(t + stride, n_steps - 1)
+        set_share(around, t / (n_steps - 1))
         here, there, between = ends[turn], ends[1 - turn], ends[2]
         place_links(chains, links, q[after], there[0], there[1])
         moved = _longest_step(links, here, there)
@@ -227,6 +238,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
         if apart < wished:
             least = min(least, apart)
             penalty += stride * _cost_of_contact(around, wished - apart) / n_steps
+        moved += around.fastest * (after - t) / (n_steps - 1)
         far = wished + moved
         apart = clearance_around(links, around, here[0], here[1], nodes[t], far)
         if apart >= far:
@@ -236,6 +248,7 @@ def _contact(arms: Arms, q: Array, nodes: Array) -> tuple[float, float]:
             if part > 0:
                 _blend(here, there, part / parts, between)
                 _blend(nodes[t], nodes[after], part / parts, load)
+                set_share(around, (t + part / parts * (after - t)) / (n_steps - 1))
                 apart = clearance_around(links, around, between[0], between[1], load, wished)
             if apart < wished:
                 least = min(least, apart)

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from comove.compiled import kernel
 from comove.geometry.distances import REACH, point_distance, segment_distance
 from comove.geometry.solids import N_CORNERS
+from comove.model.displacements import Displacements
 from comove.model.scene import Scene
+from comove.planning.timing import fastest_point, place_obstacles
 from comove.robots.model import Arm, Robot, pin
 from comove.robots.search.capsules import LinkCapsule, capsules_of, vertices_of
 from comove.robots.search.chains import Chains, chains_of, place_arm
@@ -27,6 +29,7 @@ ENOUGH = 0.05  # m, beyond what is asked for: distances above it are not told ap
 ROUGH = 1e-3  # m, of distances to obstacles
 FAT = 0.01  # m, by which capsules may come nearer to something than bodies may: they are about as much wider
 FATTEST = 0.02  # m, likewise where a capsule is as much wider as any
+STILL = Displacements.of(np.zeros((0, 0, 3)), np.zeros((0, 3)))  # of obstacles that do not move
 
 
 class LinkSurroundings(NamedTuple):
@@ -34,7 +37,7 @@ class LinkSurroundings(NamedTuple):
 
     Attributes
     ----------
-    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles
+    obstacles : array, shape (n_obstacles, N_COLUMNS), table of the obstacles, as they are when links are looked at
     edges, radii : arrays, shape (n_edges, 2) and (n_edges,), rods of the load: their end nodes and radii [m]
     clearance : required clearance of the links [m]
     eased : clearance that links need less from each other than from other things [m]
@@ -46,6 +49,9 @@ class LinkSurroundings(NamedTuple):
     carried : array, shape (n_arms,), mass at each hand [kg]
     posture : array, shape (n_joints,), home, to which redundant joints are drawn at the ends
     ends : array, shape (2, n, 3), the first nodes at start and goal, hands at least [m]
+    resting : array, shape (n_obstacles, N_COLUMNS), table of the obstacles at 0 s; unused where none moves
+    moved : displacements of the obstacles at even times of the movement
+    fastest : largest speed of a point of an obstacle [m a duration]
     """
 
     obstacles: Array
@@ -63,6 +69,25 @@ class LinkSurroundings(NamedTuple):
     carried: Array = np.zeros(0)
     posture: Array = np.zeros(0)
     ends: Array = np.zeros((2, 0, 3))
+    resting: Array = np.zeros((0, 0))
+    moved: Displacements = STILL
+    fastest: float = 0.0
+
+    def among(self, obstacles: Array) -> LinkSurroundings:
+        """Return the same with another table of obstacles, which kernels may move."""
+        return self._replace(obstacles=obstacles)
+
+    def in_motion(self, scene: Scene, n_intervals: int = 400) -> LinkSurroundings:
+        """Return the same with the motion of a scene's obstacles."""
+        if not scene.moving.any():
+            return self
+        moved = scene.displacements(np.linspace(0.0, scene.duration, n_intervals + 1))
+        return self._replace(
+            obstacles=scene.obstacles.copy(),
+            resting=scene.obstacles,
+            moved=moved,
+            fastest=fastest_point(scene.obstacles, moved),
+        )
 
 
 class Links(NamedTuple):
@@ -390,6 +415,12 @@ def near_enough(a: Array, b: Array, c: Array, d: Array, far: float) -> bool:
         two += (d[x] - c[x]) ** 2
     reach = far + 0.5 * (sqrt(one) + sqrt(two))
     return square < reach * reach
+
+
+@kernel
+def set_share(around: LinkSurroundings, share: float) -> None:
+    """Move the obstacles to where they are at a share of the movement."""
+    place_obstacles(around.resting, around.moved, share, around.obstacles)
 
 
 @kernel

@@ -1,9 +1,9 @@
-"""RRT-Connect for a load that a robot carries: every node of a tree stores the joints too.
+"""Plans of payloads that arms carry: trees whose nodes hold the joints too.
 
-An edge is free if the load and its hands keep their clearance along it, and if all arms can follow it from the joints
-of the node where it begins, without a jump, while the links keep their clearance. The two trees meet in the load's
-configuration; whether the joints of both belong to one branch is checked when the whole path is followed from the
-start.
+An edge is followed from the joints of the node where it begins: every arm has to reach its grasp on each of many
+poses without a jump, while links keep their clearance from all that is there at that time. The trees of both ends
+meet in the payload's configuration; whether the joints of both belong to one branch is checked when the whole path is
+followed from the start.
 """
 
 from __future__ import annotations
@@ -15,19 +15,12 @@ from numpy.typing import NDArray
 
 from comove.compiled import kernel
 from comove.model.blocks import place_one
-from comove.planning import trees
 from comove.planning.clock import worked
-from comove.planning.configurations import (
-    Space,
-    clearance_of,
-    edge_is_free,
-    interpolate,
-    nearest,
-    random_configuration,
-    span,
-)
+from comove.planning.configurations import Space, clearance_of, span
 from comove.planning.planner import continuous
-from comove.planning.trees import copy_to, rrt_connect, shortened
+from comove.planning.timing import drift, set_time, time_for_joints
+from comove.planning.trees import answers, copy_to, rrt_connect, shortened
+from comove.planning.world import World, between, follow, reaches
 from comove.robots.search.chains import reach_pose
 from comove.robots.search.following import SEARCHING, Arms, hand_rotation, posture_on
 from comove.robots.search.links import ENOUGH, ROUGH, clearance_at, links_clearance, place_links
@@ -47,6 +40,7 @@ class ArmPlanSettings(NamedTuple):
     ----------
     sub_step : span between the poses that the arms are followed through [m]
     jump : turn of a joint within a sub-step that leads to another branch [rad]
+    settling : turn of a joint within a sub-step that takes no time, as redundant joints come to rest [rad]
     n_trees : pairs of trees that meet, where their paths cannot be followed from one end to the other
     n_draws : configurations drawn for each node at most; most of them are out of reach
     n_shortcuts : attempts to shorten a path
@@ -56,6 +50,7 @@ class ArmPlanSettings(NamedTuple):
 
     sub_step: float = 0.03
     jump: float = 0.4
+    settling: float = 0.02
     n_trees: int = 3
     n_draws: int = 50
     n_shortcuts: int = 80
@@ -66,29 +61,25 @@ class ArmPlanSettings(NamedTuple):
 SETTINGS = ArmPlanSettings()
 
 
-class CarriedSpace(NamedTuple):
-    """The space of a load and of the arms that carry it; a node is a configuration and the joints.
+class CarryingArms(NamedTuple):
+    """The arms that carry a payload, as a world of nodes asks them.
 
     Attributes
     ----------
-    space : space of the load
-    arms : arms that carry it
-    n_columns : number of columns of a configuration
+    arms : arms among the obstacles of the world's space
+    n_columns : number of columns of a configuration, after which joints follow in a node
     course : array, shape (2, n_joints), joints at start and goal, between which redundant joints are drawn
     settings : settings of the plan
-    clock : that of the space
     """
 
-    space: Space
     arms: Arms
     n_columns: int
     course: Array
     settings: ArmPlanSettings
-    clock: Array
 
 
 def plan_with_arms(
-    space: Space,
+    world: World,
     arms: Arms,
     start: tuple[Array, Array],
     goal: tuple[Array, Array],
@@ -100,125 +91,143 @@ def plan_with_arms(
     max_nodes: int,
     densely: bool = False,
     settings: ArmPlanSettings = SETTINGS,
-) -> tuple[Array, Array] | None:
-    """Plan a path of the load that the arms can follow from start to goal; None where none was found.
+) -> tuple[Array, Array, Array] | None:
+    """Plan a path of the payload that the arms can follow from start to goal; None where none was found.
 
     Parameters
     ----------
-    arms : the arms that carry the load
-    start, goal : configuration of the load, array of shape (n_columns,), and joints, array of shape (n_joints,)
-    margin : margin of the clearance of load and links above the required one [m]; less where the ends have less
-    required : required clearance of the load [m]
+    world : world of the payload alone, with times or without
+    arms : the arms that carry the payload
+    start, goal : configuration of the payload, array of shape (n_columns,), and joints, array of shape (n_joints,)
+    margin : margin of the clearance of payload and links above the required one [m]; less where the ends have less
+    required : required clearance of the payload [m]
     lenient : amount by which the clearance of links may be less [m], as the verification computes it more exactly
     densely : return configurations at most `spacing` apart, with joints that were followed from the start
 
     Returns
     -------
-    arrays, shapes (n_configurations, n_columns) and (n_configurations, n_joints): configurations and their joints
+    arrays, shapes (n_configurations, n_columns), (n_configurations, n_joints) and (n_configurations, 0 or 1):
+    configurations, their joints, and their normalised times if there are such
     """
-    spare = min(_links_at(space, arms, q, joints) for q, joints in (start, goal)) - arms.around.clearance
-    kept = arms.around.clearance + min(margin - lenient, 0.5 * spare if spare > 0.0 else spare - ROUGH)
-    arms = arms._replace(around=arms.around._replace(clearance=kept))
-    scratch = np.empty((space.blocks.node.shape[0], 3))
-    at_ends = min(clearance_of(space, q, scratch, 0.0) for q, _ in (start, goal))
-    margin = min(required + margin, 0.5 * (required + at_ends))
-    course = np.stack([start[1], goal[1]])
-    world, n = CarriedSpace(space, arms, len(start[0]), course, settings, space.clock), len(start[0])
-    find = _way if densely else _planned
-    path = find(world, np.concatenate(start), np.concatenate(goal), margin, rng, max_nodes)
-    return (continuous(space, path[:, :n]), np.ascontiguousarray(path[:, n:])) if len(path) else None
+    space, n, timed = world.space, len(start[0]), world.timing is not None
+    if timed:
+        arms = arms.among(space.around.obstacles)
+    nodes = [np.concatenate([*end, [t] * timed]) for end, t in ((start, 0.0), (goal, 1.0))]
+    scratch, spare, at_ends = np.empty((space.blocks.node.shape[0], 3)), [], []
+    for node in nodes:
+        set_time(world.timing, space.around.obstacles, node)
+        spare.append(_links_at(space, arms, node, n) - arms.around.clearance)
+        at_ends.append(clearance_of(space, node, scratch, 0.0))
+    kept = min(margin - lenient, 0.5 * min(spare) if min(spare) > 0.0 else min(spare) - ROUGH)
+    arms = arms._replace(around=arms.around._replace(clearance=arms.around.clearance + kept))
+    margin = min(required + margin, 0.5 * (required + min(at_ends)))
+    world = World.of(space, world.timing, CarryingArms(arms, n, np.stack([start[1], goal[1]]), settings))
+    path = (_way if densely else _planned)(world, *nodes, margin, rng, max_nodes)
+    if not len(path):
+        return None
+    q, joints, time = np.split(path, [n, n + len(start[1])], axis=1)
+    return continuous(space, q), np.ascontiguousarray(joints), time
 
 
-def _links_at(space: Space, arms: Arms, q: Array, joints: Array) -> float:
-    """Compute the clearance of the links at a configuration of the load with these joints [m]."""
-    nodes = np.empty((space.blocks.node.shape[0], 3))
-    place_one(space.blocks, q, 1.0, nodes)
-    return clearance_at(arms.chains, arms.links, arms.around, joints, nodes, ENOUGH)
+def _links_at(space: Space, arms: Arms, node: Array, n: int) -> float:
+    """Compute the clearance of the links at a node, whose first n values are a configuration [m]."""
+    nodes, n_joints = np.empty((space.blocks.node.shape[0], 3)), len(arms.chains.lower)
+    place_one(space.blocks, node, 1.0, nodes)
+    return clearance_at(arms.chains, arms.links, arms.around, node[n : n + n_joints], nodes, ENOUGH)
 
 
 @kernel
 def _planned(
-    world: CarriedSpace, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
+    world: World, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
 ) -> Array:
     """Plan a path and shorten it, anew where trees have met in joints that do not; it is empty where none was found.
 
     Parameters
     ----------
-    start, goal : arrays, shape (n_values,), configuration of the load and joints
+    start, goal : arrays, shape (n_values,), nodes
 
     Returns
     -------
-    array, shape (n_configurations, n_values)
+    array, shape (n_nodes, n_values)
     """
-    nothing, how = np.empty((0, start.shape[0])), world.settings
+    nothing, how = np.empty((0, start.shape[0])), world.arms.settings
     for _ in range(how.n_trees):
         path = rrt_connect(world, start, goal, margin, rng, max_nodes, how.n_draws * max_nodes, nothing)
         if path.shape[0] == 0:
             return nothing
-        path = _dense(world.space, path, how.spacing)
-        if _follow(world, path):
+        path = dense(world, path)
+        if follow_path(world, path):
             return shortened(world, path, margin, rng, how.n_shortcuts)
     return nothing
 
 
 @kernel
 def _way(
-    world: CarriedSpace, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
+    world: World, start: Array, goal: Array, margin: float, rng: np.random.Generator, max_nodes: int
 ) -> Array:
     """Plan as `_planned` does, and follow the path once more: it comes back dense, with all joints."""
     path = _planned(world, start, goal, margin, rng, max_nodes)
     if path.shape[0] == 0:
         return path
-    path = _dense(world.space, path, world.settings.spacing)
-    return path if _follow(world, path) else path[:0]
+    path = dense(world, path)
+    return path if follow_path(world, path) else path[:0]
 
 
 @kernel
-def _dense(space: Space, path: Array, spacing: float) -> Array:
-    """Return the path with intermediate vertices, at most `spacing` [m] apart, whose joints are not known yet."""
-    counts, n = np.ones(path.shape[0], dtype=np.int64), 1
+def dense(world: World, path: Array) -> Array:
+    """Return the path with intermediate nodes, at most `spacing` [m] apart, whose joints are not known yet."""
+    counts, n, spacing = np.ones(path.shape[0], dtype=np.int64), 1, world.arms.settings.spacing
     for k in range(1, path.shape[0]):
-        counts[k] = max(1, int(np.ceil(span(space, path[k - 1], path[k]) / spacing)))
+        counts[k] = max(1, int(np.ceil(span(world.space, path[k - 1], path[k]) / spacing)))
         n += counts[k]
     out, row = np.empty((n, path.shape[1])), 0
     copy_to(path[0], out[0])
     for k in range(1, path.shape[0]):
         for i in range(1, counts[k]):
-            interpolate(space, path[k - 1], path[k], i / counts[k], out[row + i])
+            between(world, path[k - 1], path[k], i / counts[k], out[row + i])
         row += counts[k]
         copy_to(path[k], out[row])
     return out
 
 
 @kernel
-def _follow(world: CarriedSpace, path: Array) -> bool:
+def follow_path(world: World, path: Array) -> bool:
     """Write the joints along a path from those of the start; returns False where the arms cannot follow."""
-    n = world.n_columns
-    copy_to(world.course[0], path[0, n:])
+    n, course = world.arms.n_columns, world.arms.course
+    copy_to(course[0], path[0, n : n + course.shape[1]])
     for k in range(1, path.shape[0]):
-        copy_to(path[k - 1, n:], path[k, n:])
-        if not follow_edge(world, path[k - 1], path[k], path[k, n:]):
+        if not follow_edge(world.arms, world, path[k - 1], path[k]):
             return False
     return True
 
 
+@answers(follow, CarryingArms)
 @kernel
-def follow_edge(world: CarriedSpace, p: Array, target: Array, joints: Array) -> bool:
-    """Follow an edge with all arms, joints in place; returns False where an arm does not reach, jumps or comes too
-    near.
+def follow_edge(carrying: CarryingArms, world: World, p: Array, target: Array) -> bool:
+    """Follow an edge from the joints of p with all arms, and write the joints into its end; returns False where an
+    arm does not reach, jumps, has not the time, or comes too near.
     """
-    space, how = world.space, world.settings
-    chains, links, around = world.arms.chains, world.arms.links, world.arms.around
-    nodes, at, rotation = np.empty((space.blocks.node.shape[0], 3)), np.empty_like(p), np.empty((3, 3))
+    space, how, course, (chains, links, _, around) = (
+        world.space,
+        carrying.settings,
+        carrying.course,
+        carrying.arms,
+    )
+    nodes, rotation = np.empty((space.blocks.node.shape[0], 3)), np.empty((3, 3))
+    at = np.empty_like(p)
+    joints = target[carrying.n_columns : carrying.n_columns + course.shape[1]]
+    copy_to(p[carrying.n_columns : carrying.n_columns + course.shape[1]], joints)
     before, posture = np.empty_like(joints), np.empty_like(joints)
     start, end = links.start.copy(), links.end.copy()
-    count = max(1, int(np.ceil(span(space, p, target) / how.sub_step)))
+    way = max(span(space, p, target), drift(world.timing, p, target))
+    count = max(1, int(np.ceil(way / how.sub_step)))
+    seconds = time_for_joints(world.timing, p, target) / count
     for step in range(1, count + 1):
         if worked(space.clock, FOLLOWING_WORK + links.joint.shape[0] * around.obstacles.shape[0]):
             return False
-        interpolate(space, p, target, step / count, at)
+        between(world, p, target, step / count, at)
         place_one(space.blocks, at, 1.0, nodes)
-        posture_on(world.course, around, nodes, posture)
+        posture_on(course, around, nodes, posture)
         copy_to(joints, before)
         for i in range(chains.first.shape[0] - 1):
             hand_rotation(around, nodes, i, rotation)
@@ -226,77 +235,26 @@ def follow_edge(world: CarriedSpace, p: Array, target: Array, joints: Array) -> 
             if left > LEADING.tolerance:
                 return False
         for j in range(joints.shape[0]):
-            if abs(joints[j] - before[j]) > how.jump:
+            if abs(joints[j] - before[j]) > min(how.jump, how.settling + seconds * chains.velocity[j]):
                 return False
         place_links(chains, links, joints, start, end)
+        set_time(world.timing, around.obstacles, at)
         need = around.clearance
         if links_clearance(links, around, start, end, nodes, need + 0.01) < need:
             return False
     return True
 
 
-@trees.answers(trees.extend, CarriedSpace)
+@answers(reaches, CarryingArms)
 @kernel
-def _extend(world: CarriedSpace, p: Array, q: Array, steps: float, margin: float, out: Array) -> int:
-    space, n, scratch = world.space, world.n_columns, np.empty(p.shape[0])
-    way, nodes = span(space, p, q), np.empty((space.blocks.node.shape[0], 3))
-    interpolate(space, p, q, min(1.0, space.settings.step * steps / max(way, 1e-12)), out)
-    if not edge_is_free(space, p, out, margin, scratch, nodes):
-        return trees.BLOCKED
-    copy_to(p[n:], out[n:])
-    if not follow_edge(world, p, out, out[n:]):
-        return trees.BLOCKED
-    if way > space.settings.step * steps:
-        return trees.FREE
-    for c in range(n, q.shape[0]):  # in the joints of q, not in those of another branch; a random q has none
-        if abs(out[c] - q[c]) > world.settings.jump:
-            return trees.BLOCKED
-    return trees.ARRIVED
-
-
-@trees.answers(trees.nearest, CarriedSpace)
-@kernel
-def _nearest(world: CarriedSpace, tree: Array, count: int, q: Array) -> int:
-    return nearest(world.space, tree, count, q)
-
-
-@trees.answers(trees.draw, CarriedSpace)
-@kernel
-def _draw(
-    world: CarriedSpace,
-    nodes: Array,
-    counts: NDArray[np.int64],
-    this: int,
-    rng: np.random.Generator,
-    out: Array,
-) -> bool:
-    random_configuration(world.space, rng, out)
-    for c in range(world.n_columns, out.shape[0]):
-        out[c] = np.nan
+def _may_reach(carrying: CarryingArms, world: World, node: Array) -> bool:
+    arms = carrying.arms
+    for c in range(carrying.n_columns, carrying.n_columns + carrying.course.shape[1]):
+        node[c] = np.nan
     nodes, rotation = np.empty((world.space.blocks.node.shape[0], 3)), np.empty((3, 3))
-    place_one(world.space.blocks, out, 1.0, nodes)
-    for i in range(world.arms.chains.first.shape[0] - 1):
-        hand_rotation(world.arms.around, nodes, i, rotation)
-        if not may_reach(world.arms.ranges, i, rotation, nodes[i]):
+    place_one(world.space.blocks, node, 1.0, nodes)
+    for i in range(arms.chains.first.shape[0] - 1):
+        hand_rotation(arms.around, nodes, i, rotation)
+        if not may_reach(arms.ranges, i, rotation, nodes[i]):
             return False
     return True
-
-
-@trees.answers(trees.between, CarriedSpace)
-@kernel
-def _between(world: CarriedSpace, p: Array, q: Array, share: float, out: Array) -> bool:
-    interpolate(world.space, p, q, share, out)
-    copy_to(p[world.n_columns :], out[world.n_columns :])
-    return follow_edge(world, p, out, out[world.n_columns :])
-
-
-@trees.answers(trees.length, CarriedSpace)
-@kernel
-def _length(world: CarriedSpace, p: Array, q: Array) -> float:
-    return span(world.space, p, q)
-
-
-@trees.answers(trees.shortens, CarriedSpace)
-@kernel
-def _shortens(world: CarriedSpace, p: Array, q: Array, way: float) -> bool:
-    return span(world.space, p, q) <= way - world.settings.shorter

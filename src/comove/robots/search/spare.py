@@ -14,7 +14,14 @@ from comove.model.blocks import Blocks, place_one
 from comove.planning.trees import copy_to
 from comove.robots.search.chains import Chains, jacobian, place_arm, reach_pose, solve_damped
 from comove.robots.search.following import MET, SEARCHING, Arms, follow_one, hand_rotation
-from comove.robots.search.links import ENOUGH, ROUGH, clearance_around, clearance_between, place_links
+from comove.robots.search.links import (
+    ENOUGH,
+    ROUGH,
+    clearance_around,
+    clearance_between,
+    place_links,
+    set_share,
+)
 
 Array = NDArray[np.float64]
 
@@ -77,6 +84,7 @@ class ArmsFollower:
         ----------
         nodes : array, shape (n_steps, n_nodes, 3), hands and nodes of the load [m]
         """
+        arms = arms.apart()
         _, spare = spare_along(arms, np.ascontiguousarray(nodes), course, settings.lever)
         return cls(arms, course, spare[[0, -1]].min(axis=0) - ROUGH, settings)
 
@@ -112,6 +120,7 @@ def spare_along(arms: Arms, nodes: Array, course: Array, lever: float) -> tuple[
     for t in range(n_steps):
         for i in range(n_arms):
             spare[t, i] = _reach(arms.chains, i, q[t], left[t, i], lever)
+        set_share(arms.around, t / (n_steps - 1))
         _clearances(arms, nodes[t], q[t], start, end, spare[t])
     return q, spare
 
@@ -170,7 +179,7 @@ def slopes_along(
 ) -> Array:
     """Compute the derivatives of distances nearer than `near`, array of shape (n_kinds,), by differences.
 
-    Arms follow each move of a configuration with the least motion of their joints.
+    Arms follow each move of a configuration with the least motion of their joints. Samples are evenly spaced in time.
 
     Parameters
     ----------
@@ -189,6 +198,7 @@ def slopes_along(
     for t in range(n_steps):
         counts = spare[t] < near
         links_count = counts[n_arms] or counts[n_arms + 1]
+        set_share(arms.around, t / (n_steps - 1))
         for c in range(-1, n_columns if counts.any() else -1):
             copy_to(at[t], moved)
             copy_to(joints[t], q)

@@ -3,15 +3,16 @@
 ======== ================================================================ ==========================
 kind     pairs                                                            keep
 ======== ================================================================ ==========================
-`SCENE`  every link that a joint moves with every obstacle                the scene's clearance
+`SCENE`  every link that a joint moves with every obstacle, and all
+         links with those obstacles that move                             the scene's clearance
 `LOAD`   the load with every link but those beyond a holder's last joint  the scene's clearance
 `SELF`   links that the robot's description lets collide                  5 mm, or less if so asked
 ======== ================================================================ ==========================
 
 The scene's clearance is `limits.clearance`, 5 mm unless given; the load keeps it from obstacles as well. Links that
-no joint moves may touch obstacles, as a base does that stands on a table: no motion changes it. Where the places of
-the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies on
-different bases, are reduced by their effect.
+no joint moves may touch obstacles at rest, as a base does that stands on a table: no motion changes it. Where the
+places of the robot's bases have tolerances (`uncertainty`), distances between links and obstacles, and between bodies
+on different bases, are reduced by their effect.
 """
 
 from __future__ import annotations
@@ -31,10 +32,12 @@ from comove.errors import ComoveWarning
 from comove.geometry.rotations import matrices
 from comove.geometry.surfaces import Surfaces, holds
 from comove.model.files.keys import ROBOT_CLEARANCE
+from comove.model.moving import rotations
 from comove.model.scene import Scene
 from comove.robots.model import Arm, Robot
 from comove.robots.verification.carried import Carried, leverage, load_shapes, placements
 from comove.robots.verification.kinematics import Bases, moved_by
+from comove.robots.verification.moving import MovingObstacles
 
 Array = NDArray[np.float64]
 
@@ -65,12 +68,13 @@ class Bodies:
     kind : array, shape (n_pairs,), SCENE, LOAD or SELF
     required : array, shape (3,), required clearance of each kind [m]
     taken : array, shape (n_pairs,), amount by which the true distance may be less than the computed one [m]
-    reach : array, shape (n_pairs, n_joints + 1), largest change of a distance per motion of each joint, and of the
-        load [m/rad, m/m]
+    reach : array, shape (n_pairs, n_joints + 1 + n_moving), largest change of a distance per motion of each joint, of
+        the load, and of each obstacle that moves [m/rad, m/m]
     exact : array, shape (n_pairs,), index of the exact pair for which a pair is a rough substitute, or its own index:
         the convex hulls of meshes, nearer to everything and much faster, are checked first
     rods : for each shape of the load, its number and the nodes that it spans (see `load_shapes`)
     surfaces : the scene's meshes, which have an inside where they close
+    moving : the obstacles that move
     """
 
     robot: Robot
@@ -83,6 +87,12 @@ class Bodies:
     exact: NDArray[np.int64]
     rods: tuple[tuple[int, ...], ...]
     surfaces: Surfaces
+    moving: MovingObstacles
+
+    @property
+    def joint_reach(self) -> Array:
+        """Return the columns of `reach` that belong to joints; array, shape (n_pairs, n_joints)."""
+        return self.reach[:, : self.robot.model.nv]
 
     def some(self, which: NDArray[np.bool_]) -> Bodies:
         """Return the bodies, copied, with some of their pairs; array, shape (n_pairs,).
@@ -102,11 +112,20 @@ class Bodies:
             exact=number[self.exact[which]],
         )
 
-    def with_load_at(self, place: Array) -> Bodies:
-        """Place the load's bodies, in this geometry; array, shape (n_nodes, 3), its nodes [m]."""
+    def placed_at(self, place: Array, time: float = 0.0) -> Bodies:
+        """Place the load's bodies, in this geometry, and moving obstacles as they are at an instant.
+
+        Parameters
+        ----------
+        place : array, shape (n_nodes, 3), nodes of the load [m]
+        time : the instant [s]
+        """
         for rod, *spanned in self.rods:
             (turn,), (middle,) = placements(place[None], tuple(spanned))
             self.geometry.geometryObjects[rod].placement = pin.SE3(turn, middle)
+        (turns,), (places,) = self.moving.placements(np.array([time]))
+        for body, turn, middle in zip(self.moving.body.tolist(), turns, places, strict=True):
+            self.geometry.geometryObjects[body].placement = pin.SE3(turn, middle)
         return self
 
     @cached_property
@@ -159,7 +178,8 @@ def bodies_of(
     pairs += _add_obstacles(geometry, names, scene)
     holders = [arms[i] for i in scene.file.holder_numbers] if held else []
     rods, with_load = _add_load(robot, geometry, names, carried, holders)
-    pairs, exact = _with_hulls(geometry, names, pairs + with_load)
+    pairs, exact, hulls = _with_hulls(geometry, names, pairs + with_load)
+    moving = MovingObstacles.among(scene, geometry, robot.collision.ngeoms, hulls)
     geometry.removeAllCollisionPairs()
     for first, second, _ in pairs:
         geometry.addCollisionPair(pin.CollisionPair(first, second))
@@ -179,10 +199,11 @@ def bodies_of(
         kind=kind,
         required=np.array([keep, keep, min(keep, ROBOT_CLEARANCE)]),
         taken=taken,
-        reach=_changes(robot, geometry, reach, np.array(pairs, dtype=np.int64).reshape(-1, 3)),
+        reach=_changes(robot, geometry, reach, np.array(pairs, dtype=np.int64).reshape(-1, 3), moving),
         exact=exact,
         rods=rods,
         surfaces=scene.surfaces,
+        moving=moving,
     )
 
 
@@ -210,17 +231,17 @@ def _taken(pairs: list[tuple[int, int]], pull: Array, base: NDArray[np.int64]) -
 
 
 def _add_obstacles(geometry: Any, names: list[str], scene: Scene) -> list[tuple[int, int, int]]:
-    """Add the scene's obstacles; returns the pairs with all links that a joint moves."""
-    links, pairs = np.flatnonzero(_joints(geometry)).tolist(), []
-    for i in range(len(scene.file.obstacles)):
+    """Add the scene's obstacles; returns the pairs with all links that a joint or the obstacle moves past."""
+    every, moved, pairs = range(geometry.ngeoms), np.flatnonzero(_joints(geometry)).tolist(), []
+    for i, moves in enumerate(scene.moving):
         names.append(scene.name_of(i))
         number = geometry.addGeometryObject(obstacle_object(scene, i, names[-1]))
-        pairs += [(link, number, SCENE) for link in links]
+        pairs += [(link, number, SCENE) for link in (every if moves else moved)]
     return pairs
 
 
 def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
-    """Warn of links that no joint moves and that are deep in an obstacle: nothing checks these pairs.
+    """Warn of links that no joint moves and that are deep in an obstacle at rest: nothing checks these pairs.
 
     Warns
     -----
@@ -233,11 +254,13 @@ def warn_of_buried_links(robot: Robot, scene: Scene) -> None:
     told = []
     for link in links:
         item = geometry.geometryObjects[link]
-        for i, name in enumerate(names):
+        for i in np.flatnonzero(~scene.moving).tolist():
             obstacle = geometry.geometryObjects[robot.collision.ngeoms + i]
             pair = [item.geometry, obstacle.geometry], [item.placement, obstacle.placement]
             if _distance(*pair) < 0.0 and (depth := depth_of(*pair)[0]) > BURIED:
-                told.append(f"{robot.model.frames[item.parentFrame].name} is {depth:.2g} m deep in {name}")
+                told.append(
+                    f"{robot.model.frames[item.parentFrame].name} is {depth:.2g} m deep in {names[i]}"
+                )
     if told:
         warnings.warn(
             f"{'; '.join(told)}: no motion changes this, and it is not checked; move the obstacle, or correct "
@@ -264,9 +287,9 @@ def _add_load(
 
 def _with_hulls(
     geometry: Any, names: list[str], pairs: list[tuple[int, int, int]]
-) -> tuple[list[tuple[int, int, int]], NDArray[np.int64]]:
-    """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs; and
-    `Bodies.exact`.
+) -> tuple[list[tuple[int, int, int]], NDArray[np.int64], dict[int, int]]:
+    """Return pairs with hulls instead of convex meshes, then the rough substitutes of other pairs; `Bodies.exact`;
+    and the hulls by mesh.
     """
     convex, rough = _hulls(geometry, names)
     pairs = [(convex.get(a, a), convex.get(b, b), kind) for a, b, kind in pairs]
@@ -275,19 +298,22 @@ def _with_hulls(
         if a in rough or b in rough:
             exact.append(number)
             pairs.append((rough.get(a, a), rough.get(b, b), kind))
-    return pairs, np.array(exact, dtype=np.int64)
+    return pairs, np.array(exact, dtype=np.int64), convex | rough
 
 
-def obstacle_object(scene: Scene, i: int, name: str) -> Any:
-    """Return obstacle i of a scene as a pinocchio.GeometryObject: a mesh as its triangles, turned as in the scene."""
-    obstacle = scene.file.obstacles[i]
+def obstacle_object(scene: Scene, i: int, name: str, time: float = 0.0) -> Any:
+    """Return obstacle i of a scene, as it is at an instant [s], as a pinocchio.GeometryObject.
+
+    A mesh is one of triangles.
+    """
+    obstacle, now = scene.file.obstacles[i], np.array([time])
+    turned, center = rotations(scene.turns(now)[0, i]), np.array(obstacle.center) + scene.offsets(now)[0, i]
     if obstacle.shape == "mesh":
-        mesh, center = int(np.argmax(scene.surfaces.owner == i)), np.array(obstacle.center)
-        triangles = _triangles(scene.surfaces.of(mesh) - center)
-        return pin.GeometryObject(name, 0, pin.SE3(np.eye(3), center), triangles)
-    turn = matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
-    placement = pin.SE3(turn, np.array(obstacle.center))
-    return pin.GeometryObject(name, 0, placement, OBSTACLE_SHAPES[obstacle.shape](obstacle))
+        mesh = int(np.argmax(scene.surfaces.owner == i))
+        triangles = _triangles(scene.surfaces.of(mesh) - scene.surfaces.center[mesh])
+        return pin.GeometryObject(name, 0, pin.SE3(turned, center), triangles)
+    turn = turned @ matrices(np.array(getattr(obstacle, "quaternion_wxyz", (1.0, 0.0, 0.0, 0.0))))
+    return pin.GeometryObject(name, 0, pin.SE3(turn, center), OBSTACLE_SHAPES[obstacle.shape](obstacle))
 
 
 def _triangles(corners: Array) -> Any:
@@ -429,8 +455,10 @@ def _links_of(geometry: Any, bases: Bases, names: list[str]) -> tuple[Array, Arr
     return reach, pull, base
 
 
-def _changes(robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64]) -> Array:
-    """Bound how joints, and at last the load, change distances; joints that move both bodies do not.
+def _changes(
+    robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64], moving: MovingObstacles
+) -> Array:
+    """Bound how joints, then the load, then moving obstacles change distances; joints that move both bodies do not.
 
     Parameters
     ----------
@@ -439,11 +467,12 @@ def _changes(robot: Robot, geometry: Any, reach: Array, pairs: NDArray[np.int64]
 
     Returns
     -------
-    array, shape (n_pairs, n_joints + 1)
+    array, shape (n_pairs, n_joints + 1 + n_moving)
     """
     moved, (first, second, kind) = moved_by(robot)[_joints(geometry)], pairs.T
     change = np.where(moved[first] != moved[second], reach[first] + reach[second], 0.0)
-    return np.column_stack([change, kind == LOAD])
+    by_obstacle = moving.owns(first) + moving.owns(second)
+    return np.column_stack([change, kind == LOAD, by_obstacle])
 
 
 def _joints(geometry: Any) -> NDArray[np.int64]:

@@ -5,11 +5,11 @@ Two bodies whose distance at an instant is d are, at all times at most w before 
     d - w sum_j max|q_j'| r_j
 
 apart, where r_j is the largest distance of the moved body from the axis of joint j (1 for a joint that slides), and
-only the joints between the two count; the load adds its own largest speed. Where this bound is too small, a
-second-order bound is used for convex bodies, and where that is too small as well, the time interval is halved, for
-those pairs only. Distances are coal's, placements Pinocchio's. Where the balls about two bodies are already so far
-apart, so are the bodies, and nothing more is computed of them. Meshes are looked at by their convex hulls first, and
-themselves only where hulls are too near, as that takes a thousand times as long.
+only the joints between the two count; the load and obstacles that move add their own largest speeds. Where this
+bound is too small, a second-order bound is used for convex bodies other than those, and where that is too small as
+well, the time interval is halved, for those pairs only. Distances are coal's, placements Pinocchio's. Where the balls
+about two bodies are already so far apart, so are the bodies, and nothing more is computed of them. Meshes are looked
+at by their convex hulls first, and themselves only where hulls are too near, as that takes a thousand times as long.
 
 The second-order bound looks along the line between the nearest points. Let n be the unit vector along that line at an
 instant. Two convex bodies are separated by a slab perpendicular to n,
@@ -102,18 +102,23 @@ class LinkClearance(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class CarryCourse:
-    """The joints of a robot and the load by time.
+    """The joints of a robot, the load and obstacles by time.
 
     Attributes
     ----------
-    robot : the robot whose joints move
+    bodies : the robot whose joints move, and the obstacles that move
     load : the load, in motion or at rest
     curve : joint positions by time [s], cubic between samples
     """
 
-    robot: Robot
+    bodies: Bodies
     load: LoadMotion
     curve: PPoly
+
+    @property
+    def robot(self) -> Robot:
+        """Return the robot."""
+        return self.bodies.robot
 
     @cached_property
     def bounds(self) -> Ranges:
@@ -158,14 +163,23 @@ class Instants:
         return self.course.load.nodes(self.time)
 
     @cached_property
+    def moved(self) -> tuple[Array, Array]:
+        """Return the placements of obstacles that move, as `MovingObstacles.placements` computes them."""
+        return self.course.bodies.moving.placements(self.time)
+
+    @cached_property
     def changes(self) -> tuple[Array, Array]:
-        """Return the largest rates of the joints, and at last of the load's nodes, within the intervals, and the
-        largest second derivatives of the joints; arrays, shape (n_steps, n_joints + 1) and (n_steps, n_joints).
+        """Return the largest rates of joints, the load's nodes and moving obstacles within the intervals, and the
+        largest second derivatives of joints.
+
+        Returns
+        -------
+        arrays, shape (n_steps, n_joints + 1 + n_moving) and (n_steps, n_joints)
         """
         begin, end = self.time - self.half, self.time + self.half
         rates, bends = np.split(self.course.bounds.over(begin, end), 2, axis=1)
         load = self.course.load.speed.over(begin, end).max(axis=1, keepdims=True)
-        return np.hstack([rates, load]), bends
+        return np.hstack([rates, load, self.course.bodies.moving.speed.over(begin, end)]), bends
 
 
 class PairCells(NamedTuple):
@@ -222,7 +236,7 @@ def certify(
     distances = Distances(bodies)
     nearing = Nearing(distances)
     known = _Known(distances, slack, settings)
-    cells = _first(bodies, CarryCourse(bodies.robot, carried, curve), settings.parts)
+    cells = _first(bodies, CarryCourse(bodies, carried, curve), settings.parts)
     lower = np.full(3, np.inf)
     if slack < 1.0:  # what the clearance is about, before anything is compared with it
         known.compute(cells.chosen(known.nearest(cells, distances.of_balls(cells))).exact(bodies))
@@ -255,7 +269,7 @@ def overlap(bodies: Bodies, load: LoadMotion, curve: PPoly, found: LinkClearance
     curve : joint positions by time [s], cubic between samples
     found : the pair and the time
     """
-    at = Instants(CarryCourse(bodies.robot, load, curve), np.array([found.time]), 0.0)
+    at = Instants(CarryCourse(bodies, load, curve), np.array([found.time]), 0.0)
     distances = Distances(bodies)
     distances(PairCells(at, np.zeros(1, dtype=np.int64), np.array([found.pair])))  # places the bodies
     first, second = bodies.ends[found.pair].tolist()
@@ -361,13 +375,17 @@ class Distances:
     def found(self, cells: PairCells) -> Iterator[Any]:
         """Yield coal's results for the pairs, each of which is valid until the next."""
         compute, geometry, placed = pin.computeDistance, self.bodies.geometry, self.placed
-        rods = [(rod, *placements(cells.at.nodes, tuple(spanned))) for rod, *spanned in self.bodies.rods]
+        placing = [(rod, *placements(cells.at.nodes, tuple(spanned))) for rod, *spanned in self.bodies.rods]
+        turns, places = cells.at.moved
+        placing += [
+            (body, turns[:, k], places[:, k]) for k, body in enumerate(self.bodies.moving.body.tolist())
+        ]
         placed_for = -1
         for k, pair in zip(cells.row.tolist(), cells.pair.tolist(), strict=True):
             if k != placed_for:
                 pin.updateGeometryPlacements(self.model, self.data, geometry, placed, cells.at.positions[k])
-                for rod, turn, middle in rods:
-                    placed.oMg[rod] = pin.SE3(turn[k], middle[k])
+                for body, turn, place in placing:
+                    placed.oMg[body] = pin.SE3(turn[k], place[k])
                 placed_for = k
             yield compute(geometry, placed, pair)
 
@@ -394,6 +412,9 @@ class Distances:
             centers[:, own] = own_centers[own] @ turns[joint].swapaxes(1, 2) + places[joint][:, None]
         for rod, *spanned in self.bodies.rods:
             centers[:, rod] = placements(at.nodes, tuple(spanned))[1]
+        for k, body in enumerate(self.bodies.moving.body.tolist()):
+            turn, place = (values[:, k] for values in at.moved)
+            centers[:, body] = turn @ self.bodies.geometry.geometryObjects[body].geometry.aabb_center + place
         return centers
 
 
@@ -402,7 +423,7 @@ class Nearing:
 
     Attributes
     ----------
-    applies : array, shape (n_pairs,), whether the bound applies to a pair: convex bodies on a robot or in the scene
+    applies : array, shape (n_pairs,), whether the bound applies to a pair: convex bodies on a robot or at rest
     """
 
     def __init__(self, distances: Distances):
@@ -411,8 +432,8 @@ class Nearing:
         items = list(bodies.geometry.geometryObjects)
         moved = moved_by(bodies.robot)[bodies.joint[bodies.ends]].swapaxes(0, 1)
         self._sides = moved & ~moved[::-1]
-        loads = {rod for rod, *_ in bodies.rods}
-        plain = [k not in loads and isinstance(item.geometry, CONVEX) for k, item in enumerate(items)]
+        others = {*(rod for rod, *_ in bodies.rods), *bodies.moving.body.tolist()}
+        plain = [k not in others and isinstance(item.geometry, CONVEX) for k, item in enumerate(items)]
         first, second = np.array(plain, dtype=bool)[bodies.ends.T]
         self.applies = first & second
 
@@ -436,8 +457,8 @@ class Nearing:
     def second_order(self, cells: PairCells) -> Array:
         """Bound |p''| during time intervals; array, shape (n_cells,) [m/s^2]."""
         rates, bends = (bound[cells.row] for bound in cells.at.changes)
-        reach = self.bodies.reach[cells.pair, :-1]
-        rates, between = rates[:, :-1], self._sides[:, cells.pair].any(axis=0)
+        reach = self.bodies.joint_reach[cells.pair]
+        rates, between = rates[:, : reach.shape[1]], self._sides[:, cells.pair].any(axis=0)
         return (bends * reach).sum(axis=1) + 2 * (rates * between).sum(axis=1) * (rates * reach).sum(axis=1)
 
     def first_order(self, cells: PairCells) -> tuple[Array, Array]:

@@ -22,10 +22,10 @@ from comove.robots.motion import (
     largest_velocity,
     least_margin,
 )
-from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, links_inside
-from comove.robots.verification.carried import Errors, LoadMotion
+from comove.robots.verification.bodies import LOAD, SCENE, SELF, Bodies, bodies_of, links_inside
+from comove.robots.verification.carried import Carried, Errors, LoadMotion
 from comove.robots.verification.certificate import LinkClearance, certify, overlap
-from comove.robots.verification.kinematics import Bases, joint_axes
+from comove.robots.verification.kinematics import Bases, joint_axes, moved_by
 from comove.ties import first_largest
 from comove.verification.verify import VerifiedMotion
 
@@ -50,8 +50,6 @@ def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
     if scene.n_dims != 3:
         return ["the scene is planar, and a robot moves in space; give the scene three coordinates"]
     reasons = []
-    if scene.moving.any():
-        reasons.append("obstacles of the scene move, and links are checked among obstacles that stand only")
     for name in scene.manipulators:
         try:
             robot.arm(name)
@@ -60,6 +58,25 @@ def unfit_scene(robot: Robot, scene: Scene) -> list[str]:
     if scene.grasp is None and scene.file.load is not None:
         reasons.append("the scene does not say how hands hold the load; add `grasp: {orientation: down}`")
     return reasons
+
+
+def struck_at_rest(robot: Robot, scene: Scene) -> tuple[str, float, float] | None:
+    """Return the link at rest and the moving obstacle that come too near to each other, how near [m], and when [s].
+
+    Links at rest are those that no arm of the scene's manipulators moves; None where all keep clear.
+    """
+    arms = tuple(robot.arm(name) for name in scene.manipulators)
+    carried, bases = Carried.straight(scene), Bases(robot, robot.description.uncertainty)
+    bodies = bodies_of(bases, arms, carried, scene.nodes_at("start")[None, : len(arms)], 0.0)
+    columns = np.concatenate([arm.columns for arm in arms])
+    moved = np.array(moved_by(robot)[bodies.joint[bodies.ends]][..., columns].any(axis=(1, 2)))
+    bodies = bodies.some((bodies.kind == SCENE) & ~moved & bodies.reach[:, robot.model.nv :].any(axis=1))
+    ends = np.array([0.0, scene.duration])
+    home = JointMotion(ends, robot.joint_names, np.stack([robot.home] * 2))
+    found = certify(bodies, carried, home.curve)[SCENE]
+    if found.upper >= float(bodies.required[SCENE]):
+        return None
+    return bodies.name(found.pair), found.upper, found.time
 
 
 def unfit_joints(robot: Robot, scene: Scene, joints: JointMotion) -> list[str]:

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure, FigureBase, SubFigure
 from matplotlib.patches import Rectangle
 
 from comove.arrays import Array
+from comove.geometry.distances import CENTER
 from comove.model.coordinates import load_coordinates
 from comove.model.motion import CoordinatedMotion
 from comove.model.scene import Scene
@@ -299,9 +300,9 @@ def _draw_obstacles(axes: Axes, scene: Scene, view: tuple[int, int]) -> None:
     draw_standing(axes, scene, view)
     if not scene.moving.any():
         return
-    shares, borders = np.linspace(0.0, 1.0, 9), MovingBorders(scene, view)
-    for share, offsets in zip(shares, scene.offsets(shares * scene.duration), strict=True):
-        borders.draw(axes, scene.centers + offsets, 0.08 + 0.3 * share)
+    borders = MovingBorders(scene, view)
+    for share in np.linspace(0.0, 1.0, 9).tolist():
+        borders.draw(axes, scene.obstacles_at(share * scene.duration), 0.08 + 0.3 * share)
     paths = scene.offsets(np.linspace(0.0, scene.duration, 201))[:, scene.moving]
     for start, path in zip(scene.centers[scene.moving], paths.swapaxes(0, 1), strict=True):
         axes.plot(*(start + path)[:, list(view)].T, ":", color=MOVING, linewidth=1)
@@ -320,22 +321,25 @@ class MovingBorders:
     """The borders of the moving obstacles of a scene in one view, computed once."""
 
     def __init__(self, scene: Scene, view: tuple[int, int]):
-        moving = scene.moving[scene.owners]
-        self._owners, self._centers, self._view = scene.owners[moving], scene.centers, list(view)
-        self._borders = [outline(row, view) for row in scene.obstacles[moving]]
+        self._scene, self._view, self._rows = scene, view, np.flatnonzero(scene.moving[scene.owners])
+        self._borders = [outline(scene.obstacles[row], view) for row in self._rows]
         self._opacity = 1.0 if scene.n_dims == 2 else 0.35
 
-    def at(self, centers: Array) -> list[Array]:
-        """Return the borders, each of shape (n_points, 2), where the centres of all obstacles are; array, shape
-        (n_obstacles, 3) [m].
-        """
-        moved = (centers - self._centers)[self._owners][:, self._view]
-        return [border + way for border, way in zip(self._borders, moved, strict=True)]
+    def at(self, table: Array) -> list[Array]:
+        """Return the borders, each of shape (n_points, 2), in a table of the obstacles where they are."""
+        scene, center = self._scene, [CENTER + axis for axis in self._view]
+        turns = scene.turning[scene.owners]
+        return [
+            outline(table[row], self._view)
+            if turns[row]
+            else border + table[row, center] - scene.obstacles[row, center]
+            for row, border in zip(self._rows, self._borders, strict=True)
+        ]
 
-    def draw(self, axes: Axes, centers: Array, alpha: float, edge: str = MOVING) -> PolyCollection:
-        """Draw the obstacles where the centres of all are; returns what was drawn."""
+    def draw(self, axes: Axes, table: Array, alpha: float, edge: str = MOVING) -> PolyCollection:
+        """Draw the obstacles of a table, of which those that move are where they are; returns what was drawn."""
         shapes = PolyCollection(
-            self.at(centers), facecolor=MOVING, edgecolor=edge, linewidth=0.6, alpha=alpha * self._opacity
+            self.at(table), facecolor=MOVING, edgecolor=edge, linewidth=0.6, alpha=alpha * self._opacity
         )
         axes.add_collection(shapes)
         return shapes

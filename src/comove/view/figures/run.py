@@ -32,7 +32,7 @@ def draw_run(record: Record, *, n_states: int = 13) -> Figure:
         borders = MovingBorders(scene, view)
         for k, step in enumerate(np.linspace(0, len(record.time) - 1, n_states).astype(int)):
             share = (k + 1) / n_states
-            borders.draw(axes, record.obstacles[step], 0.1 + 0.35 * share)
+            borders.draw(axes, record.table(step), 0.1 + 0.35 * share)
             _draw_load(axes, scene, record.nodes[step][:, list(view)], share)
         for hand, name in enumerate(scene.manipulators):
             draw_way(axes, record.nodes[:, hand][:, list(view)], scene.goal[hand][list(view)], hand, name)
@@ -93,7 +93,7 @@ def moving_scene(
     """
     scene, (last, period) = record.scene, (len(record.time) - 1, record.time[1] - record.time[0])
     borders = MovingBorders(scene, view)
-    shapes = borders.draw(axes, scene.centers, 0.6, edge="0.25")
+    shapes = borders.draw(axes, scene.obstacles, 0.6, edge="0.25")
     colours = [COLOURS[hand % len(COLOURS)] for hand in range(len(scene.manipulators))]
     ways = [axes.plot([], [], color=colour, linewidth=1.4)[0] for colour in colours]
     hands = [axes.plot([], [], "o", color=colour, markersize=5)[0] for colour in colours]
@@ -106,8 +106,7 @@ def moving_scene(
     def move(time: float) -> list[Artist]:
         step = min(last, round(time / period))
         over = time > record.time[-1] + period
-        centers = scene.centers + scene.offsets(np.array([time]))[0] if over else record.obstacles[step]
-        shapes.set_verts(borders.at(centers))
+        shapes.set_verts(borders.at(scene.obstacles_at(time) if over else record.table(step)))
         first, nodes = max(0, step - round(trail / period)), record.nodes[:, :, list(view)]
         for k, (way, hand) in enumerate(zip(ways, hands, strict=True)):
             way.set_data(*nodes[first : step + 1, k].T)

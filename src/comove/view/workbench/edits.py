@@ -215,6 +215,11 @@ def _move_obstacle(obstacle: Contents, to: Array, turn: Array | None) -> None:
         obstacle["center"] = _written(np.array(obstacle["motion"]["waypoints"][0]))
     if turn is None:
         return
+    turns = (obstacle.get("motion") or {}).get("turn") or {}
+    for key in ("axis", "hinge"):  # which go with the obstacle
+        if turns.get(key) is not None:
+            given = np.array(turns[key], dtype=float)
+            turns[key] = _written(matrices(turn)[: len(given), : len(given)] @ given)
     if len(before) == 2:
         if "rotation_deg" in obstacle:
             angle = 2.0 * math.atan2(turn[3], turn[0])

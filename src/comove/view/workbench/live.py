@@ -17,7 +17,6 @@ from comove.arrays import Array
 from comove.control import ExecutionLog, Executor, Functions, Pace, write_run
 from comove.control.safety.twists import nodes_of
 from comove.errors import OptionError
-from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
 from comove.verification.record import Record, verify_execution
 from comove.verification.verify import VerifiedMotion
@@ -210,7 +209,7 @@ def run_live(
     poses.append(executor.poses)
     observer.go_on(executor.time)
     begun = clock.perf_counter() - executor.time
-    while not stop() and executor.time < settings.longest and not _arrived(executor):
+    while not stop() and executor.time < settings.longest and not executor.ended:
         for obstacle, place in leads().items():
             observer.lead(obstacle, place, executor.time)
         executor.step()
@@ -227,29 +226,13 @@ def run_live(
     observer.go_on(executor.time + pace.period)
     executed = Scene.from_dict(observer.contents(contents), folder=scene.folder)
     executed = executed if executed.is_timed else executed.timed(scene.duration)
-    return LiveRun(_record(executed, poses, pace.period), executor.log, executor.blocker)
-
-
-def _arrived(executor: Executor) -> bool:
-    return executor.arrived and (executor.plan is None or executor.time >= executor.plan.ends - 1e-9)
+    return LiveRun(executor.record(poses, executed), executor.log, executor.blocker)
 
 
 def _state(executor: Executor, observer: LedObstacles) -> State:
     scene = executor.scene
     offsets = observer.ground_truth(np.array([executor.time]))[0] - scene.centers
     return State(executor.time, nodes_of(scene, executor.poses), offsets, executor.plan is not None)
-
-
-def _record(scene: Scene, poses: list[HandPoses], period: float) -> Record:
-    time = period * np.arange(len(poses), dtype=np.float64)
-    return Record(
-        scene,
-        time,
-        np.array([p.center for p in poses]),
-        np.array([p.quaternion for p in poses]),
-        scene.centers + scene.offsets(time),
-        scene.obstacle_sagittas(time),
-    )
 
 
 def save_run(run: LiveRun, folder: Path, *, seed: int) -> None:

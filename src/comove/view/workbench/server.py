@@ -49,13 +49,7 @@ class Guarded:
 
 
 def viewer() -> Any:
-    """Return the viewer's package.
-
-    Raises
-    ------
-    ExtraError
-        If it is not installed.
-    """
+    """Return the viewer's package."""
     viser = installed("viser", "the workbench in the browser", "view")
     get_console().quiet = True  # the viewer would print its own address, without the token
     return viser

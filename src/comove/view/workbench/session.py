@@ -339,7 +339,7 @@ class Session:
             return
         state: State = message["state"]
         with self.client.atomic():
-            self.stage.show_state(state.nodes, state.offsets)
+            self.stage.show_state(state.nodes, state.offsets, state.time)
         plan = "follows a plan" if state.planned else "has no plan, and goes where it is clear"
         self.panels.ran.content = f"{state.time:.1f} s: the load {plan}."
 

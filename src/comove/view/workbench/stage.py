@@ -13,6 +13,7 @@ import numpy as np
 
 from comove.arrays import Array
 from comove.errors import ComoveError
+from comove.geometry.rotations import exponential
 from comove.model.demonstration import demonstration_of
 from comove.model.scene import Scene
 from comove.model.shapes import spatial
@@ -246,7 +247,7 @@ class Stage:
         again = [piece.name for piece in pieces] == [piece.name for piece in self._pieces]
         changed = again and pale == self.pale and len(pieces) > 0 and _same_bodies(pieces, self._pieces)
         self.recording, self._pieces, self.pale = recording, pieces, pale
-        self._goers = np.flatnonzero(recording.offsets.any(axis=(0, 2))).tolist()
+        self._goers = np.flatnonzero(recording.offsets.any(axis=(0, 2)) | self.scene.turning).tolist()
         if not changed:
             self._draw_bodies(pale)
         self._draw_paths(recording, pale)
@@ -324,8 +325,7 @@ class Stage:
             handle.position = tuple(piece.position[index])
             handle.wxyz = tuple(piece.quaternion[index])
         self.pose_robot(recording.links[index])
-        for i in self._goers:
-            self.obstacles[i].position = tuple(self.scene.centers[i] + recording.offsets[index, i])
+        self._move_obstacles(self._goers, recording.offsets[index], float(recording.time[index]))
         if self.touches:
             self.blame(*(touch.obstacle for touch in self.touches if touch.time <= recording.time[index]))
 
@@ -336,15 +336,25 @@ class Stage:
             self._motion.pop(name).remove()
         self.blame()
 
-    def show_state(self, nodes: Array, offsets: Array) -> None:
-        """Move load, hands and obstacles to a state of a run; arrays, shape (n_nodes, 3), (n_obstacles, 3) [m]."""
+    def _move_obstacles(self, which: Sequence[int], offsets: Array, time: float) -> None:
+        turned = exponential(self.scene.turns(np.array([time]))[0])
+        for i in which:
+            self.obstacles[i].position = tuple(self.scene.centers[i] + offsets[i])
+            self.obstacles[i].wxyz = tuple(turned[i])
+
+    def show_state(self, nodes: Array, offsets: Array, time: float) -> None:
+        """Move load, hands and obstacles to a state of a run, at a time [s].
+
+        Parameters
+        ----------
+        nodes, offsets : arrays, shape (n_nodes, 3) and (n_obstacles, 3), as of a recording [m]
+        """
         if self.recording is None:
             return
         states = np.stack([self.recording.nodes[0], nodes])  # bodies are drawn as they are in the first
         for handle, piece in zip(self._moving, pieces_of(self.scene, states, self.sizes), strict=True):
             handle.position, handle.wxyz = tuple(piece.position[1]), tuple(piece.quaternion[1])
-        for handle, center in zip(self.obstacles, self.scene.centers + offsets, strict=True):
-            handle.position = tuple(center)
+        self._move_obstacles(range(len(self.obstacles)), offsets, time)
 
     def show_ghosts(self, visible: bool, *, keep: bool = False) -> None:
         """Show or hide the load at equal times; `keep` leaves it as it was for the next motion."""

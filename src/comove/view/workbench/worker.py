@@ -361,7 +361,7 @@ class Worker:
                 save_run(solution, draft, seed=asked["seed"])
             else:
                 again = _command_again(self.draft, solution.scene, self.times)
-                save_result(solution, draft, wall_time_s=solution.solve_time_s, **again)
+                save_result(solution, draft, wall_time_s=solution.effort.seconds, **again)
         self._send(asked, "saved", target=asked["target"])
 
     def _found(self, playback: Playback, asked: Message, kind: str) -> None:

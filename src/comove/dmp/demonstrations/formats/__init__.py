@@ -186,13 +186,7 @@ def select(demos: Mapping[str, RecordedSamples], manipulator: str | None, file: 
 
 
 def chosen_name(names: Iterable[str], manipulator: str | None, file: object) -> str:
-    """Return the name among those of a recording's movements that a manipulator's name means.
-
-    Raises
-    ------
-    DemonstrationError
-        If there are several and the name is missing, or the name is unknown.
-    """
+    """Return the name among those of a recording's movements that a manipulator's name means."""
     names = list(names)
     if names == [""] and manipulator is not None:
         raise fault(

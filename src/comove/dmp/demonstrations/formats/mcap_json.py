@@ -175,13 +175,7 @@ def _bodies(file: IO[bytes], size: int, at: int) -> Iterator[tuple[int, bytes]]:
 
 
 def _shaped(message: Any, shape: Any, path: Path, key: str) -> Any:
-    """Return a value of JSON with the attributes of a shape; a message has a header besides.
-
-    Raises
-    ------
-    DemonstrationError
-        If a number or a text is missing; names the key.
-    """
+    """Return a value of JSON with the attributes of a shape; a message has a header besides."""
     if shape is float or shape is str:
         if isinstance(message, str if shape is str else float | int) and not isinstance(message, bool):
             return shape(message)

@@ -1,4 +1,4 @@
-"""Properties of a robot that Pinocchio does not read from its URDF: further joint limits, and masses of links.
+"""Limits of joints that Pinocchio does not read from a URDF: soft limits, acceleration and jerk.
 
 A ``<safety_controller soft_lower_limit="a" soft_upper_limit="b" k_position="k"/>`` bounds the velocities that ROS's
 controllers allow by -k (q - a) from below and by -k (q - b) from above: so q + q'/k stays within the *soft limits* a
@@ -11,28 +11,19 @@ used.
 
 Sources: ``joint_limits_interface`` of ros_control (`PositionJointSoftLimitsHandle`), the ROS wiki's
 ``pr2_controller_manager/safety_limits``, and Drake's notes on parsing (``drake:acceleration``).
-
-Masses that a model does not state are guessed from collision bodies only where nothing that a joint moves has one:
-models often give a link's mass to its neighbour.
 """
 
 from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
-import coal
-import numpy as np
-import pinocchio as pin
-
-from comove.arrays import Array
 from comove.errors import RobotError
 from comove.robots.description import JointLimits
-from comove.robots.soundness import LIMITED, MOMENTS, RATES, ends_of, local_name, number
+from comove.robots.soundness import LIMITED, RATES, local_name, number
 
 # rad and m, of a joint of an arm: none turns twice either way, nor slides so far
 LARGEST_TURN, LARGEST_STROKE = 4.0 * math.pi, 50.0
@@ -178,150 +169,3 @@ def _soft(joint: ET.Element) -> dict[str, float]:
         return {}
     found = {key: float(safety.get(attribute, "0")) for key, attribute in SOFT.items()}
     return found | {"k_position": float(safety.get("k_position", "0"))}
-
-
-DENSITY = 1000.0  # kg/m^3
-ROUNDING = 1e-9  # share of a mass
-MAX_TOLD = 6
-
-
-def moved_masses(model: Any, without: float | Array = 0.0) -> Array:
-    """Return the masses that the joints of a model move; array, shape (n_joints + 1,), the universe first [kg].
-
-    Parameters
-    ----------
-    without : masses that do not count, as `masses_of` returns them
-    """
-    masses = np.array([inertia.mass for inertia in model.inertias])
-    masses = np.where(masses - without > ROUNDING * masses, masses - without, 0.0)
-    for joint in range(model.njoints - 1, 0, -1):
-        masses[model.parents[joint]] += masses[joint]
-    return masses
-
-
-def mass_beyond(joint: str, urdfs: Iterable[str]) -> float:
-    """Return the mass of all links beyond the one that a joint moves [kg]: of the hand, if it is an arm's last."""
-    for urdf in urdfs:
-        ends = {each.get("name", ""): ends_of(each) for each in ET.fromstring(urdf).findall("joint")}
-        if joint in ends:
-            break
-    below = dict[str, list[str]]()
-    for parent, child in ends.values():
-        below.setdefault(parent, []).append(child)
-    beyond = list(below.get(ends[joint][1], []))
-    for name in beyond:
-        beyond += below.get(name, [])
-    masses = _link_masses(urdf)
-    return sum(masses.get(name, 0.0) for name in beyond)
-
-
-def masses_of(urdf: str, links: Collection[str], model: Any) -> Array:
-    """Return the masses of some links of a URDF by the joint that moves each; array, shape (n_joints + 1,) [kg]."""
-    masses = np.zeros(model.njoints)
-    for link, mass in _link_masses(urdf).items() if links else ():
-        if link in links:
-            masses[model.frames[model.getFrameId(link, pin.FrameType.BODY)].parentJoint] += mass
-    return masses
-
-
-def _link_masses(urdf: str) -> dict[str, float]:
-    links = (
-        (link.get("name", ""), link.find("inertial/mass")) for link in ET.fromstring(urdf).findall("link")
-    )
-    return {name: float(mass.get("value", "0")) for name, mass in links if mass is not None}
-
-
-def with_guessed_masses(
-    urdf: str, known: Mapping[str, float], grippers: Collection[str], model: Any, geometry: Any
-) -> tuple[str, str | None]:
-    """Give masses to links that have none, or a mass alone, in a model and in its URDF.
-
-    Parameters
-    ----------
-    known : masses of links whose inertia follows from their bodies, by name [kg]
-    grippers : names of the links of grippers, whose masses are not guessed
-    model : pinocchio.Model of the URDF, which is changed
-    geometry : pinocchio.GeometryModel of its collision bodies
-
-    Returns
-    -------
-    the URDF with these masses, and a note about them; None where there was nothing to guess
-    """
-    bodies = dict[int, list[Any]]()
-    massless = moved_masses(model, masses_of(urdf, grippers, model)) == 0.0
-    for item in geometry.geometryObjects:
-        name = model.frames[item.parentFrame].name
-        guess = item.parentJoint > 0 and massless[item.parentJoint] and name not in grippers
-        if guess or name in known:
-            bodies.setdefault(item.parentFrame, []).append(item)
-    found = {frame: _inertia(items, model.frames[frame].placement) for frame, items in bodies.items()}
-    guessed = {}
-    for frame, inertia in found.items():
-        mass = known.get(model.frames[frame].name)
-        if mass is None and inertia.mass > 0.0:
-            guessed[frame] = inertia
-        elif mass is not None:
-            found[frame] = _of_mass(inertia, mass, model.frames[frame].name)
-    if not guessed and not known:
-        return urdf, None
-    tree = ET.fromstring(urdf)
-    links = {link.get("name"): link for link in tree.findall("link")}
-    for frame, inertia in found.items():
-        if inertia.mass > 0.0:
-            place = model.frames[frame]
-            model.appendBodyToJoint(place.parentJoint, inertia, place.placement)
-            _write(links[place.name], inertia)
-    urdf = ET.tostring(tree, encoding="unicode")
-    if not guessed:
-        return urdf, None
-    told = [f"{model.frames[frame].name} {inertia.mass:.3g} kg" for frame, inertia in guessed.items()]
-    more = f" and {len(told) - MAX_TOLD} more" if len(told) > MAX_TOLD else ""
-    note = (
-        f"links that joints move have no masses; they were guessed from collision bodies, at {DENSITY:g} kg/m^3: "
-        f"{', '.join(told[:MAX_TOLD])}{more}: what they ask of the motors is a guess; write <inertial> into the links"
-    )
-    return urdf, note
-
-
-def _of_mass(inertia: Any, mass: float, link: str) -> Any:
-    """Return an inertia of the same shape that has a mass [kg]."""
-    if not inertia.mass > 0.0:
-        raise RobotError(
-            f"the bodies of '{link}' have no volume, over which its mass could be spread",
-            way_out="give it a body that is not flat",
-        )
-    share = mass / inertia.mass
-    return pin.Inertia(mass, np.array(inertia.lever), share * np.array(inertia.inertia))
-
-
-def _inertia(items: Iterable[Any], link: Any) -> Any:
-    """Return the inertia of collision bodies in the frame of their link, whose placement is given."""
-    total = pin.Inertia.Zero()
-    for item in items:
-        shape = item.geometry
-        if isinstance(shape, coal.BVHModelBase):
-            try:
-                shape.buildConvexHull(True, "Qt")
-            except RuntimeError:  # flat
-                continue
-            shape = shape.convex
-        volume = shape.computeVolume()
-        own = pin.Inertia(
-            DENSITY * volume,
-            np.array(shape.computeCOM()),
-            DENSITY * np.array(shape.computeMomentofInertiaRelatedToCOM()),
-        )
-        total += link.actInv(item.placement).act(own)
-    return total
-
-
-def _write(link: ET.Element, inertia: Any) -> None:
-    """Write an inertia into a link of a URDF."""
-    for old in link.findall("inertial"):
-        link.remove(old)
-    inertial = ET.SubElement(link, "inertial")
-    ET.SubElement(inertial, "origin", xyz=" ".join(repr(float(x)) for x in inertia.lever))
-    ET.SubElement(inertial, "mass", value=repr(float(inertia.mass)))
-    ET.SubElement(
-        inertial, "inertia", {key: repr(float(inertia.inertia[row, column])) for key, row, column in MOMENTS}
-    )

@@ -12,17 +12,17 @@ import yaml
 from scipy.interpolate import CubicSpline
 
 import comove
+from comove.control.safety.cbf_qp import JointState
 from comove.errors import ComoveWarning, RobotError
 from comove.model import Scene
 from comove.robots import JointMotion, Robot, plan_transfers
 from comove.robots.effort import shortest_duration
+from comove.robots.further_limits import FurtherLimits
 from comove.robots.motion import approach_shares, largest_approach, largest_jerk
 from comove.robots.online.executor import JointExecutor
-from comove.robots.online.joint_programme import JointState
-from comove.robots.supplements import FurtherLimits
 from comove.robots.verification import checks
 from tests.robots.known_carry import baxter, known_carry
-from tests.robots.online.test_joint_programme import ready
+from tests.robots.online.test_arm_rows import ready
 from tests.robots.small_robots import EXAMPLES, robot, urdf, written
 
 SHARE = Path(cmeel_pth.__file__).parent / "cmeel.prefix" / "share"
@@ -192,19 +192,19 @@ def test_the_shortest_duration_keeps_soft_limits():
 
 
 def test_joints_that_are_run_step_by_step_approach_soft_limits_no_faster_than_they_may():
-    programme, carrier, q, _ = ready()
-    chains = carrier.arms.chains
+    safe, carrier, q, _ = ready()
+    chains, rows = carrier.arms.chains, safe.joints
     slow = chains._replace(approach=np.full(len(q), 2.0))
-    programme.arms, arms = carrier.arms._replace(chains=slow), programme.arms
+    rows.arms, arms = carrier.arms._replace(chains=slow), rows.arms
     try:
         rng = np.random.default_rng(0)
         for _ in range(50):
             position = rng.uniform(chains.lower, chains.upper)
-            low, high = programme._joint_bounds(JointState(position, *np.zeros((3, len(q)))))
+            low, high = rows.joint_bounds(JointState(position, *np.zeros((3, len(q)))))
             assert (position + 2.0 * high <= chains.upper + 1e-9).all()
             assert (position + 2.0 * low >= chains.lower - 1e-9).all()
     finally:
-        programme.arms = arms
+        rows.arms = arms
 
 
 def test_jerks_are_verified_where_they_are_limited_and_the_advice_works():

@@ -1,17 +1,20 @@
-"""The twist programme: the velocities nearest to the desired ones that lead to no collision.
+"""The safety filter: the velocities nearest to the desired ones that lead to no collision, a quadratic programme.
 
-In every control step, of all twists of the rigid groups those are taken that
+In every control step, of all twists of the rigid groups, and rates of the joints of arms that carry them, those are
+taken that
 
-    minimise    sum over the hands of |velocity - desired velocity|^2
-    such that   no point of a load or hand approaches an obstacle, the border or a hand of another body faster
-                than the clearance that is left allows (a control barrier function, Ames et al., 2017; see `rows`),
-                |velocity of a hand| <= speed limit,
-                |velocity of a hand - velocity before| <= acceleration limit x period,
+    minimise    sum over the end effectors of |velocity - desired velocity|^2 + weight |rates - desired rates|^2
+    such that   no point of a payload or end effector approaches an obstacle, the border or an end effector of another
+                body faster than the clearance that is left allows (a control barrier function, Ames et al., 2017; see
+                `cbf_constraints`),
+                |velocity of an end effector| <= speed limit,
+                |velocity of an end effector - velocity before| <= acceleration limit x period,
+                and of arms, if there are any: what their `JointRows` ask.
 
-a quadratic programme in the free velocities alone: rigid constraints, loads that stay upright and hands at one height
-hold by construction. Distances are convex in the position, so that the linear rows are conservative. The balls of the
-limits are approximated by tangents, written where a solution leaves a ball, 0.1 % inside it for speeds and 2 % for
-accelerations: solutions inside are not changed, and one or two rows replace the dozens of fixed facets that a
+The variables are the free velocities alone: rigid constraints, payloads that stay upright and end effectors at one
+height hold by construction. Distances are convex in the position, so that the linear rows are conservative. The balls
+of the limits are approximated by tangents, written where a solution leaves a ball, 0.1 % inside it for speeds and 2 %
+for accelerations: solutions inside are not changed, and one or two rows replace the dozens of fixed facets that a
 spatial problem would need. After every solution the exact step is computed, and every distance that it violates
 becomes a row.
 
@@ -26,12 +29,12 @@ of the squares of the slacks is minimised.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import daqp
 import numpy as np
-from numpy.typing import NDArray
 
+from comove.arrays import Array, Integers
 from comove.control.safety.cbf_constraints import RESERVE, first_rows, missing_rows, rate
 from comove.control.safety.control_points import load_points
 from comove.control.safety.qp_workspace import (
@@ -50,8 +53,6 @@ from comove.model.coordinates import HandPoses
 from comove.model.scene import Scene
 from comove.ties import first_largest
 
-Array = NDArray[np.float64]
-
 NOTHING = -2
 """What blocks where no obstacle (0, 1, ...) and no border (-1) does."""
 MAX_PERIOD = 1.0  # s, far beyond where steps are small
@@ -64,24 +65,82 @@ EQUAL = 5  # the solver's word for an equation
 
 
 class Allowed(NamedTuple):
-    """The result of a control step: the twists that are allowed.
+    """The velocities that are allowed in a control step.
 
     Attributes
     ----------
     twists : array, shape (n_groups, 6): velocity of the centre [m/s], angular velocity [rad/s], in the world's frame
+    rates : array, shape (n_joints,), rates of the joints [rad/s]
     relaxed : by how much rows had to be relaxed [m/s]; 0 where all could be kept
     blocking : the row of the table with the largest multiplier; -1 for the border, -2 where neither hinders the
         motion
     """
 
     twists: Array
+    rates: Array
     relaxed: float
     blocking: int
 
 
+class JointState(NamedTuple):
+    """Joints of arms at the beginning of a control step.
+
+    Attributes
+    ----------
+    position, before : arrays, shape (n_joints,), joints and their rates in the last step [rad, rad/s]
+    wanted : array, shape (n_joints,), desired rates [rad/s]
+    bend : array, shape (n_joints,), what joints moved in the last step beyond the allowed rates, as end effectors go
+        straight and joints round; the next step is assumed to do the same [rad/s]
+    """
+
+    position: Array
+    before: Array
+    wanted: Array
+    bend: Array
+
+
+NO_JOINTS = JointState(*np.zeros((4, 0)))
+
+
+class JointRows(Protocol):
+    """The rows that arms add to the filter.
+
+    Attributes
+    ----------
+    n_joints : number of joints
+    n_fixed : number of rows of every step, of which the first `n_equal` are equations
+    weight : cost of rates other than the desired ones [m^2]
+    """
+
+    n_joints: int
+    n_fixed: int
+    n_equal: int
+    weight: float
+
+    def max_rows(self, n_obstacles: int) -> int:
+        """Return the largest number of rows beside the fixed ones."""
+        ...
+
+    def write(
+        self,
+        qp: QP,
+        m: int,
+        poses: HandPoses,
+        joints: JointState,
+        sighting: Sighting,
+        same: Integers,
+    ) -> int:
+        """Write the fixed rows first, and others from row `m` on; return the number of rows.
+
+        Rows of `sighting` are those of the scene, and once more, without their margins, those of uncertain obstacles:
+        `same` has the scene's row of each.
+        """
+        ...
+
+
 @dataclass(frozen=True)
-class ProgrammeSettings:
-    """Settings of the twist programme.
+class FilterSettings:
+    """Settings of the safety filter.
 
     Attributes
     ----------
@@ -111,40 +170,25 @@ class ProgrammeSettings:
     limits_weight: float = 1e8
 
 
-class Assembled(NamedTuple):
-    """A quadratic programme: minimise ``z' quadratic z / 2 + linear z`` such that ``low <= rows z <= high``.
-
-    Attributes
-    ----------
-    quadratic, linear : arrays, shapes (n, n), (n,)
-    rows, low, high : arrays, shapes (n_rows, n), (n_rows,), (n_rows,)
-    sense : array of int, shape (n_rows,), `EQUAL` for equations, else 0
-    owner, body : arrays of int, shape (n_rows,), as in `QPWorkspace`
-    """
-
-    quadratic: Array
-    linear: Array
-    rows: Array
-    low: Array
-    high: Array
-    sense: NDArray[np.int32]
-    owner: NDArray[np.int64]
-    body: NDArray[np.int64]
-
-
-class TwistProgramme:
-    """A solver that computes the allowed twists of one scene, step by step.
+class SafetyFilter:
+    """A filter that computes the allowed velocities of one scene, step by step.
 
     Parameters
     ----------
-    scene : the scene whose load, hands, limits, clearance and constraints are kept; obstacles come with every call
+    scene : the scene whose payload, limits, clearance and constraints are kept; obstacles come with every call
     period : length of a control step [s]
-    settings : see `ProgrammeSettings`
+    settings : see `FilterSettings`
+    joints : rows of the arms that carry the payload; none for free end effectors
     """
 
-    def __init__(self, scene: Scene, period: float = 0.01, settings: ProgrammeSettings | None = None):
-        settings = ProgrammeSettings() if settings is None else settings
-        self.scene, self.period, self.settings = scene, float(period), settings
+    def __init__(
+        self,
+        scene: Scene,
+        period: float = 0.01,
+        settings: FilterSettings = FilterSettings(),
+        joints: JointRows | None = None,
+    ):
+        self.scene, self.period, self.settings, self.joints = scene, float(period), settings, joints
         self._points = load_points(scene, settings.n_points)
         self._freedom = _freedom(scene, settings.turning_weight)
         braking = settings.braking_share * scene.acceleration_limit
@@ -164,27 +208,48 @@ class TwistProgramme:
 
     def _prepare(self, n_obstacles: int) -> None:
         """Allocate the arrays for that many obstacles."""
+        joints = self.joints
         self._work: QPWorkspace = empty_workspace(
             self._points,
             self._freedom,
             self._hands[0],
             (n_obstacles, self.scene.obstacles.shape[1]),
             self.settings.max_rounds + 1,
-            len(self.scene.sampled),
+            len(self.scene.sampled) + (joints.n_fixed + joints.max_rows(n_obstacles) if joints else 0),
+            joints.n_joints if joints else 0,
         )
-        n_rows = len(self._work.low)
-        self._high = np.full(n_rows, ENDLESS)
-        self._sense = np.zeros(n_rows, dtype=np.int32)
+        n_rows, n = len(self._work.low), self.n_variables
+        self._high, self._sense = np.full(n_rows, ENDLESS), np.zeros(n_rows, dtype=np.int32)
+        if joints:
+            self._work.quadratic[range(n, n + joints.n_joints), range(n, n + joints.n_joints)] = joints.weight
+            self._high[: joints.n_equal], self._sense[: joints.n_equal] = 0.0, EQUAL
 
-    def allowed(self, poses: HandPoses, before: Array, wanted: Array, sighting: Sighting) -> Allowed:
-        """Return the allowed twists of one control step.
+    @property
+    def n_variables(self) -> int:
+        """Return the number of variables of the twists; the joints' rates follow them."""
+        return int(self._freedom.basis.shape[2])
+
+    def passing(self, factor: float) -> None:
+        """Assume braking that many times harder towards moving obstacles, which are predicted to pass by."""
+        self._rates = self._rates._replace(passing=factor * self._rates.braking)
+
+    def allowed(
+        self,
+        poses: HandPoses,
+        before: Array,
+        wanted: Array,
+        sighting: Sighting,
+        joints: JointState = NO_JOINTS,
+    ) -> Allowed:
+        """Return the allowed velocities of one control step.
 
         Parameters
         ----------
         poses : present poses of the groups
-        before : array, shape (n_hands, 3), average velocities of the hands in the last step [m/s]
-        wanted : array, shape (n_hands, 3), desired velocities of the hands [m/s]
+        before : array, shape (n_hands, 3), average velocities of the end effectors in the last step [m/s]
+        wanted : array, shape (n_hands, 3), desired velocities of the end effectors [m/s]
         sighting : the obstacles
+        joints : the joints of the arms, at which these hold the payload
         """
         # As the kernels are compiled for.
         poses = HandPoses(*(np.ascontiguousarray(a, dtype=np.float64) for a in poses))
@@ -196,16 +261,21 @@ class TwistProgramme:
             sighting.margin[n_obstacles:] = 0.0
         if len(sighting.margin) != self._work.left.shape[1]:
             self._prepare(len(sighting.margin))
-        qp = QP(self._points, self._freedom, self._rates, self._work)
-        m = first_rows(qp, poses, before, wanted, sighting)
+        qp, n = QP(self._points, self._freedom, self._rates, self._work), self.n_variables
+        m = first_rows(qp, self.joints.n_fixed if self.joints else 0, poses, before, wanted, sighting)
+        if self.joints:
+            qp.work.linear[n:] = -self.joints.weight * joints.wanted
+            same = np.append(np.arange(n_obstacles), unsure)
+            m = self.joints.write(qp, m, poses, joints, sighting, same)
         m = self._sampled_rows(m)
         twists, gives_way, settled = np.empty((len(poses.center), 6)), HARD, False
         self._limits_slack = 0.0
         for _ in range(self.settings.max_rounds):
-            x, multipliers, gives_way = self._solved(m, gives_way, before, sighting.margin)
+            z, multipliers, gives_way = self._solved(m, gives_way, before, joints.before, sighting.margin)
+            x = np.ascontiguousarray(z[:n])
             n_rows, missed = missing_rows(qp, poses, sighting, x, m, twists)
             settled = n_rows == m
-            if settled or (gives_way == LIMITS and self._are_granted(m, n_rows, x)):
+            if settled or (gives_way == LIMITS and self._are_granted(m, n_rows, z)):
                 break
             m = n_rows
         if not settled:
@@ -216,7 +286,7 @@ class TwistProgramme:
         blocking = self._blocking(multipliers)
         if blocking >= n_obstacles:
             blocking = int(unsure[blocking - n_obstacles])
-        return Allowed(twists, relaxed if relaxed > TOLD else 0.0, blocking)
+        return Allowed(twists, z[n:], relaxed if relaxed > TOLD else 0.0, blocking)
 
     def _sampled_rows(self, m: int) -> int:
         """Write a row for every constraint that nothing else holds, and return the number of rows.
@@ -234,59 +304,45 @@ class TwistProgramme:
             slopes = (error[1::2] - error[2::2]) / (2 * DIFFERENCE)
             hands = np.array([work.hands[hand, axis] for hand, axis in moves])
             groups = [int(self._points.node_group[hand]) for hand in c.hands]
-            work.rows[m] = -slopes @ hands
+            work.rows[m] = 0.0
+            work.rows[m, : hands.shape[1]] = -slopes @ hands
             work.low[m] = -rate(c.tolerance - float(error[0]) - RESERVE, work.gain[groups].min(), self._rates)
             work.owner[m], work.body[m] = HANDS, groups[0]
             m += 1
         return m
 
-    def _solved(self, m: int, gives_way: int, before: Array, margin: Array) -> tuple[Array, Array, int]:
+    def _solved(
+        self, m: int, gives_way: int, before: Array, rates: Array, margin: Array
+    ) -> tuple[Array, Array, int]:
         """Return the solution with the first m rows, its multipliers, and the stage of relaxation that was needed."""
-        asked = self._asked = self._assembled(m)
+        work = self._work
         if gives_way == HARD:
             z, _, flag, info = daqp.solve(
-                asked.quadratic,
-                asked.linear,
-                asked.rows,
-                asked.high,
-                asked.low,
-                asked.sense,
+                work.quadratic,
+                work.linear,
+                work.rows[:m],
+                self._high[:m],
+                work.low[:m],
+                self._sense[:m],
                 primal_tol=TOLERANCE,
             )
             if flag > 0:
-                return self._taken(z), info["lam"], HARD
+                return z, info["lam"], HARD
             gives_way = RETREATS
         for stage in range(gives_way, LIMITS + 1):
-            found = self._relaxed(asked, stage, margin)
+            found = self._relaxed(m, stage, margin)
             if found is not None:
                 return *found, stage
         # The solver has failed in numbers: slow down on the spot.
         fast = np.linalg.norm(before, axis=1).max()
         slower = max(0.0, fast - self.scene.acceleration_limit * self.period) / max(fast, TOLERANCE)
-        return slower * self._going_on(before), np.zeros(m), LIMITS
-
-    def _assembled(self, m: int) -> Assembled:
-        """Return the programme with the first m rows."""
-        work = self._work
-        return Assembled(
-            work.quadratic,
-            work.linear,
-            work.rows[:m],
-            work.low[:m],
-            self._high[:m],
-            self._sense[:m],
-            work.owner[:m],
-            work.body[:m],
-        )
-
-    def _taken(self, z: Array) -> Array:
-        """Return the variables of the twists from those of the programme."""
-        return z
+        return slower * np.concatenate([self._going_on(before), rates]), np.zeros(m), LIMITS
 
     def _going_on(self, before: Array) -> Array:
         """Return the variables that keep the hands' velocities `before` best."""
-        flat = self._work.hands.reshape(-1, len(self._work.linear))
-        return np.asarray(np.linalg.solve(self._work.quadratic, flat.T @ before.ravel()), dtype=np.float64)
+        n = self.n_variables
+        flat, quadratic = self._work.hands.reshape(-1, n), self._work.quadratic[:n, :n]
+        return np.asarray(np.linalg.solve(quadratic, flat.T @ before.ravel()), dtype=np.float64)
 
     def _within(self, x: Array, before: Array) -> Array:
         """Return x reduced to the limits, for use where the rounds have run out.
@@ -302,31 +358,31 @@ class TwistProgramme:
         allowed = self._work.balls[: len(hands), 3]  # speeds
         return x * np.min(np.minimum(1.0, allowed / np.maximum(np.linalg.norm(hands @ x, axis=1), TOLERANCE)))
 
-    def _relaxed(self, asked: Assembled, stage: int, margin: Array) -> tuple[Array, Array] | None:
+    def _relaxed(self, m: int, stage: int, margin: Array) -> tuple[Array, Array] | None:
         """Return the solution and its multipliers with rows relaxed, None where that is not enough.
 
         The slacks are written on the work.
         """
-        work, n, m = self._work, len(asked.linear), len(asked.low)
-        owner, body = asked.owner, asked.body
+        work, n = self._work, len(self._work.linear)
+        owner, body, low = work.owner[:m], work.body[:m], work.low[:m]
         unsure = np.append(margin, np.zeros(3))[owner] > 0.0  # the others count from the end
-        gives = (asked.low > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
+        gives = (low > 0.0) | (unsure & (stage >= MARGINS)) | (stage >= CLEARANCES)
         soft = (owner != LIMIT) & gives
         key = body * (work.slack.shape[1]) + owner % work.slack.shape[1]
         if stage == LIMITS:
             key[owner == LIMIT] = work.slack.size
-            soft = asked.sense != EQUAL
+            soft = self._sense[:m] != EQUAL
         kinds, which = np.unique(key[soft], return_inverse=True)
         size = n + len(kinds)
         quadratic, linear, rows = np.zeros((size, size)), np.zeros(size), np.zeros((m, size))
-        quadratic[:n, :n], linear[:n], rows[:, :n] = asked.quadratic, asked.linear, asked.rows
+        quadratic[:n, :n], linear[:n], rows[:, :n] = work.quadratic, work.linear, work.rows[:m]
         weigh = self.settings
         weights = np.where(kinds == work.slack.size, weigh.limits_weight, weigh.clearances_weight)
         weights[which[unsure[soft]]] = weigh.margins_weight
         quadratic[range(n, size), range(n, size)] = 1.0
         rows[np.flatnonzero(soft), n + which] = 1.0 / np.sqrt(weights)[which]
         z, _, flag, info = daqp.solve(
-            quadratic, linear, rows, asked.high, asked.low, asked.sense, primal_tol=TOLERANCE
+            quadratic, linear, rows, self._high[:m], low, self._sense[:m], primal_tol=TOLERANCE
         )
         if flag <= 0:
             return None
@@ -335,12 +391,12 @@ class TwistProgramme:
         own = kinds < work.slack.size
         work.slack.ravel()[kinds[own]] = slack[own]
         self._limits_slack = float(slack[~own].max(initial=0.0))
-        return self._taken(np.ascontiguousarray(z[:n])), info["lam"]
+        return z[:n], info["lam"]
 
-    def _are_granted(self, first: int, last: int, x: Array) -> bool:
+    def _are_granted(self, first: int, last: int, z: Array) -> bool:
         """Return whether slacks of a solution that relaxes all cover further rows too: it would be found again."""
         work, new = self._work, slice(first, last)
-        owner, lacking = work.owner[new], work.low[new] - work.rows[new] @ x
+        owner, lacking = work.owner[new], work.low[new] - work.rows[new] @ z
         slack = work.slack[work.body[new], owner % work.slack.shape[1]]
         granted = np.where(owner == LIMIT, self._limits_slack, slack)
         return bool((lacking <= (1.0 + self.settings.as_good) * granted + TOLERANCE).all())
@@ -350,7 +406,7 @@ class TwistProgramme:
 
         It is `NOTHING` where no obstacle and no border hinders.
         """
-        owner = self._asked.owner[: len(multipliers)]
+        owner = self._work.owner[: len(multipliers)]
         size = np.where(owner >= BORDER, np.abs(multipliers), 0.0)
         if not len(size) or size.max() <= TOLERANCE:
             return NOTHING

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from comove.control.safety.twist_qp import ProgrammeSettings, Sighting, TwistProgramme
+from comove.control.safety.cbf_qp import FilterSettings, SafetyFilter, Sighting
 from comove.control.safety.twists import hand_velocities, nodes_of, poses_of
 from tests.brute_force import obstacle_distance
 from tests.cases import examples
@@ -127,7 +127,7 @@ def test_the_best_of_what_is_allowed(seed, spatial):
     rows, least = approach_rows(scene, world, 15)
     expected = reference(scene, wanted, [lambda x: rows @ x - least])
     poses = poses_of(scene, "start")
-    allowed = TwistProgramme(scene, 1e-5).allowed(poses, np.zeros((2, 3)), wanted, world.sighting())
+    allowed = SafetyFilter(scene, 1e-5).allowed(poses, np.zeros((2, 3)), wanted, world.sighting())
     if expected is None or allowed.relaxed > 0:
         return
     found = hand_velocities(scene, poses, allowed.twists)
@@ -158,7 +158,7 @@ def test_the_best_within_the_limits(seed, spatial, load):
             lambda x: (share * 0.2) ** 2 - ((matrix @ x - before) ** 2).sum(axis=1),
         ]
 
-    allowed = TwistProgramme(scene).allowed(poses, before, wanted, Sighting.still(scene))
+    allowed = SafetyFilter(scene).allowed(poses, before, wanted, Sighting.still(scene))
     found = hand_velocities(scene, poses, allowed.twists)
     assert allowed.relaxed == 0.0 and allowed.blocking == -2
     assert np.linalg.norm(found, axis=1).max() <= 1.0 + 1e-8
@@ -183,7 +183,7 @@ def test_what_is_wanted_far_away_comes_back(load, spatial, acceleration):
         limits={"acceleration": acceleration},
     )
     rng, poses = np.random.default_rng(1), poses_of(scene, "start")
-    programme = TwistProgramme(scene)
+    programme = SafetyFilter(scene)
     for _ in range(20):
         twists = rng.uniform(-0.3, 0.3, (len(scene.groups), 6))
         if not spatial:
@@ -205,7 +205,7 @@ def test_turning_that_moves_no_hand_is_left_out():
     scene = scene_of(spatial=True, constraints=pose)
     poses = poses_of(scene, "start")
     wanted = np.array([[0.1, 0.2, 0.3], [0.1, 0.2, -0.3]])
-    twist = TwistProgramme(scene).allowed(poses, wanted, wanted, Sighting.still(scene)).twists[0]
+    twist = SafetyFilter(scene).allowed(poses, wanted, wanted, Sighting.still(scene)).twists[0]
     assert abs(twist[4]) < 1e-9  # the bar lies along y
 
 
@@ -213,7 +213,7 @@ def test_upright_loads_turn_about_the_vertical_only():
     scene = scene_of(load="box", spatial=True, constraints=[{"type": "upright"}])
     wanted = np.random.default_rng(0).standard_normal((2, 3))
     poses = poses_of(scene, "start")
-    twist = TwistProgramme(scene).allowed(poses, np.zeros((2, 3)), wanted, Sighting.still(scene)).twists[0]
+    twist = SafetyFilter(scene).allowed(poses, np.zeros((2, 3)), wanted, Sighting.still(scene)).twists[0]
     assert not twist[3:5].any() and twist[5] != 0.0
 
 
@@ -222,7 +222,7 @@ def test_hands_at_one_height_rise_together():
     scene = scene_of(load="hands", spatial=True, constraints=same)
     wanted = np.array([[0, 0, 0.3], [0, 0, 0.5], [0, 0, 0.1]])
     poses = poses_of(scene, "start")
-    twists = TwistProgramme(scene).allowed(poses, wanted, wanted, Sighting.still(scene)).twists
+    twists = SafetyFilter(scene).allowed(poses, wanted, wanted, Sighting.still(scene)).twists
     rising = hand_velocities(scene, poses, twists)[:, 2]
     np.testing.assert_allclose(rising, [0.2, 0.5, 0.2], atol=1e-12)
 
@@ -233,18 +233,16 @@ def test_it_says_what_blocks():
     scene = scene_of([far, ball], limits={"clearance": 0.02})
     poses, wanted = poses_of(scene, "start"), np.tile([2.0, 0.0, 0.0], (2, 1))
     world = World(scene)
-    allowed = TwistProgramme(scene).allowed(poses, 0 * wanted, wanted, world.sighting())
+    allowed = SafetyFilter(scene).allowed(poses, 0 * wanted, wanted, world.sighting())
     assert allowed.blocking == 1
-    seen = TwistProgramme(scene).allowed(poses, 0 * wanted, wanted, world.sighting(margin=0.03))
+    seen = SafetyFilter(scene).allowed(poses, 0 * wanted, wanted, world.sighting(margin=0.03))
     approach = [a.twists[0, 0] for a in (allowed, seen)]
     np.testing.assert_allclose(np.diff(approach), -0.03 * GAIN, rtol=1e-5)
-    away = TwistProgramme(scene).allowed(poses, 0 * wanted, -wanted / 4, world.sighting())
+    away = SafetyFilter(scene).allowed(poses, 0 * wanted, -wanted / 4, world.sighting())
     assert away.blocking == -2
     small = scene_of(side=0.5)
     wanted = np.roll(wanted, 1, axis=1)
-    border = TwistProgramme(small).allowed(
-        poses_of(small, "start"), 0 * wanted, wanted, Sighting.still(small)
-    )
+    border = SafetyFilter(small).allowed(poses_of(small, "start"), 0 * wanted, wanted, Sighting.still(small))
     assert border.blocking == -1
 
 
@@ -253,14 +251,14 @@ def test_a_wall_that_recedes_is_followed():
     wall = {"shape": "box", "center": [2.01 + 0.02 + 0.05, 2.0], "size": [0.1, 3.0]}
     scene, wanted = scene_of([wall]), np.tile([0.9, 0.0, 0.0], (2, 1))
     sighting = World(scene, [[0.5, 0.0, 0.0]]).sighting()
-    allowed = TwistProgramme(scene).allowed(poses_of(scene, "start"), wanted, wanted, sighting)
+    allowed = SafetyFilter(scene).allowed(poses_of(scene, "start"), wanted, wanted, sighting)
     assert allowed.twists[0, 0] == pytest.approx(0.5 + GAIN * 0.02, abs=1e-5)
 
 
 def test_many_obstacles_may_be_seen_that_the_scene_does_not_know():
     scene = scene_of([{"shape": "circle", "center": [2.3, 2.0], "radius": 0.1}])
     poses, wanted = poses_of(scene, "start"), np.tile([1.0, 0.0, 0.0], (2, 1))
-    programme = TwistProgramme(scene)
+    programme = SafetyFilter(scene)
     one = programme.allowed(poses, 0 * wanted, wanted, Sighting.still(scene))
     for n in (7, 0, 1):
         still = Sighting(np.repeat(scene.obstacles, n, axis=0), *np.zeros((2, n, 3)), np.zeros(n))
@@ -279,7 +277,7 @@ def test_where_nothing_is_admissible_it_says_so_and_violates_least():
     scene = scene_of(walls)
     velocity = np.array([[0.3, 0, 0], [-0.1, 0, 0]])
     poses = poses_of(scene, "start")
-    allowed = TwistProgramme(scene).allowed(
+    allowed = SafetyFilter(scene).allowed(
         poses, np.zeros((2, 3)), np.tile([0, 0.5, 0], (2, 1)), World(scene, velocity).sighting()
     )
     assert allowed.relaxed == pytest.approx(0.2 - GAIN * 0.0011, abs=1e-3)
@@ -292,7 +290,7 @@ def test_what_comes_too_fast_drives_no_load_into_something_else():
     ball = {"shape": "circle", "center": [1.7, 2.0], "radius": 0.2}
     scene = scene_of([wall, ball])
     sighting = World(scene, [[0, 0, 0], [1.5, 0, 0]]).sighting()
-    allowed = TwistProgramme(scene).allowed(
+    allowed = SafetyFilter(scene).allowed(
         poses_of(scene, "start"), np.zeros((2, 3)), np.zeros((2, 3)), sighting
     )
     assert allowed.relaxed > 0.1
@@ -308,7 +306,7 @@ def test_another_body_does_not_pay_for_what_one_cannot_keep():
     wanted = np.zeros((3, 3))
     wanted[2, 0] = 1.0
     poses = poses_of(scene, "start")
-    allowed = TwistProgramme(scene).allowed(poses, np.zeros((3, 3)), wanted, sighting)
+    allowed = SafetyFilter(scene).allowed(poses, np.zeros((3, 3)), wanted, sighting)
     assert allowed.relaxed > 0.1
     assert allowed.twists[1, 0] <= GAIN * 0.05 + 1e-6
 
@@ -322,7 +320,7 @@ def test_nor_does_it_wait_for_what_comes_upon_both():
     scene = scene_of([wall, block], load="two bodies", manipulators=hands)
     sighting = World(scene, [[0.5, 0, 0], [0, 0, 0]]).sighting()
     still = np.zeros((3, 3))
-    allowed = TwistProgramme(scene).allowed(poses_of(scene, "start"), still, still, sighting)
+    allowed = SafetyFilter(scene).allowed(poses_of(scene, "start"), still, still, sighting)
     assert allowed.relaxed > 0.3
     assert allowed.twists[1, 0] == pytest.approx(0.5 - GAIN * 0.02, abs=1e-3)
 
@@ -331,10 +329,10 @@ def test_a_lost_clearance_is_restored():
     """Inside the clearance the load retreats, at most with the speed for it, and ends up outside."""
     ball = {"shape": "circle", "center": [2.2, 2.0], "radius": 0.1}
     scene = scene_of([ball])
-    retreat = ProgrammeSettings(retreat_speed=0.05)
+    retreat = FilterSettings(retreat_speed=0.05)
     sighting = World(scene).sighting(margin=0.1)
     poses = poses_of(scene, "start")
-    allowed = TwistProgramme(scene, settings=retreat).allowed(poses, *np.zeros((2, 2, 3)), sighting)
+    allowed = SafetyFilter(scene, settings=retreat).allowed(poses, *np.zeros((2, 2, 3)), sighting)
     assert allowed.relaxed == 0.0
     assert -allowed.twists[0, 0] == pytest.approx(0.05, abs=1e-3)
     found = run(World(scene), np.zeros((2, 3)), 300, margin=0.1)
@@ -344,7 +342,7 @@ def test_a_lost_clearance_is_restored():
 def test_who_is_too_fast_brakes_within_the_acceleration():
     scene = scene_of(limits={"acceleration": 5.0})
     poses, before = poses_of(scene, "start"), np.tile([2.0, 0, 0], (2, 1))
-    allowed = TwistProgramme(scene).allowed(poses, before, before, Sighting.still(scene))
+    allowed = SafetyFilter(scene).allowed(poses, before, before, Sighting.still(scene))
     now = hand_velocities(scene, poses, allowed.twists)
     assert np.linalg.norm(now - before, axis=1).max() <= 0.05 * (1 + 1e-8)
     assert now[0, 0] < 2.0 - 0.04
@@ -354,9 +352,7 @@ def test_limits_that_contradict_each_other_still_give_an_answer():
     """Hands that no rigid load could have: the twist nearest to going on."""
     scene = scene_of(limits={"acceleration": 1.0})
     before = np.array([[0.0, 5.0, 0.0], [0.0, -5.0, 0.0]])
-    allowed = TwistProgramme(scene).allowed(
-        poses_of(scene, "start"), before, 0 * before, Sighting.still(scene)
-    )
+    allowed = SafetyFilter(scene).allowed(poses_of(scene, "start"), before, 0 * before, Sighting.still(scene))
     assert np.isfinite(allowed.twists).all()
 
 
@@ -369,15 +365,15 @@ def test_rounds_that_would_find_the_same_again_are_not_made(seed, monkeypatch):
     poses, rounds = poses_of(scene, "start"), []
 
     def answer(settings):
-        programme = TwistProgramme(scene, settings=settings)
+        programme = SafetyFilter(scene, settings=settings)
         solved = programme._solved
         monkeypatch.setattr(programme, "_solved", lambda *args: rounds.append(0) or solved(*args))
         rounds.clear()
         return programme.allowed(poses, before, 0 * before, Sighting.still(scene)), len(rounds)
 
-    short, n_short = answer(ProgrammeSettings())
-    long, n_long = answer(ProgrammeSettings(as_good=-np.inf))
-    assert n_short < n_long == ProgrammeSettings().max_rounds
+    short, n_short = answer(FilterSettings())
+    long, n_long = answer(FilterSettings(as_good=-np.inf))
+    assert n_short < n_long == FilterSettings().max_rounds
     hands = [hand_velocities(scene, poses, found.twists) for found in (short, long)]
     slack = np.linalg.norm(hands[1] - before, axis=1).max()  # far more than the acceleration allows
     assert np.abs(hands[0] - hands[1]).max() < 0.03 * slack

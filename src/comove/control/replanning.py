@@ -1,0 +1,267 @@
+"""Replanning of free end effectors: a plan in space and time from the present state on, where the last one fails.
+
+A plan that is certified for exactly known motions is exact. Otherwise it is a guide: what is left of it is certified
+ten times a second against the obstacles as they are predicted, and a plan that seems not to hold any more is replaced
+by one from the present state on.
+"""
+
+from __future__ import annotations
+
+import time as clock
+import warnings
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from comove.control.loop import ControlLoop, Reference, Replanner
+from comove.control.safety.cbf_qp import MAX_PERIOD
+from comove.control.safety.twists import advanced, hand_velocities, twists_between
+from comove.dmp.arguments import require_positive
+from comove.dmp.demonstrations import Demonstration
+from comove.dmp.dmp import DMP
+from comove.errors import ComoveWarning
+from comove.geometry.distances import inflated
+from comove.geometry.rotations import matrices
+from comove.model.coordinates import HandPoses, poses_at
+from comove.model.groups import GroupPose
+from comove.model.motion import CoordinatedMotion
+from comove.model.scene import Scene
+from comove.planning.clock import Budget
+from comove.planning.methods import Guide, Quick
+from comove.planning.solver import solve
+from comove.verification.certificate import certify
+
+NO_PLAN = "no plan yet"
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Periods and time budgets of an execution.
+
+    Attributes
+    ----------
+    period : control period [s]
+    watch : time between two checks of whether the plan still holds [s]
+    patience : time between two attempts to plan [s]; it doubles while they fail
+    leisure, haste : work of the first attempt to plan and of any later one, as `Budget.work`: about as many seconds,
+        but counted, so that a run is the same on every machine
+    """
+
+    period: float = 0.01
+    watch: float = 0.1
+    patience: float = 0.25
+    leisure: float = 10.0
+    haste: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("period", "watch", "patience"):
+            require_positive(name, getattr(self, name), MAX_PERIOD)
+        for name in ("leisure", "haste"):
+            require_positive(name, getattr(self, name))
+
+
+@dataclass(frozen=True)
+class ExecutionSettings:
+    """Settings of the executor that follow from nothing else.
+
+    Attributes
+    ----------
+    longer : factors on the shortest duration worth trying, tried in turn
+    hurry : duration of the shortest plan, as a multiple of the way at the speed limit
+    shortest : least duration of a plan [s]
+    catch_up : time constant of the return to a plan [s]
+    homing, caution : time constant of the approach to the goal without a plan [s], and share of the speed limit
+    lost : distance behind a plan that was meant for something else [m]
+    spare : kept on top of the scene's clearance, as an execution is verified between its steps as well [m]
+    n_remembered : configurations of the last plan that the next one may use
+    at_leisure : method of the first plan, while nothing moves yet
+    most_patient : longest time between two attempts to plan, after some have failed [s]
+    nearly_done : share of a demonstration after which it counts no more
+    at_goal, at_rest : distance and speed at which an execution ends [m, m/s]
+    """
+
+    longer: tuple[float, ...] = (1.0, 1.3, 1.7, 2.3)
+    hurry: float = 1.5
+    shortest: float = 0.5
+    catch_up: float = 0.1
+    homing: float = 0.5
+    caution: float = 0.5
+    lost: float = 0.03
+    spare: float = 5e-4
+    n_remembered: int = 20
+    at_leisure: Quick = field(default_factory=lambda: Quick(n_failures=24))
+    most_patient: float = 2.0
+    nearly_done: float = 0.8
+    at_goal: float = 5e-4
+    at_rest: float = 5e-4
+
+
+SETTINGS = ExecutionSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A verified motion that begins at an instant [s]; `certain` where the obstacles move as the file says."""
+
+    motion: CoordinatedMotion
+    begins: float
+    certain: bool
+
+    @property
+    def ends(self) -> float:
+        """Return the time at which the motion ends [s]."""
+        return self.begins + self.motion.scene.duration
+
+    def poses(self, *time: float) -> list[HandPoses]:
+        """Return the poses of the rigid groups at some instants [s]; after the end, those of the goal."""
+        s = np.clip((np.array(time) - self.begins) / self.motion.scene.duration, 0.0, 1.0)
+        return [poses_at(self.motion.coordinates, q) for q in self.motion.at(s)[0]]
+
+
+class PlanReplanner(Replanner):
+    """A replanner of free end effectors.
+
+    Parameters
+    ----------
+    demonstration : movements that plans should resemble, one for each end effector; None for none
+    seed : seed of the plans
+    pace : periods and time budgets
+
+    Attributes
+    ----------
+    plan : plan that is followed, None where there is none
+    """
+
+    def __init__(self, demonstration: tuple[DMP, ...] | None, seed: int, pace: Pace):
+        self.demonstration, self.seed, self.pace = demonstration, seed, pace
+        self.plan: Plan | None = None
+        self._last: Plan | None = None  # that was followed
+        self._watched = self._planned = -np.inf
+        self._patience = pace.patience
+
+    def follow(self, run: ControlLoop, plan: Plan) -> None:
+        """Follow a plan from now on."""
+        self.plan = self._last = plan
+        run.tell(f"a plan that arrives at {plan.ends:.2f} s")
+
+    def current(self, run: ControlLoop) -> Reference:
+        """Return the plan's poses, or without a plan those of the straight way to the goal, at moderate speed."""
+        if self.plan is not None:
+            here, ahead = self.plan.poses(run.time, run.time + run.period)
+            return Reference(here, ahead, self.plan.certain)
+        twists = twists_between(run.scene, run.poses, run.goal, SETTINGS.homing)
+        fastest = np.linalg.norm(hand_velocities(run.scene, run.poses, twists), axis=1).max()
+        twists = twists * min(1.0, SETTINGS.caution * min(run.scene.speed_limit, 1.0) / max(fastest, 1e-9))
+        return Reference(run.poses, advanced(run.poses, twists, run.period))
+
+    def update(self, run: ControlLoop) -> None:
+        """Give up a plan that is expected to fail, and search for one where there is none."""
+        if self.plan is not None and self.plan.certain:
+            return
+        now = run.time
+        if self.plan is not None and now - self._watched >= self.pace.watch - 1e-9:
+            self._watched = now
+            reason = self._against(run, self.plan)
+            if reason:
+                run.tell(f"the plan is given up: {reason}")
+                self.plan = None
+        if self.plan is None and not run.arrived and now - self._planned >= self._patience - 1e-9:
+            self._planned = now
+            self._plan_anew(run)
+            failed = self.plan is None
+            self._patience = min(SETTINGS.most_patient, 2 * self._patience) if failed else self.pace.patience
+
+    def _against(self, run: ControlLoop, plan: Plan) -> str:
+        """Return why a plan does not hold any more; empty if it does."""
+        now, (there,) = run.time, plan.poses(run.time)
+        if (behind := run.distance_from(there)) > SETTINGS.lost:
+            return f"the load is {behind:.3g} m behind it"
+        if now >= plan.ends:
+            return "" if run.arrived else "its end is past"
+        expected, scene = run.observer.predict(now), plan.motion.scene
+        scene = replace(scene, obstacles=expected.obstacles, owners=expected.owners, motions=expected.motions)
+        ahead = certify(replace(plan.motion, scene=scene), since=(now - plan.begins) / scene.duration)
+        if ahead.lower < scene.clearance:
+            return f"{scene.name_of(ahead.nearest)} would come too near at {plan.begins + ahead.time:.2f} s"
+        return ""
+
+    def _plan_anew(self, run: ControlLoop) -> None:
+        """Search for a plan from the present state on."""
+        begun, now, log = clock.perf_counter(), run.time, run.log
+        expected, seen = run.observer.predict(now), run.observer.observe(now)
+        expected = replace(expected, obstacles=inflated(expected.obstacles, seen.margin))  # by their margins
+        starts = tuple(
+            GroupPose(center, matrices(quaternion))
+            for center, quaternion in zip(run.poses.center, run.poses.quaternion, strict=True)
+        )
+        method, left = self._method(run), self.pace.haste if run.n_steps else self.pace.leisure
+        for k, longer in enumerate(SETTINGS.longer):
+            duration = longer * self._shortest(run)
+            later = expected.resumed(now, duration, starts, run.twists)
+            # What is left, half of it unless nothing is to be tried afterwards.
+            budget = Budget(work=left / (1 + (longer != SETTINGS.longer[-1])))
+            with warnings.catch_warnings(action="ignore", category=ComoveWarning):
+                found = solve(
+                    later,
+                    demonstration=self.remaining(run.scene, now),
+                    seed=self.seed + 7 * run.n_steps + k,
+                    method=method,
+                    budget=budget,
+                    progress=False,
+                )
+            left -= found.effort.work
+            log.evaluations += found.effort.evaluations
+            log.generations += found.effort.generations
+            if found.motion is not None or (
+                isinstance(method, Guide) and method.will_do(found.report, later)
+            ):
+                self.follow(run, Plan(found.attempt, now, run.observer.certain))
+                break
+        else:
+            if not (log.events and log.events[-1].what.startswith(NO_PLAN)):  # once is enough
+                run.tell(f"{NO_PLAN}: {found.reasons[0]}")
+        log.planning.append(clock.perf_counter() - begun)
+        if self.plan is not None and log.first_plan is None:
+            log.first_plan = sum(log.planning)
+
+    def remaining(self, scene: Scene, now: float) -> dict[str, DMP] | None:
+        """Return the rest of each demonstration from an instant on; None where it is nearly done or there is none."""
+        done = now / scene.duration
+        if self.demonstration is None or done > SETTINGS.nearly_done:
+            return None
+        rest = {own: _rest(own, done) for own in set(self.demonstration)}
+        names = scene.manipulators
+        return {name: rest[own] for name, own in zip(names, self.demonstration, strict=True)}
+
+    def _method(self, run: ControlLoop) -> Quick:
+        """Return the planning method.
+
+        A plan among obstacles that are not exactly known only guides; the safety filter keeps the limits.
+        """
+        if run.n_steps == 0:
+            return SETTINGS.at_leisure
+        if run.observer.certain:
+            return Quick()
+        if self._last is None:
+            return Guide()
+        s = (run.time - self._last.begins) / self._last.motion.scene.duration
+        return Guide(before=self._last.motion.at(np.linspace(min(s, 1.0), 1.0, SETTINGS.n_remembered))[0])
+
+    def _shortest(self, run: ControlLoop) -> float:
+        """Return the duration of the first plan to try [s].
+
+        It is the scene's remaining time, or more if the path needs it.
+        """
+        scene, way = run.scene, run.distance_from(run.goal)
+        at_the_limits = (
+            SETTINGS.hurry * way / scene.speed_limit,
+            4.0 * (way / scene.acceleration_limit) ** 0.5,
+        )
+        return max(scene.duration - run.time, *at_the_limits, SETTINGS.shortest)
+
+
+def _rest(dmp: DMP, done: float) -> DMP:
+    """Return the rest of a movement after the fraction `done` of it."""
+    n_basis = max(20, dmp.weights.shape[1])
+    time = np.linspace(done, 1.0, 10 * n_basis) * dmp.duration
+    return DMP.fit(Demonstration(time - time[0], dmp.at(time).position, unit="any"), n_basis=n_basis)

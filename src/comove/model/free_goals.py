@@ -1,0 +1,100 @@
+"""Goals whose turn about one axis is open: which turns leave the payload free, and which are likely to cost least."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from comove.geometry.rotations import matrices
+from comove.model.files.keys import GraspOption
+from comove.model.grasp import turned_goal
+from comove.model.resting import provable
+from comove.model.scene import Scene
+from comove.model.shapes import spatial
+
+Array = NDArray[np.float64]
+
+STEP = np.deg2rad(5.0)
+"""Between the turns that are sampled [rad]; the best of them are refined."""
+APART = np.deg2rad(30.0)
+"""Between further turns, which are tried where the best does not lead to a motion [rad]."""
+MOST = 8
+"""Turns that are tried at most."""
+
+
+class FreeGoal:
+    """The payload of a scene at a goal that is free about an axis, for one way to hold it."""
+
+    def __init__(self, scene: Scene, option: GraspOption):
+        load = scene.file.load
+        assert load is not None and load.start is not None and option.free is not None
+        self.scene, self.option, self.free = scene, option, option.free
+        holders = [scene.manipulators.index(name) for name in option.grasps]
+        group = next(g for g, one in enumerate(scene.groups) if {*holders} <= {*one.members})
+        self.own, self.n_dims = scene.nodes_of_groups[group], scene.n_dims
+        start = matrices(np.array(load.start.quaternion_wxyz))
+        self.points = (scene.nodes_at("start")[self.own] - spatial(np.array(load.start.position))) @ start
+        self.hands = spatial(np.array([*option.grasps.values()]))
+        for hand, place in zip(holders, self.hands, strict=True):
+            self.points[self.own.index(hand)] = place
+        self.still = [i for i in range(len(scene.file.obstacles)) if not scene.moving[i]]
+        self.begin = spatial(np.array(load.start.position)) + self.hands @ start.T
+
+    def pose(self, angle: float) -> tuple[Array, Array]:
+        """Return position and orientation of the payload's frame, its goal turned by an angle [rad]."""
+        goal = turned_goal(self.option, angle).goal
+        return spatial(np.array(goal.position)), matrices(np.array(goal.quaternion_wxyz))
+
+    def is_clear(self, angle: float) -> bool:
+        """Return whether the payload and its end effectors are clear of what does not move."""
+        position, turn = self.pose(angle)
+        nodes = self.scene.nodes_at("goal").copy()
+        nodes[self.own] = position + self.points @ turn.T
+        needed = self.scene.clearance + provable(self.scene)
+        return self.scene.nearest_at(nodes, 0.0, self.still)[0] >= needed
+
+    def cost(self, angle: float) -> float:
+        """Return the squared ways of the end effectors, and a little for the turn: the jerk of a straight motion."""
+        position, turn = self.pose(angle)
+        away = position + self.hands @ turn.T - self.begin
+        wrapped = angle - 2 * np.pi * np.round(angle / (2 * np.pi))
+        return float((away**2).sum() + 1e-4 * wrapped**2)
+
+    def turns(self, cost: Callable[[float], float] | None = None, step: float = STEP) -> list[float]:
+        """Return the turns that are clear, the likeliest first: refined local minima of a cost, then others [rad].
+
+        Parameters
+        ----------
+        cost : of a turn, infinite where it is impossible; unless given, that of a straight motion
+        step : between the turns that are sampled [rad]
+        """
+        cost, n = cost or self.cost, round(2 * np.pi / step)
+        angles = step * (np.arange(n) - n // 2)
+        angles = np.append(angles, 0.0) if not np.isclose(angles, 0.0).any() else angles
+        values = np.array([cost(angle) if self.is_clear(angle) else np.inf for angle in angles.tolist()])
+        found = list[tuple[float, float]]()
+        for k in np.flatnonzero(np.isfinite(values)).tolist():
+            if values[k] <= min(values[k - 1], values[(k + 1) % len(values)]):
+                found.append(self._refined(cost, angles[k], values[k], step))
+        rest = sorted((value, angle) for value, angle in zip(values.tolist(), angles.tolist(), strict=True))
+        kept = list[float]()
+        for value, angle in [*sorted(found), *rest]:
+            if np.isfinite(value) and all(abs(np.angle(np.exp(1j * (angle - one)))) >= APART for one in kept):
+                kept.append(angle)
+        return kept[:MOST]
+
+    def _refined(
+        self, cost: Callable[[float], float], angle: float, value: float, step: float
+    ) -> tuple[float, float]:
+        """Return the least cost within a step of a turn, where it is clear, and the turn [rad]."""
+        low = minimize_scalar(
+            lambda x: min(cost(x), 1e6),
+            bounds=(angle - step, angle + step),
+            method="bounded",
+            options={"xatol": 1e-4},
+        )
+        better = low.fun < value and self.is_clear(float(low.x))
+        return (float(low.fun), float(low.x)) if better else (value, angle)

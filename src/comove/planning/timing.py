@@ -1,0 +1,132 @@
+"""Times of nodes: where obstacles are at a share of a movement, how far they come, and how fast a payload may be."""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import NamedTuple
+
+import numpy as np
+
+from comove.arrays import Array
+from comove.compiled import kernel
+from comove.geometry.distances import CENTER, REACH, ROTATION
+from comove.model.displacements import Displacements
+
+
+class Timing(NamedTuple):
+    """The times of nodes, normalised to the movement, whose last value they are, and what moves meanwhile.
+
+    Attributes
+    ----------
+    resting : array, shape (n_rows, n_columns), table of the obstacles at 0 s
+    moved : their displacements at even times
+    fastest : largest speed of a point of an obstacle [m a duration]
+    speed : limit of the speed of a payload's node [m a duration]
+    share : of their limits of speed that joints may use
+    duration : of the movement [s]
+    time_step, waiting : as in `spacetime.SpaceTimeSettings`
+    """
+
+    resting: Array
+    moved: Displacements
+    fastest: float
+    speed: float
+    share: float
+    duration: float
+    time_step: float
+    waiting: float
+
+
+def fastest_point(table: Array, moved: Displacements) -> float:
+    """Return the largest speed of a point of an obstacle, by the samples of its displacements [m a duration]."""
+    ways = np.linalg.norm(np.diff(moved.offsets, axis=0), axis=2)
+    ways = ways + table[:, REACH] * np.abs(np.diff(moved.angles, axis=0))
+    return float(ways.max(initial=0.0)) * max(len(moved.offsets) - 1, 0)
+
+
+@kernel
+def place_obstacles(resting, moved, share, table):
+    """Write the table of obstacles as they are at a share of the movement; unchanged where none moves.
+
+    Parameters
+    ----------
+    resting : array, shape (n_rows, n_columns), the table at 0 s
+    moved : Displacements, at even times
+    share : normalised time
+    table : result, array, shape (n_rows, n_columns), a copy of `resting` with rows that may be moved
+    """
+    last = moved.offsets.shape[0] - 1
+    if last < 0:
+        return
+    at = min(max(share, 0.0), 1.0) * last
+    k = min(int(at), max(last - 1, 0))
+    after, f, turned = min(k + 1, last), at - k, np.empty(9)
+    for j in range(resting.shape[0]):
+        for axis in range(3):
+            here, there = moved.offsets[k, j, axis], moved.offsets[after, j, axis]
+            table[j, CENTER + axis] = resting[j, CENTER + axis] + here + f * (there - here)
+        angle = moved.angles[k, j] + f * (moved.angles[after, j] - moved.angles[k, j])
+        if angle != 0.0:
+            _rotate(moved.axes[j], angle, resting[j, ROTATION : ROTATION + 9], turned)
+            for c in range(9):
+                table[j, ROTATION + c] = turned[c]
+
+
+@kernel
+def _rotate(axis, angle, rotation, out):
+    """Write a row-major rotation matrix, turned about an axis of unit length (Rodrigues, 1840)."""
+    c, s = cos(angle), sin(angle)
+    for column in range(3):
+        x, y, z = rotation[column], rotation[3 + column], rotation[6 + column]
+        along = (1.0 - c) * (axis[0] * x + axis[1] * y + axis[2] * z)
+        out[column] = c * x + s * (axis[1] * z - axis[2] * y) + along * axis[0]
+        out[3 + column] = c * y + s * (axis[2] * x - axis[0] * z) + along * axis[1]
+        out[6 + column] = c * z + s * (axis[0] * y - axis[1] * x) + along * axis[2]
+
+
+@kernel
+def set_time(timing, table, node):
+    """Move the obstacles of a table to where they are at the time of a node."""
+    if timing is None:
+        return
+    place_obstacles(timing.resting, timing.moved, node[-1], table)
+
+
+@kernel
+def time_for_joints(timing, p, q):
+    """Return the time that joints have between two nodes at their limits of speed [s]; endless without times."""
+    if timing is None:
+        return 1e9
+    return timing.share * timing.duration * abs(q[-1] - p[-1])
+
+
+@kernel
+def drift(timing, p, q):
+    """Return how far a point of an obstacle comes between two nodes, at most [m]."""
+    if timing is None:
+        return 0.0
+    return timing.fastest * abs(q[-1] - p[-1])
+
+
+@kernel
+def too_fast(timing, moved, p, q):
+    """Return whether a displacement `moved` [m] takes longer than there is between two nodes."""
+    if timing is None:
+        return False
+    return moved > timing.speed * abs(q[-1] - p[-1])
+
+
+@kernel
+def write_time(timing, p, q, share, out):
+    """Write the time at a share of the edge from p to q."""
+    if timing is None:
+        return
+    out[-1] = q[-1] if share == 1.0 else p[-1] + share * (q[-1] - p[-1])
+
+
+@kernel
+def share_of_step(timing, p, q, steps):
+    """Return the share of an edge that so many steps in time make, at most 1."""
+    if timing is None:
+        return 1.0
+    return min(1.0, timing.time_step * steps / max(abs(q[-1] - p[-1]), 1e-12))

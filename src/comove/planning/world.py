@@ -1,0 +1,209 @@
+"""The world in which trees of a payload grow, for `planning.trees`.
+
+A node is a configuration of the payload; then, where arms carry it, their joints; and last, where obstacles move, its
+normalised time. An edge is free if the payload keeps its margin along it, from obstacles where they are at that time
+and no faster than it may be, and if arms can follow it from the joints of the node where it begins. It is checked by
+conservative advancement, as the displacement of the body relative to the obstacles is bounded by the sum of its span
+and theirs.
+
+Trees in time grow forward from the start at 0 and backward from the goal at 1; samples are such as both ends can
+reach in time (Grothe et al., 2022). The joints of both trees need not belong to one branch: whoever plans for arms
+follows the whole path from the start.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from comove.arrays import Array
+from comove.compiled import kernel
+from comove.planning import trees
+from comove.planning.configurations import (
+    Space,
+    edge_is_free_in_time,
+    interpolate,
+    nearest,
+    random_configuration,
+    span,
+)
+from comove.planning.timing import Timing, share_of_step, write_time
+from comove.planning.trees import copy_to
+
+SHORTER = 1e-6  # m, that a straight edge saves of a way, to be worth taking
+
+
+class World(NamedTuple):
+    """The payload's space, with the times of nodes and the arms that carry it where there are such.
+
+    Attributes
+    ----------
+    space : space of the payload
+    timing : times of nodes; None where no obstacle moves
+    arms : what answers `follow` and `reaches`, as `robots.search.planner.CarryingArms` does; None for free ends
+    clock : that of the space
+    """
+
+    space: Space
+    timing: Timing | None
+    arms: Any
+    clock: Array
+
+    @classmethod
+    def of(cls, space: Space, timing: Timing | None = None, arms: Any = None) -> World:
+        """Return the world of a space."""
+        return cls(space, timing, arms, space.clock)
+
+    def paced(self, speed: float, share: float = 1.0) -> World:
+        """Return the same world of another speed limit [m a duration], and share of those of joints, in time."""
+        assert self.timing is not None, "nodes have times"
+        return self._replace(timing=self.timing._replace(speed=speed, share=share))
+
+
+def follow(arms, world, p, out):
+    """Write the joints at the end of an edge from p, followed from its own; return whether arms can follow."""
+    return arms.follow(world, p, out)
+
+
+def reaches(arms, world, node):
+    """Return whether arms may reach a node, and write that its joints are not known."""
+    return arms.reaches(world, node)
+
+
+@kernel
+def between(world, p, q, share, out):
+    """Write the configuration and the time at a share of the edge from p to q."""
+    interpolate(world.space, p, q, share, out)
+    write_time(world.timing, p, q, share, out)
+
+
+@trees.answers(trees.extend, World)
+@kernel
+def _extend(world, p, q, steps, margin, out):
+    space, scratch = world.space, np.empty(p.shape[0])
+    share = min(1.0, space.settings.step * steps / max(span(space, p, q), 1e-12))
+    share = min(share, share_of_step(world.timing, p, q, steps))
+    between(world, p, q, share, out)
+    nodes = np.empty((space.blocks.node.shape[0], 3))
+    if not edge_is_free_in_time(space, world.timing, p, out, margin, scratch, nodes):
+        return trees.BLOCKED
+    if not _followed(world.arms, world, p, out):
+        return trees.BLOCKED
+    if share < 1.0:
+        return trees.FREE
+    return trees.ARRIVED if _same_joints(world.arms, out, q) else trees.BLOCKED
+
+
+@kernel
+def _followed(arms, world, p, out):
+    if arms is None:
+        return True
+    return follow(arms, world, p, out)
+
+
+@kernel
+def _same_joints(arms, p, q):
+    """Return whether joints are those of q, not of another branch; a random q has none."""
+    if arms is None:
+        return True
+    for c in range(arms.n_columns, arms.n_columns + arms.course.shape[1]):
+        if abs(p[c] - q[c]) > arms.settings.jump:
+            return False
+    return True
+
+
+@trees.answers(trees.nearest, World)
+@kernel
+def _nearest(world, tree, count, q):
+    return _nearest_in_time(world.timing, world.space, tree, count, q)
+
+
+@kernel
+def _nearest_in_time(timing, space, tree, count, q):
+    """Return the node of a tree that is nearest to q, of those from which it is reached in time; -1 if none is."""
+    if timing is None:
+        return nearest(space, tree, count, q)
+    best, least, later = -1, np.inf, tree[0, -1] == 0.0
+    for i in range(count):
+        wait = q[-1] - tree[i, -1] if later else tree[i, -1] - q[-1]
+        if wait > 0.0:
+            way = span(space, tree[i], q)
+            effort = way / space.settings.step + wait / timing.time_step
+            if way <= timing.speed * wait and effort < least:
+                best, least = i, effort
+    return best
+
+
+@trees.answers(trees.draw, World)
+@kernel
+def _draw(world, nodes, counts, this, rng, out):
+    if not _drawn_in_time(world.timing, world.space, nodes, counts, this, rng, out):
+        return False
+    return _reached(world.arms, world, out)
+
+
+@kernel
+def _drawn_in_time(timing, space, nodes, counts, this, rng, out):
+    """Write a random configuration at a time at which both ends can reach it; return whether there is one."""
+    if timing is None:
+        random_configuration(space, rng, out)
+        return True
+    if rng.random() < timing.waiting:
+        copy_to(nodes[this, int(rng.random() * counts[this])], out)
+    else:
+        random_configuration(space, rng, out)
+    soonest = span(space, nodes[0, 0], out) / timing.speed
+    latest = 1.0 - span(space, nodes[1, 0], out) / timing.speed
+    if soonest >= latest:
+        return False
+    out[-1] = soonest + rng.random() * (latest - soonest)
+    return True
+
+
+@kernel
+def _reached(arms, world, node):
+    if arms is None:
+        return True
+    return reaches(arms, world, node)
+
+
+@trees.answers(trees.between, World)
+@kernel
+def _between(world, p, q, share, out):
+    between(world, p, q, share, out)
+    return _followed(world.arms, world, p, out)
+
+
+@trees.answers(trees.length, World)
+@kernel
+def _length(world, p, q):
+    return _length_in_time(world.timing, world.space, p, q)
+
+
+@kernel
+def _length_in_time(timing, space, p, q):
+    if timing is None:
+        return span(space, p, q)
+    return abs(q[-1] - p[-1])
+
+
+@trees.answers(trees.shortens, World)
+@kernel
+def _shortens(world, p, q, way):
+    return _shortens_in_time(world.timing, world.space, p, q, way - _worth(world.arms))
+
+
+@kernel
+def _shortens_in_time(timing, space, p, q, way):
+    if timing is None:
+        return span(space, p, q) <= way
+    return span(space, p, q) <= timing.speed * abs(q[-1] - p[-1])
+
+
+@kernel
+def _worth(arms):
+    """Return what a straight edge has to save, to be worth following it [m]."""
+    if arms is None:
+        return SHORTER
+    return arms.settings.shorter
