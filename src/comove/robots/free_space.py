@@ -143,9 +143,8 @@ class Room:
             return False
         for one in q[apart < enough]:
             about, near = outline.near(one, enough)
-            if self._touching(
-                one, self._rows(outline.untold | near | {frozenset((name,)) for name in about})
-            ):
+            names = outline.untold | near | {frozenset((name,)) for name in about}
+            if self._touching(one, self._rows(names)):
                 return False
         untold = self._rows(outline.untold)
         return not (untold and any(self._touching(one, untold) for one in q[apart >= enough]))

@@ -433,9 +433,7 @@ def _chains(description: RobotFile, model: Any) -> dict[str, list[str]]:
                 )
         if not chain:
             raise RobotError(
-                f"no joint moves the frame '{arm.tip}'",
-                key=f"arms.{name}.tip",
-                way_out="name another",
+                f"no joint moves the frame '{arm.tip}'", key=f"arms.{name}.tip", way_out="name another"
             )
         _require_known(arm.fingers, list(model.names)[1:], f"arms.{name}.fingers")
         if own := [finger for finger in arm.fingers if finger in chain]:

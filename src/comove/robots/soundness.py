@@ -166,8 +166,7 @@ def _check_mimics(joints: list[ET.Element]) -> None:
         TopologicalSorter(follows).prepare()
     except CycleError as error:
         raise RobotError(
-            f"the joint '{_first_of(follows, error)}' goes along with itself",
-            way_out="correct its <mimic>",
+            f"the joint '{_first_of(follows, error)}' goes along with itself", way_out="correct its <mimic>"
         ) from None
 
 
@@ -223,7 +222,7 @@ def _moments(inertial: ET.Element) -> Array:
             0.0 if inertia is None else float(inertia.get(key, "0"))
         )  # the lower half counts
     with np.errstate(all="ignore"):
-        return np.linalg.eigvalsh(matrix)
+        return np.asarray(np.linalg.eigvalsh(matrix), dtype=np.float64)
 
 
 def _listed(moments: Array) -> str:
